@@ -1,7 +1,5 @@
 """The command ``dancedata``, also ``python -m dancedata``."""
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -9,8 +9,6 @@ Examples
 >>> rows = FeatureCache().get("librosa35", "song.wav", fps=30, start_bpm=120)    # (T, 35), read-only
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

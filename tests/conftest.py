@@ -1,7 +1,6 @@
 """Fixtures that every test may use."""
 
-from __future__ import annotations
-
+import copy
 import gc
 import json
 import lzma
@@ -11,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,12 @@ from hypothesis import settings
 
 from dancedata.execution import arithmetic
 from dancedata.files.regular_file import sha256_file
+from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
+
+# Tests start hundreds of processes. Where bytecode is not kept (PYTHONDONTWRITEBYTECODE, which images of containers
+# set), each would compile the package again, and each of pytest's workers all tests: that is a third of the time.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # Machines that run tests are busy: how long an example takes says nothing.
 settings.register_profile("dancedata", deadline=None)
@@ -53,6 +59,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
     """
+    config.pluginmanager.register(Messages(config, {"SHARED": SHARED, "ROOT": ROOT}))
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
@@ -252,6 +259,24 @@ def built_in(run_build: Build, corpus: Path, tmp_path_factory: pytest.TempPathFa
 def built(built_in: dict[str, Path]) -> Path:
     """The corpus built in track scope. Not to be written into."""
     return built_in["track"]
+
+
+@pytest.fixture(scope="session")
+def random_store(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Return a function that puts a random store in a folder: written once for the same options, then copied."""
+    from dancedata.testing.stores import write_random_store
+
+    written: dict[str, Any] = {}
+
+    def put(out: Path, **options: Any) -> Any:
+        key = repr(sorted(options.items()))
+        if key not in written:
+            written[key] = write_random_store(tmp_path_factory.mktemp("random") / "store", **options)
+        shutil.copytree(written[key].path, out, dirs_exist_ok=True)
+        # Arrays too: tests bend them.
+        return replace(copy.deepcopy(written[key]), path=out)
+
+    return put
 
 
 @pytest.fixture

@@ -4,8 +4,6 @@ Written by joblib, pickle and torch's format. chumpy and scipy's private modules
 the file is written: the pickle then names what the published files name.
 """
 
-from __future__ import annotations
-
 import io
 import pickle
 import sys

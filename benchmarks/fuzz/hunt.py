@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -107,12 +107,24 @@ def _add(done: dict[str, Any], report: dict[str, Any]) -> None:
         done[name] = max(done[name], report.get(name, 0.0))
 
 
-def hunt(cases: int, seed: int, targets: Sequence[str], workers: int, skip: int = 0) -> list[dict[str, Any]]:
-    """Run cases over targets, evenly; returns a report for each target. The first `skip` batches are left out."""
+def hunt(
+    cases: int,
+    seed: int,
+    targets: Sequence[str],
+    workers: int,
+    skip: int = 0,
+    without_structure: Collection[str] | None = None,
+) -> list[dict[str, Any]]:
+    """Run cases over targets, evenly; returns a report for each target. The first `skip` batches are left out.
+
+    Targets in `without_structure` get changed bytes only: by default those whose structure cannot be drawn.
+    """
+    if without_structure is None:
+        without_structure = WITHOUT_STRUCTURE
     each = -(-cases // len(targets))
     batches = []
     for target in targets:
-        of_hypothesis = 0 if target in WITHOUT_STRUCTURE else each // STRUCTURED_PART
+        of_hypothesis = 0 if target in without_structure else each // STRUCTURED_PART
         for structured, total in ((False, each - of_hypothesis), (True, of_hypothesis)):
             size = BATCH_STRUCTURED if structured else BATCH
             batches += [(target, k, min(size, total - k), structured) for k in range(0, total, size)]

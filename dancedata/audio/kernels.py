@@ -1,7 +1,5 @@
 """librosa's compiled kernels: compiled by one process at a time."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sys

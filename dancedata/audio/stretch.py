@@ -1,7 +1,5 @@
 """Music at another speed, its pitch kept."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import lru_cache

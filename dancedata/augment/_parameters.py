@@ -1,7 +1,5 @@
 """Checks that augmentations share: of their parameters, and of the fields of samples."""
 
-from __future__ import annotations
-
 import math
 
 from dancedata.core.errors import UsageError

@@ -1,7 +1,5 @@
 """Windows at random places of their clips."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """The mirror image of a clip: left and right swapped."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """Noise on the angles of the joints."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import ClassVar

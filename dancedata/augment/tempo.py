@@ -1,7 +1,5 @@
 """The same dance to the same music, faster or slower."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar, Literal

@@ -1,7 +1,5 @@
 """The command line. Heavy imports happen inside the commands, so that --help answers at once."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from copy import copy

@@ -3,8 +3,6 @@
 Recipes are read and not made, so that neither pydantic nor the dataset's files are loaded.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 from collections.abc import Mapping

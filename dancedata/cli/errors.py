@@ -1,7 +1,5 @@
 """How commands turn errors into text and exit codes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 from typing import Any

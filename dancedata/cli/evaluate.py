@@ -1,7 +1,5 @@
 """dancedata evaluate."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping, Sequence

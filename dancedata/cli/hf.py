@@ -1,7 +1,5 @@
 """dancedata hf: getting models from the Hugging Face hub."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated

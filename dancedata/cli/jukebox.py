@@ -1,7 +1,5 @@
 """dancedata jukebox: getting the weights, and converting them."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

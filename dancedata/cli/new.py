@@ -1,7 +1,5 @@
 """dancedata new: a plug-in of any kind and its test, written from a template."""
 
-from __future__ import annotations
-
 import keyword
 import re
 from dataclasses import dataclass
@@ -27,7 +25,6 @@ from dancedata.exports.base.job import EXPORTS
 _TEMPLATES = Path(__file__).with_name("templates")
 _TEST = '''"""Conformance of the {kind} {name}."""
 
-from __future__ import annotations
 
 from pathlib import Path
 

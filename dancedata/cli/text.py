@@ -1,7 +1,5 @@
 """Text and JSON about datasets, plans and plug-ins, for the command line."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path

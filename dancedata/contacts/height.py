@@ -1,7 +1,5 @@
 """Contacts by height, as Lodge labels them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

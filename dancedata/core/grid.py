@@ -31,6 +31,14 @@ def as_fraction(value: Number, what: str) -> Fraction:
     ------
     UsageError
         If `value` is not a finite number.
+
+    Examples
+    --------
+    >>> from dancedata.core.grid import as_fraction
+    >>> as_fraction(29.97, "rate")
+    Fraction(2997, 100)
+    >>> as_fraction("30000/1001", "rate")
+    Fraction(30000, 1001)
     """
     try:
         if isinstance(value, str) and not _NUMBER.fullmatch(value):
@@ -49,6 +57,12 @@ def as_rate(value: Number) -> Fraction:
     ------
     UsageError
         If `value` is not a number above 0.
+
+    Examples
+    --------
+    >>> from dancedata.core.grid import as_rate
+    >>> as_rate("30000/1001")
+    Fraction(30000, 1001)
     """
     rate = as_fraction(value, "rate")
     if rate <= 0:
@@ -67,6 +81,17 @@ class FrameGrid:
     ----------
     rate
         Frames per second.
+
+    Examples
+    --------
+    >>> from dancedata.core.grid import FrameGrid
+    >>> grid = FrameGrid.of(30)
+    >>> grid.frames(2.5)
+    75
+    >>> grid.seconds(150)
+    Fraction(5, 1)
+    >>> FrameGrid.of(60).step_to(grid)
+    2
     """
 
     rate: Fraction
@@ -200,6 +225,15 @@ class WindowGrid:
     ------
     UsageError
         If length or stride is below one frame.
+
+    Examples
+    --------
+    >>> from dancedata.core.grid import WindowGrid
+    >>> grid = WindowGrid(length=150, stride=75)
+    >>> grid.count(300)
+    3
+    >>> list(grid.starts(3))
+    [0, 75, 150]
     """
 
     length: int

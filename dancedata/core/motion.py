@@ -137,6 +137,18 @@ class Motion:
     ------
     DataError
         "empty", "bad_shape" or "nan".
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.core.grid import FrameGrid
+    >>> from dancedata.core.motion import Motion
+    >>> from dancedata.core.skeleton import SMPL24
+    >>> motion = Motion(np.zeros((60, 3)), np.zeros((60, 24, 3)), FrameGrid.of(30), SMPL24)
+    >>> motion
+    Motion(60 frames at 30 FPS, 2.00 s, skeleton smpl24)
+    >>> motion.joints().shape
+    (60, 24, 3)
     """
 
     translation: Float64Array
@@ -324,6 +336,15 @@ def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
     -------
     Motion
         On the motion's own skeleton.
+
+    Examples
+    --------
+    >>> from dancedata.core.motion import grounded
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0]
+    >>> moved = grounded(motion)
+    >>> bool(moved.joints()[0, :, 1].min() < 0.05)
+    True
     """
     frame = motion.trim_start
     standing = motion.part(frame, frame + 1).on(skeleton or motion.skeleton)

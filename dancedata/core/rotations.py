@@ -41,7 +41,15 @@ def _quaternion(rotvec: FloatArray) -> Float64Array:
 
 
 def matrix_from_rotvec(rotvec: FloatArray) -> Float64Array:
-    """Convert axis-angle vectors (..., 3) to matrices (..., 3, 3); lengths beyond pi are allowed."""
+    """Convert axis-angle vectors (..., 3) to matrices (..., 3, 3); lengths beyond pi are allowed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.core.rotations import matrix_from_rotvec
+    >>> matrix_from_rotvec(np.array([0, np.pi / 2, 0])).round().tolist()
+    [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    """
     w, x, y, z = _quaternion(rotvec)
     xx, yy, zz = x * x, y * y, z * z
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
@@ -75,12 +83,27 @@ def rotation_6d(matrix: FloatArray) -> FloatArray:
     """Return the first two ROWS of matrices (..., 3, 3), flattened to (..., 6).
 
     The convention of pytorch3d, EDGE and Lodge; Zhou et al., CVPR 2019, and HumanML3D use columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.core.rotations import rotation_6d
+    >>> rotation_6d(np.eye(3)).tolist()
+    [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     """
     return matrix[..., :2, :].reshape(*matrix.shape[:-2], 6)
 
 
 def matrix_from_6d(rows: FloatArray) -> Float64Array:
-    """Convert 6D rotations (..., 6), two rows, to matrices (..., 3, 3) by Gram-Schmidt (Zhou et al. 2019, eq. 15)."""
+    """Convert 6D rotations (..., 6), two rows, to matrices (..., 3, 3) by Gram-Schmidt (Zhou et al. 2019, eq. 15).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.core.rotations import matrix_from_6d
+    >>> matrix_from_6d(np.array([2.0, 0, 0, 1, 1, 0])).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
     first, second = np.asarray(rows[..., :3], np.float64), np.asarray(rows[..., 3:], np.float64)
     a = first / np.linalg.norm(first, axis=-1, keepdims=True)
     b = second - np.sum(a * second, axis=-1, keepdims=True) * a
@@ -112,7 +135,16 @@ def shortest_rotation(start: FloatArray, end: FloatArray, fallback: FloatArray |
 
 
 def slerp(rotvec: FloatArray, frames: Float64Array) -> Float64Array:
-    """Interpolate rotations (T, J, 3) at fractional frames (M,), along the shortest arc: (M, J, 3)."""
+    """Interpolate rotations (T, J, 3) at fractional frames (M,), along the shortest arc: (M, J, 3).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.core.rotations import slerp
+    >>> quarter_turn = np.array([[[0, 0, 0]], [[0, np.pi / 2, 0]]])
+    >>> np.degrees(slerp(quarter_turn, np.array([0.5]))).round(1).tolist()
+    [[[0.0, 45.0, 0.0]]]
+    """
     lower = np.minimum(frames.astype(np.int64), max(len(rotvec) - 2, 0))
     upper = np.minimum(lower + 1, len(rotvec) - 1)
     start = rotation(rotvec[lower])

@@ -29,6 +29,14 @@ class Skeleton:
         Left and right joints that mirroring swaps.
     feet
         Left ankle, right ankle, left toe, right toe: the joints whose contacts are labelled.
+
+    Examples
+    --------
+    >>> from dancedata.core.skeleton import SMPL24
+    >>> SMPL24.n_joints
+    24
+    >>> SMPL24.index("left_foot")
+    10
     """
 
     name: str

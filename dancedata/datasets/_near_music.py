@@ -13,8 +13,6 @@ from shlex import quote
 from dancedata.core.errors import SourceError
 from dancedata.datasets.files import AUDIO_SUFFIXES, list_folder, relative
 
-__all__ = ["NearMusic"]
-
 #: Other formats of audio files, which are not read.
 _OTHER = (".aac", ".aif", ".aiff", ".m4a", ".m4b", ".mp4", ".opus", ".webm", ".wma")
 #: Least similarity of the letters of two names with equal numbers: mBR0 and mBR5 are different songs.

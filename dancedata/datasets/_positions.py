@@ -1,7 +1,5 @@
 """Detects joint positions, or degrees, in arrays that should hold rotation vectors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,8 +9,6 @@ from numpy.typing import NDArray
 from dancedata.core.bodies import BODY_JOINTS
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24
-
-__all__ = ["POSITIONS", "require_rotations"]
 
 #: Part of every message about an array that may contain positions.
 POSITIONS = (

@@ -27,8 +27,6 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed
 from dancedata.files.regular_file import open_regular
 
-__all__ = ["SplitRule", "same_songs"]
-
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
 _TRAIN, _VAL, _TEST = "train", "val", "test"

@@ -1,7 +1,5 @@
 """Shared by all that reads a source: suffixes, finding the dataset's folder, listing its files, choosing audio."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,30 +12,6 @@ from dancedata.core.errors import DataError, SourceError, UsageError, did_you_me
 from dancedata.core.text import listed, quoted
 from dancedata.files.regular_file import read_regular
 from dancedata.formats.arrays import VALUE_SUFFIXES
-
-__all__ = [
-    "ALL",
-    "AUDIO_SUFFIXES",
-    "MOTION_SUFFIXES",
-    "SPLITS",
-    "Files",
-    "audio_files",
-    "best_audio",
-    "clips_note",
-    "describe",
-    "extra_file",
-    "file_problem",
-    "files_by_stem",
-    "find_root",
-    "group_by_stem",
-    "has_archive",
-    "list_folder",
-    "read_names",
-    "relative",
-    "require_choice",
-    "require_finite",
-    "require_folder",
-]
 
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.

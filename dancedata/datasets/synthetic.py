@@ -14,8 +14,6 @@ On disk it is AIST++ in its official layout, plus the ground truth. It contains 
     SOURCE/synthetic.json                           the parameters; written last, marks a complete corpus
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,8 +27,6 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.typing import override
 from dancedata.datasets.aistpp import AistPP
 from dancedata.synthetic.corpus import VERSION, is_example, write_example, write_synthetic
-
-__all__ = ["Synthetic"]
 
 #: Parameters that decide which clips are written; reading a clip does not depend on them.
 _SCAN = {"scan": True}

@@ -1,7 +1,5 @@
 """dancedata evaluate: from a request to a report."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -63,12 +63,15 @@ class Evaluator:
 
     Examples
     --------
+    >>> from torch.utils.data import DataLoader
     >>> from dancedata import Evaluator
+    >>> from dancedata.readers import WindowDataset
     >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata", normalized=True)
-    >>> for batch in loader:
-    ...     evaluator.update(model.sample(batch["librosa35"]), music=batch["librosa35"], ids=batch["id"])
-    >>> report = evaluator.gather().compute()
-    >>> report["fid_k"]
+    >>> for batch in DataLoader(WindowDataset("data/aistpp", "val", normalize=True), batch_size=4):
+    ...     samples = batch["edge151"]  # of a model that has heard batch["librosa35"]
+    ...     evaluator.update(samples, music=batch["librosa35"], ids=batch["id"])
+    >>> evaluator.gather().compute()["fid_k"] >= 0
+    True
     """
 
     def __init__(

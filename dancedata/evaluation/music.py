@@ -1,7 +1,5 @@
 """Beats of the music of clips: of the caller, of music files, or of a dataset; names of songs."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence

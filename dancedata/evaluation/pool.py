@@ -1,7 +1,5 @@
 """Pools: the features of all clips that a set is compared with, and their files."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ A published number means something only together with all of these. A protocol d
 parameters and is registered under a name, in one file (docs/plug-ins.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType

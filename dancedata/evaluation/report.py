@@ -1,7 +1,5 @@
 """Reports of evaluations, and the list of protocols, as text, tables and JSON."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

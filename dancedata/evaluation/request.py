@@ -1,7 +1,5 @@
 """Options of an evaluation, and the set, the pool and the music that they name, as clips that can be measured."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field

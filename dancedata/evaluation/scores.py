@@ -1,7 +1,5 @@
 """Scores of a set from the numbers of its clips, with undefined ones, intervals and warnings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

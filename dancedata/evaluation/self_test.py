@@ -1,7 +1,5 @@
 """Comparison of a user's copy of a dataset with the ground-truth rows that were published under each protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the loaders of Lodge and FineDance ask for: every published id that they do not ignore."""
 
-from __future__ import annotations
-
 from dancedata.core.text import counted, listed
 from dancedata.datasets.finedance.facts import facts
 from dancedata.exports.base.folder import ExportFolder

@@ -1,7 +1,5 @@
 """BVH files, one per clip, for Blender, Maya, MotionBuilder and other programs for animation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal

@@ -1,7 +1,5 @@
 """EDGE: sliced folders for its loader, and the loader's own cache."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

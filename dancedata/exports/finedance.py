@@ -1,7 +1,5 @@
 """FineDance's own trainer (FineNet): whole tracks of 319 columns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from shlex import quote

@@ -1,7 +1,5 @@
 """POPDG: EDGE's folders at 30 frames per second."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

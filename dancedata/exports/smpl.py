@@ -1,7 +1,5 @@
 """AMASS-like and SMPL-X files, one per clip, for Blender's SMPL add-ons and tools that read AMASS."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal

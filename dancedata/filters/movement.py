@@ -1,7 +1,5 @@
 """The movement filter: windows in which hardly anything moves are left out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 

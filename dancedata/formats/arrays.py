@@ -26,16 +26,6 @@ from dancedata.files.regular_file import open_regular
 from dancedata.formats.safe_pickle import BOMB_BYTES, BOMB_RATIO, MAX_PICKLE_BYTES, as_array, load_pickle
 from dancedata.formats.torch_file import TORCH_HEAD, load_torch
 
-__all__ = [
-    "MAX_ARRAY_BYTES",
-    "VALUE_SUFFIXES",
-    "ArrayFile",
-    "ValueArrays",
-    "as_numbers",
-    "load_values",
-    "open_arrays",
-]
-
 #: Kinds of dtypes that are read as numbers.
 NUMBERS = "fiu"
 

@@ -10,8 +10,6 @@ neither imported nor called: a chumpy array is a stand-in whose attribute x is t
 elements of another one; a sparse matrix has data, indices and indptr.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager

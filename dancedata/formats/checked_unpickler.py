@@ -7,30 +7,12 @@ No class of a file is looked up, imported or called. Stand-ins have the class's 
 What a stand-in means, for example which of its values is the array, is decided by the reader that has allowed it.
 """
 
-from __future__ import annotations
-
 import pickle
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar
 
 from dancedata.core.text import shown
-
-__all__ = [
-    "MAX_KEY",
-    "CheckedUnpickler",
-    "ClassName",
-    "StandIn",
-    "UnsafePickleError",
-    "default_dict",
-    "frozen_set",
-    "invalid",
-    "make",
-    "mutable_set",
-    "new_object",
-    "ordered_dict",
-    "set_state",
-]
 
 #: Bound of integer keys and of memo indices: only a handful of integers below it share a hash.
 MAX_KEY = 1 << 63

@@ -4,8 +4,6 @@ AMASS's and SMPL-X's arrays, which Blender's add-ons and most SMPL tools read, h
 where it is: each body has its own rest position of it, so that the translation differs from the motion's.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -19,8 +17,6 @@ from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
 from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.bvh.write import motion_bvh
-
-__all__ = ["MOTION_FILES", "amass_arrays", "motion_file", "plain_arrays", "smplx_arrays"]
 
 Arrays = dict[str, npt.NDArray[Any]]
 

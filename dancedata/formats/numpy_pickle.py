@@ -12,8 +12,6 @@ Arrays of objects are a pickle of their own in that place. The values are not co
 bytes.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -21,19 +19,6 @@ import numpy as np
 
 from dancedata.core.text import shown
 from dancedata.formats.checked_unpickler import ClassName, frozen_set, invalid, mutable_set, ordered_dict
-
-__all__ = [
-    "ALLOWED",
-    "INVALID_ARRAY",
-    "WRAPPER",
-    "NamesOfJoblib",
-    "NdarrayName",
-    "is_array_state",
-    "is_dtype_state",
-    "is_shape",
-    "read_array",
-    "reconstruct",
-]
 
 MAX_DIMENSIONS = 32
 #: Bound of a dimension, so that their product is a number of bounded size.

@@ -15,8 +15,6 @@ A list can still occur so many times in the result that expanding it fills any m
 lists, and messages show values by `core.text.shown`, which does not expand them.
 """
 
-from __future__ import annotations
-
 import bz2
 import io
 import lzma

@@ -1,7 +1,5 @@
 """FineDance's rotations: 52 joints in 6D, the first two rows of each matrix."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +8,6 @@ from numpy.typing import NDArray
 from dancedata.core.bodies import SMPLX52, SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import matrix_from_6d, rotvec_from_matrix
-
-__all__ = ["check_rows", "rotations_of"]
 
 #: Tolerance of the orthonormality of two rows; files in float32 are within 1e-7.
 TOLERANCE = 1e-3

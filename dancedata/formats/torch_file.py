@@ -5,8 +5,6 @@ torch._utils._rebuild_tensor_v2 with a storage, and NAME/data/KEY, the elements 
 through the checks of `safe_pickle`; the call is answered with a view of the storage's elements.
 """
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 from typing import Any, Literal
@@ -19,8 +17,6 @@ from dancedata.files.regular_file import open_regular
 from dancedata.formats.checked_unpickler import ClassName, UnsafePickleError, invalid
 from dancedata.formats.numpy_pickle import is_shape
 from dancedata.formats.safe_pickle import ARRAY_NAMES, MAX_PICKLE_BYTES, ArrayUnpickler, Names, require_shallow
-
-__all__ = ["STORAGE_NAMES", "TORCH_HEAD", "load_torch", "require_layout", "storage_of"]
 
 #: First bytes of a zip archive.
 TORCH_HEAD = b"PK\x03\x04"

@@ -13,8 +13,6 @@
 Other programs nest their arrays by person as WHAM does; such a file is its people, each with its own arrays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,8 +25,6 @@ from dancedata.core.errors import DataError
 from dancedata.core.text import counted, shown
 from dancedata.formats.arrays import ValueArrays, as_numbers, load_values
 from dancedata.formats.safe_pickle import as_array
-
-__all__ = ["PHALP_CAMERA", "PHALP_ROTATIONS", "TOOLS", "PersonArrays", "open_people"]
 
 #: Programs whose files are recognised; what they write are rotations.
 TOOLS = ("wham", "phalp", "gvhmr")

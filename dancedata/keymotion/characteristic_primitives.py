@@ -4,8 +4,6 @@ A window of N frames consists of N / n local segments. Hard cues are at its ends
 which adjacent segments share; each segment has two soft cues inside, at key motions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

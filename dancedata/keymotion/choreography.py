@@ -1,7 +1,5 @@
 """Choreographic augmentation: soft cues and their mirror images, placed on the music's beats (Lodge)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

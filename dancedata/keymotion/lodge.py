@@ -1,7 +1,5 @@
 """Lodge's key motions."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -3,8 +3,6 @@
 Facts from the authors' repository (li-ronghui/LODGE, the global module's training step), implemented independently.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

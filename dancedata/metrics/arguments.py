@@ -1,7 +1,5 @@
 """Checks of the arguments of metrics."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Literal
 

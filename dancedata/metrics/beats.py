@@ -1,7 +1,5 @@
 """Beats of a dance, and how well they meet the beats of the music."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar, Literal
@@ -104,6 +102,14 @@ def motion_beats(joints: Float64Array, fps: float, *, detector: str = "seconds")
     -------
     (B,) int64
         Ascending; empty for a motion without beats.
+
+    Examples
+    --------
+    >>> from dancedata.metrics import motion_beats
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
+    >>> motion_beats(joints, 60).tolist()
+    [13, 59, 104]
     """
     known_name("detector", detector, DETECTORS)
     return DETECTORS[detector](joints, fps)
@@ -127,6 +133,14 @@ def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
     -------
     (B,) float64
         Seconds from the first frame, ascending; empty for a motion without beats.
+
+    Examples
+    --------
+    >>> from dancedata.metrics import motion_beat_times
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
+    >>> motion_beat_times(joints, 60).round(2).tolist()
+    [0.22, 1.0, 1.74]
     """
     from scipy.signal import find_peaks
 
@@ -181,6 +195,14 @@ def beat_alignment(from_: Numbers, to: Numbers, *, sigma: float) -> float:
     ------
     Undefined
         "no_beats": one of them is empty.
+
+    Examples
+    --------
+    >>> from dancedata.metrics import beat_alignment
+    >>> beat_alignment([0.5, 1.0, 1.5], [0.5, 1.0, 1.5], sigma=0.1)
+    1.0
+    >>> round(beat_alignment([0.6, 1.1, 1.6], [0.5, 1.0, 1.5], sigma=0.1), 3)
+    0.607
     """
     if not len(from_) or not len(to):
         raise Undefined("no_beats", found=f"{len(from_)} and {len(to)} beats")

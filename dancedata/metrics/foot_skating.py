@@ -1,7 +1,5 @@
 """Foot skating: the share of frames in which a foot on the ground slides."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
@@ -183,6 +181,14 @@ def skating(joints: Float64Array, fps: float, *, rule: str = "speed", up: Up = "
         "short": below 2 frames. `Skating.ratios` raises "no_contact".
     DataError
         "missing_joints".
+
+    Examples
+    --------
+    >>> from dancedata.metrics import skating
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
+    >>> skating(joints, 60)
+    Skating(sliding=array([2, 1]), counted=array([83, 90]))
     """
     known_name("skating rule", rule, SKATING_RULES)
     positions = first_joints(checked_joints(joints), _RIGHT_TOE + 1)

@@ -3,8 +3,6 @@
 From fairmotion (Gopinath and Won 2020, BSD) and the AIST++ API (features/manual.py), after Müller et al. 2005.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
@@ -183,6 +181,14 @@ def geometric(joints: Float64Array, *, up: Up = "y") -> Float64Array:
         "short": below 2 frames.
     DataError
         "missing_joints".
+
+    Examples
+    --------
+    >>> from dancedata.metrics import geometric
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
+    >>> geometric(joints).shape
+    (32,)
     """
     positions = checked_joints(joints)
     first_joints(positions, N_JOINTS)

@@ -1,7 +1,5 @@
 """Intervals of scores: their dependence on the choice of clips."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 From fairmotion (Gopinath and Won 2020, BSD) and the AIST++ API (Li et al. 2021), after Onuma et al. 2008.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -112,6 +110,14 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
     ------
     Undefined
         "short": below 3 frames.
+
+    Examples
+    --------
+    >>> from dancedata.metrics import kinetic
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
+    >>> kinetic(joints, 60).shape
+    (72,)
     """
     positions, step_s = _checked(joints, fps)
     known_name("energy", energy, ("fixed", "code"))

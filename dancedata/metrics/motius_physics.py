@@ -1,7 +1,5 @@
 """Motius' physical metrics: jitter, dynamics, sliding, penetration, floating."""
 
-from __future__ import annotations
-
 from dataclasses import astuple, dataclass
 from itertools import product
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """Physical foot contact (PFC) and physical body contact (PBC): acceleration of the body without a standing foot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 

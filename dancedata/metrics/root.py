@@ -1,7 +1,5 @@
 """Origin and instants of the positions that are measured."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 
@@ -29,6 +27,14 @@ def rooted(joints: Float64Array, root: Root) -> Float64Array:
         "absolute": as they are. "zero_start": the root's position in frame 0 is subtracted, its height too (Bailando,
         MEGADance, Motius). "root_relative": then the other joints relative to the root of the same frame, while
         joint 0 keeps its path (Lodge).
+
+    Examples
+    --------
+    >>> from dancedata.metrics import rooted
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
+    >>> rooted(joints, "zero_start")[0, 0].tolist()
+    [0.0, 0.0, 0.0]
     """
     known_name("root", root, ROOTS)
     positions = checked_joints(joints)

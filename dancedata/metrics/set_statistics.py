@@ -101,6 +101,14 @@ def frechet(first: Float64Array, second: Float64Array) -> float:
     ------
     Undefined
         "few_clips": a set of fewer than two.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.metrics import frechet
+    >>> rows = np.random.default_rng(0).normal(size=(50, 3))
+    >>> round(frechet(rows, rows + [3, 0, 0]), 6)
+    9.0
     """
     one = checked_rows(first)
     two = checked_rows(second, one.shape[1])
@@ -127,6 +135,13 @@ def diversity(rows: Float64Array) -> float:
     ------
     Undefined
         "few_clips": fewer than two.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.metrics import diversity
+    >>> diversity(np.array([[0.0, 0], [3, 4]]))
+    5.0
     """
     from scipy.spatial.distance import pdist
 
@@ -140,6 +155,13 @@ def constant_columns(pool: Float64Array) -> IntArray:
     """Return the columns in which all vectors of a pool (M, D) are equal.
 
     Normalising divides them by eps. Where the set has other values there, its Frechet distance is about 1e21.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dancedata.metrics import constant_columns
+    >>> constant_columns(np.array([[1.0, 2], [1, 3]])).tolist()
+    [0]
     """
     array = checked_rows(pool)
     return np.flatnonzero(np.ptp(array, axis=0) == 0) if len(array) else np.arange(array.shape[1])

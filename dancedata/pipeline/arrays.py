@@ -1,7 +1,5 @@
 """extract and encode: one song or one motion at a time, without a dataset."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,7 +57,7 @@ def extract(
     --------
     >>> import dancedata
     >>> dancedata.extract("librosa35", "song.wav", fps=30, start_bpm=120).shape
-    (1800, 35)
+    (211, 35)
     """
     from dancedata.audio.signal import load_audio
 
@@ -101,6 +99,8 @@ def encode(
     Examples
     --------
     >>> import dancedata
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=150)[0]
     >>> dancedata.encode(motion, "edge151", contacts={"velocity": {"max_speed_m_s": 0.3}}).shape
     (150, 151)
     """

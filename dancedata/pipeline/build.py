@@ -1,7 +1,5 @@
 """dancedata build: one recipe, one source, one dataset of format 1."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator, Mapping

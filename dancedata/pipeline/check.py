@@ -1,7 +1,5 @@
 """dancedata check: a built dataset against its dataset.json, or a source folder file by file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal

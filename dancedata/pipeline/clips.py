@@ -1,7 +1,5 @@
 """The stages in their order."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -88,8 +88,9 @@ def build(
     Examples
     --------
     >>> import dancedata
-    >>> built = dancedata.build("aist++", "~/aist_plusplus_final", "data/aistpp", overrides={"windows.stride_s": 1})
+    >>> built = dancedata.build("aist++", "~/aist_plusplus_final", "data/new", overrides={"windows.stride_s": 1})
     >>> built.counts["train"]["windows"], built.left_out
+    (4, {})
     >>> ds = built.open()
     """
     request = _Asked.of(recipe, source, out, overrides)
@@ -175,7 +176,12 @@ def plan(
     Examples
     --------
     >>> import dancedata
-    >>> print(dancedata.plan("finedance", "~/finedance").summary)
+    >>> print(dancedata.plan("aist++", "~/aist_plusplus_final").summary)
+    aist++: about 524 kB
+      track scope, 30 frames per second, windows of 150 frames every 15
+      split  clips  windows  frames  songs
+      train      2        6     360      1
+    ...
     """
     request = _Asked.of(recipe, source, out, overrides)
     shown = Progress(quiet=not progress)

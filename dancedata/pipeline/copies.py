@@ -4,8 +4,6 @@ Motion that an augmentation changes is encoded as that of clips is. Copies at an
 that cut windows and extract features.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from dancedata.store.normalize import MinMax
     from dancedata.store.scaling import Reader
 
-__all__ = ["decode", "decode_file"]
 
 #: A dataset, open or not, or a reader of it.
 Like: TypeAlias = "Store | Reader | str | Path | None"
@@ -101,7 +100,8 @@ def decode(
     Examples
     --------
     >>> import dancedata
-    >>> dancedata.decode(ds.read(window, "edge151"), "edge151", fps=ds.fps)
+    >>> ds = dancedata.open("data/aistpp")
+    >>> dancedata.decode(ds.read(ds.windows("train")[3], "edge151"), "edge151", fps=ds.fps)
     Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
     """
     name, _ = REPRESENTATIONS.split(representation)

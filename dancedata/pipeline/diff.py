@@ -1,7 +1,5 @@
 """dancedata diff A B: differences between two built datasets, from their recipes to the values."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import defaultdict

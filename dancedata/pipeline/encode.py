@@ -1,7 +1,5 @@
 """Stage 2, identified clips -> encoded clips: the motion of every clip, once, for all fields that follow from it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from dancedata.core.clip import Reject

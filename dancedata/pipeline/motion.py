@@ -1,7 +1,5 @@
 """Units of work on motion: functions that worker processes run. Each takes and returns small, picklable things."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

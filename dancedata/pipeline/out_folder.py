@@ -3,8 +3,6 @@
 A dataset is recognised by its dataset.json, which lists its files.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress

@@ -1,7 +1,5 @@
 """dancedata features: one's own music, with features exactly as in training."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence

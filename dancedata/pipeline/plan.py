@@ -1,7 +1,5 @@
 """dancedata plan: what a build would make; reads lengths only, computes no feature, writes no dataset."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

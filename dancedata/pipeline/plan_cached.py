@@ -1,7 +1,5 @@
 """What of a plan is in the cache already: units of work that a build would not compute. Opens no source file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

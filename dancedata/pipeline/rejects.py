@@ -1,7 +1,5 @@
 """Rejects: why clips and files are left out, as worker processes and stages report it."""
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

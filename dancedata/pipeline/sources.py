@@ -1,7 +1,5 @@
 """Stage 1, sources -> identified clips: what every clip's files are, by the hashes of their contents."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Stage 3, encoded clips -> windowed clips: which windows have motion, music and movement."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

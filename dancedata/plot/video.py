@@ -1,7 +1,5 @@
 """write_video: a clip with its music as an mp4 file, for papers and user studies."""
 
-from __future__ import annotations
-
 import errno
 import io
 import math

@@ -1,7 +1,5 @@
 """Checks of arguments that the readers have in common."""
 
-from __future__ import annotations
-
 from operator import index as as_int
 
 from dancedata.core.errors import UsageError

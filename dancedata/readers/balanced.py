@@ -1,7 +1,5 @@
 """BalancedSampler: as many samples of every genre, dancer or song."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """BatchLoader: threads read batches from mapped files directly into reused memory."""
 
-from __future__ import annotations
-
 import logging
 import os
 import threading

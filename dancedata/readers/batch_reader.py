@@ -3,8 +3,6 @@
 One window, the batch of a DataLoader and the batch of a BatchLoader are all read here, so they are equal bit for bit.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import weakref

@@ -1,7 +1,5 @@
 """BucketSampler: batches of samples of similar length."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Protocol
 

@@ -108,6 +108,13 @@ def pad_clips(
     ------
     UsageError
         If a clip has more rows than `length`, `multiple` is not above 0, or there is no clip.
+
+    Examples
+    --------
+    >>> from dancedata.readers import ClipDataset, pad_clips
+    >>> clips = ClipDataset("data/aistpp", "train", fields=["edge151"])
+    >>> pad_clips([clips[0]], multiple=64)["edge151"].shape
+    torch.Size([1, 192, 151])
     """
     if multiple < 1:
         raise UsageError("pad_clips: multiple is too small", found=multiple, allowed="1 or more")

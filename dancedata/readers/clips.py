@@ -1,7 +1,5 @@
 """ClipDataset: the clips of a built dataset, whole or cropped at random, as a map-style torch dataset."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Beats of music in readers: labels of samples, and windows that begin on a beat or a downbeat."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

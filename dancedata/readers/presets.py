@@ -1,7 +1,5 @@
 """Presets: fields, windows and options of published trainers, by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

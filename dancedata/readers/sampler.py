@@ -1,7 +1,5 @@
 """EpochSampler: the order of an epoch as a pure function, and resuming in the middle of one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sized
 from typing import Any
 
@@ -69,6 +67,12 @@ class EpochSampler(Sampler[int]):
     one has as an attribute. A number as data source reaches no dataset.
 
     Resuming, and loops of PyTorch, Accelerate and Lightning: docs/reading.md and docs/training.md.
+
+    Examples
+    --------
+    >>> from dancedata.readers import EpochSampler
+    >>> len(list(EpochSampler(10, seed=0)))
+    10
     """
 
     def __init__(

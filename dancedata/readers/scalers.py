@@ -1,7 +1,5 @@
 """The scalers and mirrors of the fields that a reader reads."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

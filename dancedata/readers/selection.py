@@ -1,7 +1,5 @@
 """Selects windows of a store by split, lists, trim, length and a filter, and reports the ones left out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """SplitDataset: what `WindowDataset` and `ClipDataset` have in common."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping, Sequence

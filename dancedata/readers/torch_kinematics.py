@@ -13,8 +13,6 @@ half-precision input loses what it lost when it was rounded, and no more: the re
 a long vector operation; joints are passed one by one, from the root to the leaves, as their parents come first.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import prod
 

@@ -1,7 +1,5 @@
 """WindowDataset: the windows of a built dataset as a map-style torch dataset."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path
@@ -79,6 +77,13 @@ class WindowDataset(SplitDataset):
     *Mapped files.* Rows are copied from mapped shards. Where a shard cannot be mapped, they are read by position or
     through h5py; `unmapped` says why, and a warning is logged. A mapped file must not be overwritten in place
     while it is read; builds never do.
+
+    Examples
+    --------
+    >>> from dancedata.readers import WindowDataset
+    >>> ds = WindowDataset("data/aistpp", "train", fields=["edge151"])
+    >>> ds[0]["edge151"].shape
+    torch.Size([150, 151])
     """
 
     #: For ``DataLoader(collate_fn=...)``; default_collate does the same with samples of this dataset.

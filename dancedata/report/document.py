@@ -1,7 +1,5 @@
 """Every number of a report, as plain JSON data: the page is drawn from this document, so both agree."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any

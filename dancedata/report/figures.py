@@ -1,7 +1,5 @@
 """The figures of a report, drawn from its document and nothing else, in the order of a reader's questions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +9,6 @@ from dancedata.report.document import Document
 from dancedata.report.markup import Figure, Markup, escaped, number, table
 from dancedata.report.pictures import paths
 from dancedata.report.svg import bars, boxes, histogram, points
-
-__all__ = ["Drawing", "contents_figures", "movement_figures", "music_figures", "split_figures"]
 
 #: Most bars of a chart; the table below it has all of them.
 _BARS = 40

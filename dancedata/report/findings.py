@@ -1,14 +1,10 @@
 """What stands out in a report, in sentences that lead to the figure."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from dancedata.core.text import counted, listed
 from dancedata.report.document import Document
 from dancedata.report.markup import number
-
-__all__ = ["Finding", "findings"]
 
 #: Shares of frames in contact of left and right that differ by more are named, and of sliding feet.
 _SIDES, _SLIDING = 0.1, 0.1

@@ -1,7 +1,5 @@
 """What was left out, what was flagged, and which clips to look at first."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import zip_longest
@@ -9,8 +7,6 @@ from typing import Any
 
 from dancedata.report.measure import Measured
 from dancedata.store import Store
-
-__all__ = ["flags", "left_out", "ranking", "spread"]
 
 #: Reasons for looking at a clip, in the order in which their lists take turns, and the value above which they hold.
 _WHY = {"flags": 0.0, "sliding": 0.05, "still": 0.3}

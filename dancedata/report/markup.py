@@ -1,15 +1,11 @@
 """HTML that nothing from a dataset can break out of, numbers as text, and figures with their tables."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from dancedata.core.text import shown
-
-__all__ = ["Figure", "escaped", "number", "table"]
 
 
 def escaped(value: object, limit: int = 200) -> str:

@@ -20,8 +20,6 @@ from dancedata.report.tally import Tally
 from dancedata.store import ClipView, Store
 from dancedata.viewer.figure import Figure
 
-__all__ = ["ClipNumbers", "Measured", "measure"]
-
 #: A body whose joints move less than this on average, metres per second, stands still.
 STILL_M_S = 0.05
 #: A foot joint with a contact label that moves sideways faster than this slides.

@@ -1,7 +1,5 @@
 """The page: one HTML file without a request, in which nothing from a dataset can become markup or script."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files

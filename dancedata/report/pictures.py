@@ -1,7 +1,5 @@
 """Pictures that are not charts: paths of the root, strips of columns, the heat map of a clip as a PNG."""
 
-from __future__ import annotations
-
 import base64
 import struct
 import zlib
@@ -15,8 +13,6 @@ from dancedata.core.columns import Columns
 from dancedata.core.text import counted
 from dancedata.report.markup import escaped, number
 from dancedata.report.svg import drawn
-
-__all__ = ["heat_map", "paths", "strips"]
 
 #: Most rows and columns of a heat map; more are left out evenly.
 _ROWS, _FRAMES = 320, 900

@@ -18,8 +18,6 @@ from dancedata.store.schema import Field
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scenes import drawable_fields, rhythm_fields
 
-__all__ = ["ClipReader", "Piece"]
-
 #: Names of the groups of columns with contact labels.
 _CONTACTS = ("contact", "foot_contact")
 #: Rate for which Lodge's Gaussian is given.

@@ -1,7 +1,5 @@
 """The clips of a report: the viewer's page inside the report's, started when a link to a clip is opened."""
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Mapping, Sequence

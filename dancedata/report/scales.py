@@ -9,8 +9,6 @@ from typing import Any
 from dancedata.report.measure import SLIDE_M_S, ClipNumbers, Measured
 from dancedata.report.tally import fine_edges, nice_edges
 
-__all__ = ["Scales"]
-
 #: Half the range of offsets, milliseconds; bins are one frame wide, as key motions lie between frames.
 _OFFSET_MS = 400
 

@@ -1,15 +1,11 @@
 """Charts as SVG text: histograms, bars, boxes, points. Colours are classes, so that the page's theme sets them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from dancedata.report.markup import escaped, number
 from dancedata.report.tally import nice_step
-
-__all__ = ["bars", "boxes", "drawn", "histogram", "points"]
 
 #: Size of a chart in units of the page's text, and its margins.
 WIDTH, HEIGHT = 420, 190

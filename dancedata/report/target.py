@@ -1,7 +1,5 @@
 """The files of a report: the page, and a folder with further clips beside it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +19,6 @@ from dancedata.exports.base.place import (
 from dancedata.files import atomic, publish
 from dancedata.files.atomic import require_free
 from dancedata.report.player import Player
-
-__all__ = ["Target"]
 
 #: Bytes of a megabyte, as file managers count.
 _MB = 1_000_000

@@ -1,7 +1,5 @@
 """write_report: a dataset as a page and as numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +19,6 @@ from dancedata.report.player import Player, clip_player, embedded_sound
 from dancedata.report.scales import Scales
 from dancedata.report.target import Target
 from dancedata.store import Store, open_store
-
-__all__ = ["Clips", "Report", "default_path", "write_report"]
 
 #: How many clips a page has.
 Clips = int | Literal["all", "none"]

@@ -1,7 +1,5 @@
 """The parts of representations: groups of columns, each with its mirror image."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -11,8 +11,6 @@ direction, and gets the length of the target's. Two peculiarities of the origina
   there on.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """The layout that EDGE, Lodge and FineDance share: contacts 4, root translation 3, J joint rotations in 6D."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Bailando's 72 columns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar

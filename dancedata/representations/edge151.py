@@ -1,7 +1,5 @@
 """EDGE's 151 columns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar

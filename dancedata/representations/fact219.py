@@ -1,7 +1,5 @@
 """FACT's 219 columns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar

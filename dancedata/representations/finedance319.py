@@ -1,7 +1,5 @@
 """FineDance's 319 columns: body and hands."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """HumanML3D's 263 columns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """Joint positions of any skeleton."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Lodge's 139 columns: the body without hands."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -4,8 +4,6 @@ Another attribute of clips takes two entries, both in this file: a field of `Cli
 It changes the layout of shards, so `FORMAT` goes up with it (docs/store-format.md).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Reads and checks dataset.json and the JSON files beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

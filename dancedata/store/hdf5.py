@@ -1,7 +1,5 @@
 """Opens, reads and writes HDF5 files. h5py has no type annotations, so its objects are typed Any."""
 
-from __future__ import annotations
-
 import io
 import math
 import os

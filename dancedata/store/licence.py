@@ -11,7 +11,6 @@ from dancedata.core.text import quoted, shown
 if TYPE_CHECKING:
     from dancedata.store.dataset import Store
 
-__all__ = ["OVERRIDE", "may_share_audio", "require_shareable"]
 
 #: The option that takes the responsibility.
 OVERRIDE = "--i-may-share-this-music"

@@ -1,7 +1,5 @@
 """Finds the rows of windows: of one window, and of many at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ In window scope a frame is stored once per window that covers it. Most columns h
 statistics then need it once, with the number of windows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any

@@ -19,7 +19,6 @@ from dancedata.store.normalize import MinMax
 if TYPE_CHECKING:
     from dancedata.formats.arrays import ArrayFile
 
-__all__ = ["Like", "Reader", "Scaling", "opened", "stated_in", "store_of"]
 
 _log = logging.getLogger(__name__)
 _ENTRY = "normalized"

@@ -1,7 +1,5 @@
 """The tables of a shard: /clips and /windows, read through h5py."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

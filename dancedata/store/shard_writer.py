@@ -3,8 +3,6 @@
 A thread loads the next array while one is checked and written.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Which clips of a dataset share a song: by its name, by its samples, and by features of its sound."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

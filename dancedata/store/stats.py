@@ -1,7 +1,5 @@
 """stats.json: statistics of the rows of train windows, per field and column, in bounded memory."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Iterator, Sequence

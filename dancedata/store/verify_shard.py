@@ -1,7 +1,5 @@
 """Checks of one shard whose bytes match dataset.json: layout, bounds, finiteness."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

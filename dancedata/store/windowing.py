@@ -1,7 +1,5 @@
 """Lists the windows of a split: the stored ones, or windows of another length and stride."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from fractions import Fraction

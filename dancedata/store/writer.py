@@ -1,7 +1,5 @@
 """write_store: shards, statistics, side files, and dataset.json last."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections import Counter

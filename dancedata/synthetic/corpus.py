@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from dancedata.synthetic.motion import MotionTruth
     from dancedata.synthetic.music import SyntheticSong
 
-__all__ = ["VERSION", "is_example", "synthesise_motion", "synthesise_song", "write_example", "write_synthetic"]
 
 #: Incremented whenever the bytes for equal parameters change.
 VERSION = 1
@@ -58,6 +57,13 @@ def write_synthetic(
         If the folder contains something else, or a synthetic corpus with other parameters, or is not writable.
     UsageError
         If a parameter is out of range.
+
+    Examples
+    --------
+    >>> from dancedata.synthetic import write_synthetic
+    >>> folder = write_synthetic("synthetic", songs=2, clips_per_song=2, clip_s=6)
+    >>> sorted(path.name for path in folder.iterdir())
+    ['cameras', 'ignore_list.txt', 'motions', 'splits', 'synthetic.json', 'truth', 'wavs']
     """
     made_by = _made_by(seed, songs, clips_per_song, clip_s)
     _write(Path(folder), make_plan(songs, clips_per_song, clip_s), made_by)
@@ -102,6 +108,12 @@ def synthesise_song(
     ------
     UsageError
         If `music` is not an AIST++ music id.
+
+    Examples
+    --------
+    >>> from dancedata.synthetic import synthesise_song
+    >>> synthesise_song("mBR0", length_s=2).signal
+    AudioSignal(96000 samples at 48000 Hz, 2.00 s)
     """
     from dancedata.synthetic.music import make_song
 
@@ -126,6 +138,13 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
     ------
     UsageError
         If the name contains no AIST++ music id.
+
+    Examples
+    --------
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> motion, truth = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)
+    >>> motion
+    Motion(120 frames at 60 FPS, 2.00 s, skeleton smpl24)
     """
     from dancedata.synthetic.motion import make_motion
 

@@ -1,7 +1,5 @@
 """The synthetic dancer: key poses of arms and spine on the beats, planted feet by inverse kinematics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

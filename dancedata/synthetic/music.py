@@ -1,7 +1,5 @@
 """The synthetic music: drums on the beat grid, bass and chords that change every bar, a melody, some noise."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

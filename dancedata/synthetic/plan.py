@@ -3,8 +3,6 @@
 This module needs only numpy; motion and music are generated in the sibling modules.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from typing import Any

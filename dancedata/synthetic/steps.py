@@ -4,8 +4,6 @@ All curves are min-jerk, so everything is at rest on the key frames and a foot o
 Positions in metres, +Y up, angles in radians, times in frames at 60 per second.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

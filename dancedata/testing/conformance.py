@@ -11,8 +11,6 @@
 work with its default parameters. A failure is an AssertionError with what was expected.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Motions, fields and signals for tests, the same at every call."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +18,15 @@ FPS = FrameGrid.of(30)
 
 
 def random_motion(skeleton: Skeleton, n_frames: int, *, turn_rad: float = 2.5, step_m: float = 0.05) -> Motion:
-    """Return a motion at 30 frames per second, the same at every call; by default with rotations beyond pi."""
+    """Return a motion at 30 frames per second, the same at every call; by default with rotations beyond pi.
+
+    Examples
+    --------
+    >>> from dancedata.core.skeleton import SMPL24
+    >>> from dancedata.testing.examples import random_motion
+    >>> random_motion(SMPL24, 60)
+    Motion(60 frames at 30 FPS, 2.00 s, skeleton smpl24)
+    """
     rng = np.random.default_rng(0)
     rotations = rng.normal(0, turn_rad, (n_frames, skeleton.n_joints, 3))
     return Motion(rng.normal(0, step_m, (n_frames, 3)).cumsum(axis=0), rotations, FPS, skeleton)
@@ -36,7 +42,14 @@ def mirrored_motion(motion: Motion) -> Motion:
 
 
 def random_signal(seconds: float, sample_rate: int) -> AudioSignal:
-    """Return two noise bursts per second over a tone, the same at every call."""
+    """Return two noise bursts per second over a tone, the same at every call.
+
+    Examples
+    --------
+    >>> from dancedata.testing.examples import random_signal
+    >>> random_signal(0.5, 48000)
+    AudioSignal(24000 samples at 48000 Hz, 0.50 s)
+    """
     rng = np.random.default_rng(0)
     time_s = np.arange(int(seconds * sample_rate)) / sample_rate
     bursts = rng.normal(0, 0.2, len(time_s)) * np.exp(-20 * (time_s % 0.5))

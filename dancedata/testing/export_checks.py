@@ -1,7 +1,5 @@
 """The conformance check of exports."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What holds for plug-ins of every kind."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import json

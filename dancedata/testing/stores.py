@@ -1,7 +1,5 @@
 """Small random stores for tests, of this project and of projects that use it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -140,6 +138,13 @@ def write_random_store(
     -------
     RandomStore
         The store with its arrays.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dancedata.testing.stores import write_random_store
+    >>> write_random_store(Path("random"), clips={"train": 2}).path.name
+    'random'
     """
     rng = np.random.default_rng(seed)
     chosen = tuple(fields) if fields is not None else random_fields({"edge151": 151}, {"librosa35": 35})

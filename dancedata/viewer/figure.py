@@ -17,8 +17,6 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader
 
-__all__ = ["Figure", "Movement", "bones_of"]
-
 BoolArray = npt.NDArray[np.bool_]
 #: Share of the feet's heights that lie below the floor: a foot that sinks in for some frames does not lower it.
 _FLOOR_SHARE = 0.02

@@ -1,7 +1,5 @@
 """The page that plays clips: plain HTML, CSS and JavaScript in one file, without a request to anywhere."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

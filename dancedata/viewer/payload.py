@@ -4,8 +4,6 @@ Joints are whole millimetres from an origin, as differences in time, joint by jo
 before the high ones, so that gzip finds them alike: about 70 kB for 30 s of 24 joints. The page undoes it.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

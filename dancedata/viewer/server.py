@@ -1,7 +1,5 @@
 """The server of `dancedata view`: 127.0.0.1 only, one secret, and no file names from requests."""
 
-from __future__ import annotations
-
 import hmac
 import secrets
 import sys
@@ -11,8 +9,6 @@ from urllib.parse import parse_qs, urlsplit
 
 from dancedata.core.errors import UsageError
 from dancedata.viewer.site import HTML, Answer, Site
-
-__all__ = ["ViewServer"]
 
 #: Names of this machine; a page elsewhere whose name was made to point here has another one (DNS rebinding).
 _HOSTS = ("127.0.0.1", "localhost", "[::1]")

@@ -20,8 +20,6 @@ from dancedata.viewer.payload import scene_payload
 from dancedata.viewer.source import ClipSource, flac
 from dancedata.viewer.takes import Take, take_payload
 
-__all__ = ["Answer", "Site"]
-
 HTML, JSON, FLAC, TEXT = "text/html; charset=utf-8", "application/json", "audio/flac", "text/plain; charset=utf-8"
 #: Header with a sentence about the music, percent-encoded.
 NOTE = "Dancedata-Note"

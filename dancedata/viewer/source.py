@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from dancedata.store import Store
     from dancedata.viewer.scenes import Item, Scene
 
-__all__ = ["ClipSound", "ClipSource", "flac"]
 
 #: Highest sample rate that a page gets, and most seconds.
 MAX_RATE, MAX_SECONDS = 48_000, 600.0

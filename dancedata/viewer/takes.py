@@ -1,7 +1,5 @@
 """Takes: other motions of a dataset's clips, to lie over or beside them."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass
@@ -28,8 +26,6 @@ from dancedata.viewer.figure import Figure
 from dancedata.viewer.payload import Json, curve, figure_payload
 from dancedata.viewer.scenes import Scene, Scenes
 from dancedata.viewer.source import ClipSource
-
-__all__ = ["FilesTake", "OriginalTake", "StoreTake", "Take", "file_format", "take_of", "take_payload"]
 
 #: Metres; numbers far beyond cannot be told from the square of a distance that overflows.
 _FARTHEST = 1e7

@@ -1,11 +1,15 @@
-"""Draws build.svg and scope.svg: python docs/images/draw.py.
+"""Draws build.svg, layers.svg and scope.svg: python docs/images/draw.py.
 
-The curves of scope.svg are the onset envelopes of a synthetic song, computed as builds of either scope compute them.
+The layers are those of pyproject.toml, their rooms those of docs/architecture.md. The curves of scope.svg are the
+onset envelopes of a synthetic song, computed as builds of either scope compute them.
 Pictures have their own ground and follow the reader's colour scheme, so they are readable on any page.
 """
 
 from __future__ import annotations
 
+import re
+import textwrap
+import tomllib
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -100,6 +104,28 @@ def build_picture() -> str:
     return _picture("What a build does", 524, parts)
 
 
+def layers_picture() -> str:
+    """Return the picture of the layers: one box each, with its rooms and what they contain."""
+    root = Path(__file__).resolve().parents[2]
+    page = (root / "docs" / "architecture.md").read_text(encoding="utf-8")
+    contents = dict(re.findall(r"^\| `(\w+)` \| (?:plug-ins: )?([^:;|]+)", page, flags=re.MULTILINE))
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    (layers,) = (c["layers"] for c in project["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    parts, y = [], 16
+    for layer in layers:
+        rows, top = [], y
+        for room in re.split(r" [:|] ", layer):
+            lines = textwrap.wrap(contents[room].replace("`", "").strip(), 44)
+            rows.append(_text(28, y + 21, room, "name"))
+            rows += [_text(174, y + 21 + 19 * k, line, "muted") for k, line in enumerate(lines)]
+            y += 19 * len(lines) + 3
+        height = y - top + 7
+        parts += [f'<rect class="box" x="16" y="{top}" width="528" height="{height}" rx="6"/>', *rows]
+        y = top + height + 8
+    parts.append(_text(WIDTH / 2, y + 16, "A room may import the rooms of the boxes below its own.", anchor="middle"))
+    return _picture("The layers of dancedata", y + 32, parts)
+
+
 def _curve(values: np.ndarray, x: np.ndarray, floor: float, kind: str, width: float) -> str:
     points = " ".join(f"{a:.1f},{floor - 2.6 * min(float(v), 18):.1f}" for a, v in zip(x, values, strict=True))
     return f'<polyline class="{kind}" stroke-width="{width}" points="{points}"/>'
@@ -155,4 +181,5 @@ def _legend(y: int) -> list[str]:
 if __name__ == "__main__":
     folder = Path(__file__).resolve().parent
     (folder / "build.svg").write_text(build_picture(), encoding="utf-8")
+    (folder / "layers.svg").write_text(layers_picture(), encoding="utf-8")
     (folder / "scope.svg").write_text(scope_picture(), encoding="utf-8")

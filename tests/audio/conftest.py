@@ -1,7 +1,5 @@
 """Sounds that the audio tests write or hear."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from pathlib import Path

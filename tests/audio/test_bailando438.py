@@ -4,8 +4,6 @@ Gates are those of the reference outputs' README. Measured with librosa 0.11: MF
 derivative 1.0e-4, chroma 3.0e-7, onset envelope 9.6e-6, tempogram 9.8e-8; beats are equal.
 """
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any

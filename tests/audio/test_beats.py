@@ -1,7 +1,5 @@
 """The feature `beats`: rows of known beats, librosa's and the network's on music with known beats."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Configs of encoders by which a song would be cut into far more frames than in any model; needs no torch."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The parts of the fast librosa35, each against the librosa function that it stands for."""
 
-from __future__ import annotations
-
 import librosa
 import numpy as np
 import pytest

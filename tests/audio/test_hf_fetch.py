@@ -1,7 +1,5 @@
 """Fetching models, from a hub of our own on this machine."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import socketserver

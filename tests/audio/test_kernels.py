@@ -1,7 +1,5 @@
 """librosa's kernels are compiled by one process at a time (two at once ended in a segmentation fault)."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

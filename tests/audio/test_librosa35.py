@@ -1,7 +1,5 @@
 """librosa35 on sounds whose beats and chords are known, and on silence and other trouble."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import librosa

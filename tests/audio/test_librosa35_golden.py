@@ -6,8 +6,6 @@ a wrong setting does (rounding the 16-bit wav instead of truncating it moves MFC
 was measured at 3.8e-6, 9.2e-5 and 0. Peaks and beats are decisions: equal or wrong.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ for AVX2 (AMD's processors, Intel's without AVX-512) a row of a product depends 
 any sum whose place is not the window's own shows here.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Decoding, lengths, quantising and resampling, on files that the tests write."""
 
-from __future__ import annotations
-
 import io
 import os
 from collections.abc import Callable

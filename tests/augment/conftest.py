@@ -1,7 +1,5 @@
 """A small dataset that every reader test here reads: four fields, music and key motions, track scope."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The recipe of docs/augmentation.md builds, and the page's code runs on what it gives."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

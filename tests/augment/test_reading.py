@@ -1,7 +1,5 @@
 """Augmentations of samples: the same bytes on any number of workers and ranks, and what a sample then holds."""
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 from dataclasses import replace
@@ -23,6 +21,7 @@ from dancedata.core.errors import UsageError
 from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
 from dancedata.readers.augmenting import Augmenter, Chance
 from dancedata.testing.stores import write_random_store
+from tests.messages import raises_message
 
 FIELDS = ("edge151", "lodge139", "librosa35")
 ALL = {"mirror": 0.5, "yaw": {}, "root_offset": {"p": 0.7}, "noise": {"p": 0.5}, "crop": {"p": 0.8}, "drop": {}}
@@ -83,7 +82,7 @@ def test_mirror_among_augmentations_is_mirroring(store_path: Path) -> None:
     one, other = dataset(store_path, mirror=1.0), dataset(store_path, [MirrorImage()])
     for k in range(len(one)):
         assert digest(one[k]) == digest(other[k])
-    with pytest.raises(UsageError, match="mirrored twice"):
+    with raises_message(UsageError):
         dataset(store_path, ["mirror"], mirror=0.5)
     half = dataset(store_path, {"mirror": 0.5})
     flags = {half[k]["mirrored"] for k in range(len(half))}
@@ -180,7 +179,7 @@ def test_crops_of_any_length_begin_at_whole_rows_after_the_trim(tmp_path: Path) 
     assert starts[-1] + 14 <= store.clip(clip).n_frames < starts[-1] + 16
     assert all(data[k]["start"] % 2 == 0 for k in range(len(data)))
     write_random_store(tmp_path / "windows", scope="window")
-    with pytest.raises(UsageError, match="crop reads other windows than the stored ones"):
+    with raises_message(UsageError):
         WindowDataset(tmp_path / "windows", augment=["crop"])
 
 
@@ -220,29 +219,29 @@ def test_relative_roots_are_relative_after_augmenting(store_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("augment", "fields", "message"),
+    ("augment", "fields"),
     [
-        (["yow"], FIELDS, "unknown augmentation 'yow'. Did you mean 'yaw'|unknown augmentation 'yow'"),
-        ("yaw", FIELDS, "augment is not a list"),
-        ([3], FIELDS, "not an augmentation"),
-        ([{"yaw": {"max_degree": 3}}], FIELDS, "the augmentation yaw has no parameter 'max_degree'"),
-        ([{"yaw": {"p": 2}}], FIELDS, "augment: yaw: p is a probability"),
-        ([{"yaw": [1]}], FIELDS, "neither parameters nor a probability"),
-        (["tempo"], FIELDS, "tempo makes copies when a dataset is built"),
-        (["noise"], ("joints",), "noise cannot change field 'joints': the columns of joints do not determine"),
-        (["noise"], ("edge151", "lodge"), "noise cannot change field 'lodge': key motions follow"),
-        (["drop"], ("edge151",), "drop: no field of music is read"),
-        ([Drop(fields=("jukebox",))], FIELDS, "drop: the field 'jukebox' is not read"),
+        (["yow"], FIELDS),
+        ("yaw", FIELDS),
+        ([3], FIELDS),
+        ([{"yaw": {"max_degree": 3}}], FIELDS),
+        ([{"yaw": {"p": 2}}], FIELDS),
+        ([{"yaw": [1]}], FIELDS),
+        (["tempo"], FIELDS),
+        (["noise"], ("joints",)),
+        (["noise"], ("edge151", "lodge")),
+        (["drop"], ("edge151",)),
+        ([Drop(fields=("jukebox",))], FIELDS),
     ],
 )
-def test_refused_combinations_say_why(store_path: Path, augment: Any, fields: Any, message: str) -> None:
-    with pytest.raises(UsageError, match=message):
+def test_refused_combinations_say_why(store_path: Path, augment: Any, fields: Any) -> None:
+    with raises_message(UsageError):
         dataset(store_path, augment, fields=fields)
 
 
 def test_columns_of_an_unknown_representation_are_refused(tmp_path: Path) -> None:
     write_random_store(tmp_path / "out")  # a field of the name edge151, with columns of another kind
-    with pytest.raises(UsageError, match="yaw cannot change field 'edge151': its representation is not known"):
+    with raises_message(UsageError):
         WindowDataset(tmp_path / "out", augment=["yaw"])
     mirrored = WindowDataset(tmp_path / "out", augment=["mirror"])
     assert mirrored[0]["mirrored"]
@@ -255,5 +254,5 @@ def test_two_of_one_augmentation_draw_different_numbers(store_path: Path) -> Non
     named = Augmenter.of(store, ("edge151",), {"yaw.a": {"max_degrees": 1}, "yaw.b": {}}, seed=0)
     assert [step.name for step in named.steps] == ["yaw.a", "yaw.b"]
     assert replace(named, seed=1) != named
-    with pytest.raises(UsageError, match="chooses windows, and whole clips are read"):
+    with raises_message(UsageError):
         Augmenter.of(store, ("edge151",), ["crop"], seed=0, allow_crop=False)

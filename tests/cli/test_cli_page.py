@@ -1,7 +1,5 @@
 """docs/cli.md names every command and option that there is, and none that there is not."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Starting is light: what is imported, not how long it takes."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """dancedata doctor: a working installation, and what it prints about broken ones."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What a user does wrong first, and what the command says to it."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """dancedata new: every template passes the conformance suite as it is, and nothing is overwritten."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

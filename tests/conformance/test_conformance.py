@@ -1,7 +1,5 @@
 """Every registered plug-in keeps its kind's contract. No plug-in is named here: registries say which there are."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """SMPL-X's joints, and motions carried over between the bodies of the SMPL family."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +20,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
 
@@ -92,9 +91,9 @@ def test_a_part_joins_bones_across_joints_left_out() -> None:
     np.testing.assert_allclose(rest(without_spine), [by_name[j] for j in without_spine.joints], atol=1e-12)
     assert without_spine.joints[without_spine.parents[without_spine.index("head")]] == "spine3"
     for joints in (BODY_JOINTS[1:], BODY_JOINTS[:11], BODY_JOINTS[::-1]):
-        with pytest.raises(UsageError, match="must keep the order, the root and the feet"):
+        with raises_message(UsageError):
             SMPLX22.subset("bad", joints)
-    with pytest.raises(UsageError, match=r"left_hip'\?"):
+    with raises_message(UsageError):
         SMPLX22.subset("bad", ("pelvis", "left_hipp"))
 
 
@@ -141,9 +140,7 @@ def test_other_families_are_refused() -> None:
     other = replace(SMPL24, name="other", joints=("hips", *SMPL24.joints[1:]))
     assert not has_body(other)
     for motion, target in ((motion_on(other), SMPLX22), (motion_on(SMPLX22), other)):
-        with pytest.raises(
-            UsageError, match=f"{motion.skeleton.name} cannot be transferred to {target.name}.*SMPL family"
-        ):
+        with raises_message(UsageError):
             carried_over(motion, target)
     # Its own joints are fine, whatever the family.
     same = replace(other, offsets=other.offsets * 2)

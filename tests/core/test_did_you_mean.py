@@ -1,7 +1,5 @@
 """The name that was meant: misspelt, in capitals, or a part of the whole."""
 
-from __future__ import annotations
-
 import pytest
 
 from dancedata.core.errors import closest, did_you_mean

@@ -1,7 +1,5 @@
 """Grounding by the toes of one frame, as Lodge does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +10,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, ground_height, grounded
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
 
@@ -43,7 +42,7 @@ def test_the_frame_that_is_asked_for() -> None:
     joints = np.concatenate([feet(0, 0), feet(1, 1), feet(2, 3)])
     assert [ground_height(joints, SMPL24, frame) for frame in range(3)] == [0, 1, 2]
     for frame in (-1, 3):
-        with pytest.raises(UsageError, match=f"frame {frame} of 3"):
+        with raises_message(UsageError):
             ground_height(joints, SMPL24, frame)
 
 
@@ -81,5 +80,5 @@ def test_another_bodys_toes() -> None:
     assert found.skeleton is SMPL24
     # EDGE leaves out the pelvis's rest height of -0.24 m, so its toes are that much higher.
     np.testing.assert_allclose(grounded(motion).translation - found.translation, [[0, 0.24078918, 0]] * 6, atol=1e-12)
-    with pytest.raises(DataError, match="smplx52"):
+    with raises_message(DataError):
         grounded(motion, SMPLX52)

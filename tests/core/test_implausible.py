@@ -1,7 +1,5 @@
 """Flags of clips whose unit makes no dancer: bodies by their bones, translations by what the pose asks for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

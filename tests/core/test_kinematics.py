@@ -1,7 +1,5 @@
 """Rotations, forward kinematics and quality flags: by hand, against EDGE's output, and on real clips."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

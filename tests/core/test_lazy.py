@@ -1,7 +1,5 @@
 """Names that are imported when they are first used."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

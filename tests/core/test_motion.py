@@ -1,7 +1,5 @@
 """Motion: what it refuses, and resampling, against scipy's Slerp."""
 
-from __future__ import annotations
-
 from dataclasses import FrozenInstanceError, replace
 from typing import Any
 
@@ -15,6 +13,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
+from tests.messages import raises_message
 
 SIXTY, THIRTY = FrameGrid.of(60), FrameGrid.of(30)
 
@@ -54,7 +53,7 @@ def test_arrays_are_float64_copies_and_read_only() -> None:
     ],
 )
 def test_shapes_that_do_not_fit(translation: Any, rotations: Any, reason: str) -> None:
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         Motion(np.zeros(translation), np.zeros(rotations), SIXTY, SMPL24)
     assert error.value.reason == reason
 
@@ -190,7 +189,7 @@ def test_parts_of_a_motion_that_remembers_are_those_of_one_that_does_not() -> No
     assert kept.resampled(FrameGrid.of(45)).matrices.shape == (30, 24, 3, 3)
     with pytest.raises(ValueError, match="read-only"):
         kept.matrices[0] = 0
-    with pytest.raises(DataError, match="no frames"):
+    with raises_message(DataError):
         kept.part(5, 5)
 
 

@@ -1,7 +1,5 @@
 """What a notebook prints is short: one to three lines, no arrays, whatever the object holds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Left, right and up: planted swaps, mirrors and axes are flagged; dances, handstands and mirrored copies are not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Text from files: cut, printable, and made in no time whatever a value holds."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from fractions import Fraction

@@ -1,10 +1,15 @@
 """What a plug-in does not have is found by the type checker, on the side of those who call plug-ins."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, get_type_hints
+
+import pytest
+
+from dancedata.core.plugins import AudioFeature, Dataset, KeyMotionFinder, Representation
+from dancedata.recipes.fields import FeatureJob, KeyMotionField, MotionField
+from dancedata.recipes.recipe import Recipe
 
 # One misspelt member for each of five kinds, as the pipeline and exports would call them.
 CODE = """
@@ -31,6 +36,22 @@ def use(recipe: Recipe, signal: AudioSignal, motion: Motion, target: Export, job
 """
 
 
+@pytest.mark.parametrize(
+    ("owner", "name", "kind"),
+    [
+        (Recipe, "dataset", Dataset),
+        (FeatureJob, "feature", AudioFeature),
+        (MotionField, "representation", Representation),
+        (KeyMotionField, "finder", KeyMotionFinder),
+    ],
+)
+def test_a_plug_in_is_declared_by_its_kind(owner: type[Any], name: str, kind: type[Any]) -> None:
+    """Not as Any, with which every member would pass the type checker."""
+    assert get_type_hints(owner)[name] is kind
+
+
+# Up to a minute where mypy was not run before. By default: what is declared, above.
+@pytest.mark.nightly
 def test_misspelt_calls_of_plug_ins_are_errors(tmp_path: Path) -> None:
     path = tmp_path / "uses.py"
     path.write_text(CODE)

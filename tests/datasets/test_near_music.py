@@ -1,7 +1,5 @@
 """Missing music: the file that may be it, for every reader that matches music by name; and none that is not it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

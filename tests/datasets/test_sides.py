@@ -1,7 +1,5 @@
 """BVH with swapped names, mirrors and wrong axes are rejected; bones that stretch and rates that drift are noted."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from dancedata.datasets.folder.load import Reading
 from dancedata.datasets.folder.notes import describe
 from dancedata.formats.bvh.write import motion_bvh
 from dancedata.synthetic import synthesise_motion
+from tests.messages import raises_message
 
 SIDE = {"Left": "Right", "Right": "Left", "L": "R", "R": "L"}
 LEG = ("hip", "knee", "ankle", "foot")
@@ -67,28 +66,28 @@ def show(row: Any) -> str:
 
 
 @pytest.mark.parametrize(
-    ("edit", "problem"),
+    "edit",
     [
-        (lambda text: renamed(text, ()), "left and right are swapped, or the file is mirrored"),
-        (mirrored, "left and right are swapped, or the file is mirrored"),
-        (lambda text: renamed(text, LEG), "in the legs alone"),
-        (lambda text: renamed(text, ("collar", "shoulder", "elbow", "wrist", "hand")), "in the arms alone"),
+        lambda text: renamed(text, ()),
+        mirrored,
+        lambda text: renamed(text, LEG),
+        lambda text: renamed(text, ("collar", "shoulder", "elbow", "wrist", "hand")),
     ],
 )
-def test_swapped_sides(bvh: Path, text: str, edit: Any, problem: str) -> None:
+def test_swapped_sides(bvh: Path, text: str, edit: Any) -> None:
     bvh.write_text(edit(text))
-    with pytest.raises(DataError, match=problem) as error:
+    with raises_message(DataError) as error:
         load(bvh)
     assert error.value.reason == "swapped_sides"
 
 
 def test_a_joint_map_that_swaps_the_legs(bvh: Path) -> None:
     legs = {f"{one}_{j}": f"{other}_{j}" for j in LEG for one, other in (("left", "right"), ("right", "left"))}
-    with pytest.raises(DataError, match="in the legs alone") as error:
+    with raises_message(DataError) as error:
         load(bvh, joint_map=legs)
     assert error.value.reason == "swapped_sides"
     # Toes that are not mapped have a place of SMPL's, and say nothing.
-    with pytest.raises(DataError, match=r"names of the hips say: knees -0\.9\d, shoulders -"):
+    with raises_message(DataError):
         load(bvh, joint_map={**legs, "left_foot": "", "right_foot": ""})
 
 
@@ -105,9 +104,7 @@ def test_a_mirrored_file_whose_names_are_swapped_is_a_dance(bvh: Path, text: str
 
 @pytest.mark.parametrize("up", ["z", "-y"])
 def test_a_wrong_up_axis_of_a_bvh(bvh: Path, up: Any) -> None:
-    with pytest.raises(
-        DataError, match=rf"does not stand along the up axis {up} \(declared in the recipe\)"
-    ) as error:
+    with raises_message(DataError) as error:
         load(bvh, up=up)
     assert error.value.reason == "bad_declaration"
     assert str(error.value.fix).startswith("declare up: y (or")
@@ -121,7 +118,7 @@ def test_a_wrong_up_axis_of_arrays(tmp_path: Path, up: Any) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, poses=motion.rotations.reshape(-1, 72), trans=motion.translation)
     assert np.allclose(load(path, fps=60, up="y").translation, motion.translation)
-    with pytest.raises(DataError, match="does not stand along the up axis") as error:
+    with raises_message(DataError) as error:
         load(path, fps=60, up=up)
     assert error.value.reason == "bad_declaration"
     assert "implausible_up" in [flag.kind for flag in implausible_flags(load(path, {"up": up}, fps=60))]
@@ -149,7 +146,7 @@ def test_real_files_with_planted_swaps(shared: Path, tmp_path: Path) -> None:
         assert implausible_flags(load(shared / f"realdata/bvh/{name}.bvh", unit=unit, up=up)) == []
         path = tmp_path / f"{name}.bvh"
         path.write_text(re.sub(r"(?<=JOINT )(Left|Right|[LR](?=[A-Z]))", lambda found: SIDE[found[1]], text))
-        with pytest.raises(DataError, match="swapped, or the file is mirrored"):
+        with raises_message(DataError):
             load(path, unit=unit, up=up)
 
 

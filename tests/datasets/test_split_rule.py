@@ -1,7 +1,5 @@
 """Splits by a rule: a function of the group's name and the seed, whatever else there is."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import random
@@ -22,6 +20,7 @@ from dancedata.core.errors import RecipeError, SourceError, UsageError
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets.folder import Folder
 from dancedata.recipes.parse import parse_recipe
+from tests.messages import raises_message
 
 VAL, TEST = ["song20", "song26"], ["song5", "song6", "song11", "song13"]
 RULE = {"val": 0.1, "test": 0.1, "by": "music"}
@@ -95,9 +94,9 @@ def test_by_dancer_genre_and_clip() -> None:
     assert {by_dancer[c.id] == "test" for c in refs if c.dancer == "d1"} in ({True}, {False})
     assert len({by_dancer[f"song0-{k}"] for k in range(3)}) == 1
     assert len({splits({"test": 0.5, "by": "clip"}, refs)[f"song{s}-{k}"] for s in range(9) for k in range(3)}) == 2
-    with pytest.raises(SourceError, match="no clip is in"):
+    with raises_message(SourceError):
         splits({"test": 0.3, "by": "genre"}, refs)
-    with pytest.raises(SourceError, match=r"require the genre of every clip; found 6 clips without: song0-0"):
+    with raises_message(SourceError):
         splits({"test": 0.3, "by": "genre"}, clips(2))
     # A clip without music shares none.
     silent = [ClipRef(f"take{k}", Path("x"), None, "") for k in range(40)]
@@ -118,16 +117,14 @@ def test_songs_whose_zeros_differ_in_sign_are_one(tmp_path: Path) -> None:
 def test_an_empty_split_names_a_seed_that_does() -> None:
     refs = clips(6)
     rule = {"val": 0.2, "test": 0.2, "by": "music"}
-    with pytest.raises(
-        SourceError, match=r"no clip is in val by the rule \{val: 1/5, test: 1/5, by: music, seed: 0\}"
-    ) as caught:
+    with raises_message(SourceError) as caught:
         splits(rule, refs)
     text = str(caught.value)
     assert "18 clips of 6 songs" in text
     seed = int(text.partition("et seed: ")[2].partition(",")[0])
     made = list(splits({**rule, "seed": seed}, refs).values())
     assert min(made.count(name) for name in ("train", "val", "test")) >= 3
-    with pytest.raises(SourceError) as caught:
+    with raises_message(SourceError) as caught:
         splits(rule, clips(2))
     assert "et seed:" not in str(caught.value)  # two songs fill no three splits
 
@@ -153,7 +150,7 @@ def test_an_empty_split_names_a_seed_that_does() -> None:
     ],
 )
 def test_nonsense_is_refused(rule: dict[str, Any], words: str) -> None:
-    with pytest.raises(UsageError) as caught:
+    with raises_message(UsageError) as caught:
         Folder(split=rule)
     assert words in str(caught.value)
     assert "{val: 0.1, test: 0.1, by: music}" in str(caught.value)
@@ -175,7 +172,7 @@ def test_one_rule_is_one_recipe_however_it_is_written() -> None:
     assert one.document["dataset"]["folder"]["split"] == {"val": "1/10", "test": "1/10", "by": "music", "seed": 0}
     assert one.sha256 == same.sha256 != parse_recipe(document({**RULE, "seed": 1})).sha256
     assert parse_recipe(one.document).sha256 == one.sha256
-    with pytest.raises(RecipeError, match="unknown key 'vale'"):
+    with raises_message(RecipeError):
         parse_recipe(document({**RULE, "vale": 0.1}))
 
 
@@ -224,7 +221,7 @@ def test_the_manifest_goes_first(source: Path) -> None:
     assert made == {**free, f"take{k}": "dev", f"take{k + 1}": "dev"}
     assert "dev 16.7% (from the manifest; 2 clips of 1 song)" in "\n".join(reader.scan(source).notes)
     write_manifest(source, ["train", "test", *lines[2:]])
-    with pytest.raises(SourceError, match="music 'song0' is in two splits") as caught:
+    with raises_message(SourceError) as caught:
         reader.scan(source)
     assert "take0 in train, take1 in test" in str(caught.value)
 

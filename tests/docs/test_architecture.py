@@ -1,7 +1,5 @@
 """docs/architecture.md is true: its rooms, its layers, and the functions that data pass."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

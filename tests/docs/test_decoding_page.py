@@ -1,7 +1,5 @@
 """The page on motion out of a trainer: its code prints what it shows."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

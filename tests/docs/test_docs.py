@@ -1,7 +1,5 @@
 """The code of the pages runs as it stands there, and prints what they show; lines, links and lists are right."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -114,7 +112,7 @@ def _template(kind: str, name: str, folder: Path) -> str:
 _RECIPE = """
 recipe: 1
 name: plug-ins
-dataset: {synthetic: {songs: 4, clips_per_song: 2, clip_s: 6}}
+dataset: {synthetic: {songs: 2, clips_per_song: 2, clip_s: 6}}
 windows: {length_s: 5, stride_s: 0.5, filter: {small: {limit: 50}}}
 motion: {edge151: {contacts: {low: {}}}, pelvis: {}}
 audio: {librosa35: {}, peaks: {scale: 0.5}}

@@ -1,7 +1,5 @@
 """docs/encoders.md: its code prints what it says, its keys exist, its recipe is the one it describes."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

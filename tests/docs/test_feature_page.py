@@ -1,7 +1,5 @@
 """The page on audio features: its code prints what it shows, its recipe gives both rates."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

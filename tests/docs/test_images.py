@@ -1,7 +1,5 @@
 """The drawings: as docs/images/draw.py makes them, readable in both colour schemes, complete in themselves."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import xml.etree.ElementTree as ET
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
-DRAWN = ("build", "scope")
+DRAWN = ("build", "layers", "scope")
 
 
 @pytest.fixture(scope="module")

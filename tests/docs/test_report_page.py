@@ -1,7 +1,5 @@
 """docs/report.md: its blocks run and print what they show, and it names every option of the command."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The site: navigation, reference, and what is checked of the HTML. `.ci/run` builds it."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.util

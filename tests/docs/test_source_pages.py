@@ -1,7 +1,5 @@
 """The pages on video, FBX and what goes wrong: their commands run on files as the pages describe them."""
 
-from __future__ import annotations
-
 import ast
 import re
 import shutil

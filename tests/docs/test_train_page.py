@@ -1,7 +1,5 @@
 """The page "Train EDGE or Lodge on it": its commands run, and the trainers' commands are those of the exports."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

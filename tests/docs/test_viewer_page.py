@@ -1,7 +1,5 @@
 """The page on looking at a dataset: its commands, keys and links."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import threading

@@ -1,7 +1,5 @@
 """A small dataset, and its clips as a model could have generated them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Protocols whose beats are those of bailando438: from a dataset with that column, and from the music itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """dancedata evaluate: one command gives the whole table."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """No number is of bytes that a build did not write: not now, and not from the cache later."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

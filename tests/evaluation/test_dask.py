@@ -1,7 +1,5 @@
 """Evaluation on a Dask cluster gives what it gives here."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The evaluator of training loops: batches give what the same samples give as files, on one process or several."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any

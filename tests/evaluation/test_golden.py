@@ -1,7 +1,5 @@
 """Whole protocols against what the published programs give for the same dances (golden set `metrics`)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

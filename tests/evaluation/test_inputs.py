@@ -1,7 +1,5 @@
 """One motion gives one result, whatever it is read from and whoever computes it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

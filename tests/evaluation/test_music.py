@@ -1,7 +1,5 @@
 """Where beats of music are from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace

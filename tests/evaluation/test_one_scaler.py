@@ -1,7 +1,5 @@
 """One scaler from training to table: what readers normalise, decode, evaluate and view undo, or refuse."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

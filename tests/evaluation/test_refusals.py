@@ -1,7 +1,5 @@
 """What is refused, and what is counted instead of being hidden."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reports: names in tables, numbers that overflow, files that are not replaced."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace
@@ -173,7 +171,7 @@ def test_foreign_files_are_not_replaced_by_a_table(store: Store, tmp_path: Path)
     path.write_text("mine", encoding="utf-8")
     assert "refusing to overwrite a file that is not a table of clips" in run(*options, path, code=2)
     assert path.read_text(encoding="utf-8") == "mine"
-    assert "is not replaced" in run(*options, tmp_path, code=2)
+    assert "not a table of clips" in run(*options, tmp_path, code=2)
     assert "the folder of the table does not exist" in run(*options, tmp_path / "none" / "rows.csv", code=2)
     path.unlink()
     run(*options, path)

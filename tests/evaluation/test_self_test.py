@@ -1,7 +1,5 @@
 """evaluate --self-test: a copy of a data set against the rows that were published of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The examples train, generate and resume; what they write is what they say."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

@@ -1,7 +1,5 @@
 """The same bytes whatever kernels a machine would choose, whatever the user has set, and whoever computes."""
 
-from __future__ import annotations
-
 import hashlib
 import multiprocessing
 import os

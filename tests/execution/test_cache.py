@@ -1,7 +1,5 @@
 """The cache of units of work: keys say all that shapes a result, entries are whole, a key is computed once."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """dancedata cache info, prune and verify, by way of the command line and of the functions behind it."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

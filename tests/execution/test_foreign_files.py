@@ -1,7 +1,5 @@
 """Files that dancedata did not make: whatever their names, no command removes or changes them."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Small datasets to export, built once: EDGE's in both scopes, one at 60 frames per second, one of FineDance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

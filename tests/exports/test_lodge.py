@@ -1,7 +1,5 @@
 """Lodge's and FineDance's folders: tracks, labels, the normaliser, names."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

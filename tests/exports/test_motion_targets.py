@@ -1,7 +1,5 @@
 """bvh, smpl, humanml3d and webdataset: what they write is read back, by this package and by independent readers."""
 
-from __future__ import annotations
-
 import io
 import json
 import subprocess

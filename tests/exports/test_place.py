@@ -1,7 +1,5 @@
 """An export appears whole or not at all, and nothing of others is touched."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """What a dataset lacks is said at once, before anything is written."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

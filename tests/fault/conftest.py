@@ -1,7 +1,5 @@
 """A small corpus and a plug-in feature that takes its time, counts its calls, and kills its process if told to."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Full disks, clocks that go backwards, entries that are lost: a correct store or a clear error, never a half one."""
 
-from __future__ import annotations
-
 import errno
 import io
 import os

@@ -6,8 +6,6 @@ Afterwards every output is byte-identical to that of an undisturbed run, or unto
 conversions take minutes here: by default test_kills, execution/test_foreign_files and files/test_publish kill them.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import shutil
@@ -316,9 +314,9 @@ def test_overwriting(slow: Any, hunter: Hunter, recipes: list[Path], command: An
     assert leftovers(slow) == []
 
 
-def fill(cache: Cache) -> dict[Path, int]:
+def fill(cache: Cache, n_entries: int) -> dict[Path, int]:
     """Publish entries; returns the inode of each by path."""
-    for number in range(1500):
+    for number in range(n_entries):
         cache.put_array("features", f"{number:064x}", np.arange(number % 7), durable=False)
     return state_of(cache)
 
@@ -338,29 +336,29 @@ def damage(cache: Cache) -> set[Path]:
 
 
 def test_pruning(slow: Any, hunter: Hunter, cache_kills: int):
-    cache = Cache(slow.cache)
+    cache, n_entries = Cache(slow.cache), 1500 if cache_kills > 1 else 300
     check = plant(cache.root, "cache")
     prune_all = [*CACHE, "prune", "--max-size", "1B"]
-    fill(cache)
+    fill(cache, n_entries)
     longest = undisturbed(prune_all, slow.environment)
     assert not state_of(cache)
-    known = fill(cache)
+    known = fill(cache, n_entries)
     while hunter.kills.total() < cache_kills:
         ended = hunter.run("prune", prune_all, longest, NO_WORKERS)
         left = state_of(cache)
         assert left.items() <= known.items()
         assert not (ended and left)
         assert verify_cache(cache.root) == (len(left), [])
-        known = fill(cache) if ended else left
+        known = fill(cache, n_entries) if ended else left
     check()
     assert leftovers(slow) == []
 
 
 def test_verifying(slow: Any, hunter: Hunter, cache_kills: int):
-    cache = Cache(slow.cache)
+    cache, n_entries = Cache(slow.cache), 1500 if cache_kills > 1 else 300
     check = plant(cache.root, "cache")
     verify = [*CACHE, "verify", "--remove"]
-    fill(cache)
+    fill(cache, n_entries)
     longest = undisturbed(verify, slow.environment)
     damaged = damage(cache)
     known = state_of(cache)
@@ -371,7 +369,7 @@ def test_verifying(slow: Any, hunter: Hunter, cache_kills: int):
         assert known.keys() - left.keys() <= damaged
         assert not (ended and damaged & left.keys())
         if ended:
-            fill(cache)
+            fill(cache, n_entries)
             damaged = damage(cache)
         known = state_of(cache)
     check()

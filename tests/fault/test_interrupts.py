@@ -1,7 +1,5 @@
 """Ctrl-C at any moment: one line, exit code 130, nothing left running, and the same command goes on."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

@@ -1,7 +1,5 @@
 """Builds killed with SIGKILL: the same command goes on, nothing is computed twice, nothing is left lying about."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

@@ -1,7 +1,5 @@
 """Equal bytes whatever the way: number of jobs, parts, order of files. Dask is in test_workers."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Worker processes that die, under loky and under Dask: the build goes on, or names the unit that is to blame."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

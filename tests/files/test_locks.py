@@ -1,7 +1,5 @@
 """Locks that die with their holder: one writer of a folder, and no file of somebody's taken for a lock."""
 
-from __future__ import annotations
-
 import errno
 import multiprocessing
 import os
@@ -16,6 +14,7 @@ import pytest
 from dancedata.core.errors import StoreError
 from dancedata.files import locks
 from dancedata.files.locks import file_lock, open_locked, writing_lock
+from tests.messages import raises_message
 
 FORK = multiprocessing.get_context("fork")
 
@@ -51,7 +50,7 @@ def test_a_second_writer_fails_at_once_and_nothing_is_left(tmp_path: Path, there
         folder.mkdir()
     with writing_lock(folder, "build"):
         assert [p.name for p in tmp_path.iterdir() if p != folder] == [".dancedata-out.lock"]
-        with pytest.raises(StoreError, match="another build is writing there"), writing_lock(folder, "build"):
+        with raises_message(StoreError), writing_lock(folder, "build"):
             pass
         with writing_lock(tmp_path / "other", "build"):
             pass
@@ -66,7 +65,7 @@ def test_through_a_link_it_is_the_same_folder(tmp_path: Path) -> None:
     (tmp_path / "links" / "link").symlink_to(tmp_path / "out")
     with (
         writing_lock(tmp_path / "out", "build"),
-        pytest.raises(StoreError, match="another build"),
+        raises_message(StoreError),
         writing_lock(tmp_path / "links" / "link", "build"),
     ):
         pass
@@ -83,7 +82,7 @@ def test_a_lock_whose_holder_was_killed_is_free(tmp_path: Path) -> None:
     process = FORK.Process(target=hold)
     process.start()
     ready.wait()
-    with pytest.raises(StoreError), writing_lock(tmp_path / "out", "build"):
+    with raises_message(StoreError), writing_lock(tmp_path / "out", "build"):
         pass
     os.kill(process.pid, signal.SIGKILL)
     process.join()
@@ -122,7 +121,7 @@ def test_a_link_with_the_locks_name_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / ".dancedata-out.lock").symlink_to(tmp_path / "elsewhere")
     with (
         writing_lock(tmp_path / "out", "build"),
-        pytest.raises(StoreError, match="another build"),
+        raises_message(StoreError),
         writing_lock(tmp_path / "out", "build"),
     ):
         pass
@@ -156,7 +155,7 @@ def test_where_no_file_can_be_made_beside_it_the_folder_is_locked(
     no_file_beside(monkeypatch)
     with (
         writing_lock(tmp_path / "out", "build"),
-        pytest.raises(StoreError, match="another build"),
+        raises_message(StoreError),
         writing_lock(tmp_path / "out", "build"),
     ):
         pass

@@ -1,7 +1,5 @@
 """Folders that appear whole: killed at any moment they are finished or begun anew; nothing of others is touched."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +9,7 @@ import pytest
 from dancedata.core.errors import StoreError
 from dancedata.files import publish
 from dancedata.files.publish import MARKER, STAGING, Layout, staged, tidy
+from tests.messages import raises_message
 
 NAMES = ["a.bin", "b.bin", "last.json"]
 LAYOUT = Layout("last.json", lambda path: path.read_text() == "last.json", lambda name: name in NAMES)
@@ -93,7 +92,7 @@ def test_a_folder_of_our_name_with_files_of_others(tmp_path: Path, name: str, pr
         if proof == "another":
             (ours / MARKER).write_text("mine")
         before = content(ours)
-        with pytest.raises(StoreError, match="dancedata did not write") as caught:
+        with raises_message(StoreError) as caught:
             write(ours.parent)
         assert content(ours) == before
         assert name.partition("/")[0] in str(caught.value)
@@ -101,14 +100,14 @@ def test_a_folder_of_our_name_with_files_of_others(tmp_path: Path, name: str, pr
 
 def test_a_last_file_of_our_name_that_is_not_whole(tmp_path: Path) -> None:
     (tmp_path / LAYOUT.journal).write_text("somebody's")
-    with pytest.raises(StoreError, match="dancedata did not write"):
+    with raises_message(StoreError):
         write(tmp_path)
     assert (tmp_path / LAYOUT.journal).read_text() == "somebody's"
 
 
 @pytest.mark.parametrize("name", ["a.bin", "last.json"])
 def test_a_file_that_would_be_replaced(tmp_path: Path, name: str) -> None:
-    with pytest.raises(StoreError, match=name):
+    with raises_message(StoreError):
         write(tmp_path, lambda: (tmp_path / name).write_text("somebody's"))
     assert content(tmp_path) == {name: "somebody's"}
 
@@ -119,7 +118,7 @@ def test_a_file_that_came_after_the_last_one_was_written(tmp_path: Path, monkeyp
         write(tmp_path)
     (tmp_path / "b.bin").write_text("somebody's")
     for _ in range(2):
-        with pytest.raises(StoreError, match=r"b\.bin"):
+        with raises_message(StoreError):
             write(tmp_path)
     assert (tmp_path / "b.bin").read_text() == "somebody's"
     (tmp_path / "b.bin").unlink()

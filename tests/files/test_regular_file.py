@@ -1,7 +1,5 @@
 """Files that are none: pipes, sockets, devices and folders are refused at once."""
 
-from __future__ import annotations
-
 import os
 import socket
 from pathlib import Path

@@ -1,7 +1,5 @@
 """JSON within bounds: every failure is a ValueError or an OSError."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Skeletons from a user's body model: the published joints through both doors, betas, genders, what is refused."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path
@@ -20,6 +18,7 @@ from dancedata.formats.body_model import SMPLH52, body_model_skeleton, find_mode
 from dancedata.pipeline.build import build
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
+from tests.messages import raises_message
 from tests.video_files import smpl_pickle
 
 N = 20
@@ -139,7 +138,7 @@ def test_folders_of_models(tmp_path: Path, file: str, skeleton: Skeleton, width:
     assert np.allclose(load(motion, **given).skeleton.offsets, skeleton.offsets * 1.1)
     assert np.allclose(load(motion, {"gender": "neutral"}, **given).skeleton.offsets, skeleton.offsets)
     np.savez(motion, **content, gender="female", mocap_framerate=60)
-    with pytest.raises(DataError, match="FEMALE") as error:
+    with raises_message(DataError) as error:
         load(motion, **given)
     assert error.value.reason == "bad_body_model"
 
@@ -154,10 +153,10 @@ def test_betas_of_the_file_are_used(tmp_path: Path) -> None:
         np.savez(motion, betas=given, **content)
         assert np.allclose(load(motion, body_model=path).skeleton.offsets[:, 1], SMPLX55.offsets[:, 1] * 1.1)
     np.savez(motion, betas=np.arange(2 * N).reshape(N, 2), **content)
-    with pytest.raises(DataError, match="a single body"):
+    with raises_message(DataError):
         load(motion, body_model=path)
     np.savez(motion, betas=np.ones(16), **content)
-    with pytest.raises(DataError, match="16 betas") as error:
+    with raises_message(DataError) as error:
         load(motion, body_model=path)
     assert error.value.reason == "bad_body_model"
 
@@ -167,7 +166,7 @@ def test_betas_of_another_gender_are_not_believed(tmp_path: Path) -> None:
     motion = tmp_path / "a.npz"
     content = {"poses": np.zeros((N, 165)), "trans": np.zeros((N, 3)), "mocap_framerate": 60, "gender": "female"}
     np.savez(motion, betas=np.ones(10), **content)
-    with pytest.raises(DataError, match="female body, but the body model is neutral") as error:
+    with raises_message(DataError) as error:
         load(motion, body_model=path)
     assert error.value.reason == "bad_declaration"
     assert load(motion, {"gender": "neutral"}, body_model=path).n_frames == N
@@ -175,25 +174,25 @@ def test_betas_of_another_gender_are_not_believed(tmp_path: Path) -> None:
 
 def test_a_model_of_another_body(tmp_path: Path) -> None:
     path = model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55)
-    with pytest.raises(UsageError, match="left_hand"):
+    with raises_message(UsageError):
         body_model_skeleton(path, joints=SMPL24)
-    with pytest.raises(UsageError, match="22 joints"):
+    with raises_message(UsageError):
         body_model_skeleton(model(tmp_path / "b.npz", SMPLX55, J_regressor=np.zeros((22, 110))))
 
 
 @pytest.mark.parametrize(
-    ("changes", "word"),
+    "changes",
     [
-        ({"J_regressor": None}, "no J_regressor"),
-        ({"v_template": np.zeros((7, 3))}, r"\(7, 3\)"),
-        ({"shapedirs": np.zeros((110, 3))}, "shapedirs"),
-        ({"v_template": np.full((110, 3), np.nan)}, "NaN"),
-        ({"kintree_table": np.zeros((2, 55))}, "other parents"),
-        ({"J_regressor": np.array({"sparse": 1}, dtype=object)}, "pickled Python objects"),
+        {"J_regressor": None},
+        {"v_template": np.zeros((7, 3))},
+        {"shapedirs": np.zeros((110, 3))},
+        {"v_template": np.full((110, 3), np.nan)},
+        {"kintree_table": np.zeros((2, 55))},
+        {"J_regressor": np.array({"sparse": 1}, dtype=object)},
     ],
 )
-def test_files_that_are_no_model(tmp_path: Path, changes: dict[str, Any], word: str) -> None:
-    with pytest.raises(UsageError, match=word) as error:
+def test_files_that_are_no_model(tmp_path: Path, changes: dict[str, Any]) -> None:
+    with raises_message(UsageError) as error:
         body_model_skeleton(model(tmp_path / "m.npz", SMPLX55, **changes))
     assert "m.npz" in str(error.value)
 
@@ -229,7 +228,7 @@ def test_published_names_in_a_folder(tmp_path: Path) -> None:
         assert gender_of(folder / f"{name}.pkl") == gender
     (tmp_path / "smpl" / "SMPL_MALE.npz").write_bytes((tmp_path / "plain.npz").read_bytes())
     assert find_model(tmp_path / "smpl", joints=SMPL24, gender="male").suffix == ".npz"
-    with pytest.raises(UsageError, match=r"no female body model.*SMPL_FEMALE\.npz.*\(or \.pkl\)"):
+    with raises_message(UsageError):
         find_model(tmp_path / "smpl", joints=SMPL24, gender="female")
 
 
@@ -238,7 +237,7 @@ def test_planted_code_in_a_model_does_not_run(tmp_path: Path, monkeypatch: pytes
     data = smpl_pickle(model_arrays(tmp_path, SMPL24))
     for code in (b"cos\nsystem\n(S'touch PWNED'\ntR", b"cchumpy.ch\nCh\n(S'x'\ntR", b"cchumpy.ch\nMatVecMult\n)\x81"):
         Path("SMPL_NEUTRAL.pkl").write_bytes(data[:-1].removesuffix(b"u") + b"X\x01\x00\x00\x00z" + code + b"u.")
-        with pytest.raises(UsageError, match=r"nothing was executed.*as published"):
+        with raises_message(UsageError):
             body_model_skeleton(Path("SMPL_NEUTRAL.pkl"), joints=SMPL24)
     assert not Path("PWNED").exists()
 
@@ -265,13 +264,13 @@ def test_sparse_matrices_that_contradict_themselves(tmp_path: Path, change: dict
 
 def test_no_model(tmp_path: Path) -> None:
     for path in (tmp_path / "gone.npz", tmp_path):
-        with pytest.raises(UsageError, match="body model"):
+        with raises_message(UsageError):
             body_model_skeleton(path)
-    with pytest.raises(UsageError, match="neutral, male, female"):
+    with raises_message(UsageError):
         body_model_skeleton(tmp_path, gender="any")
     (tmp_path / "source").mkdir()
     np.save(tmp_path / "source" / "a.npy", np.zeros((3, 315)))
-    with pytest.raises(SourceError, match="body_model"):
+    with raises_message(SourceError):
         Folder(body_model=tmp_path / "gone.npz", music="optional").scan(tmp_path / "source")
 
 

@@ -1,7 +1,5 @@
 """BVH skeletons on SMPL's joints: names, positions and rotations that survive, on synthetic and on real files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +20,7 @@ from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.synthetic import synthesise_motion
+from tests.messages import raises_message
 
 Floats = NDArray[np.float64]
 
@@ -259,7 +258,7 @@ def test_guessed_units_of_real_files(shared: Path) -> None:
 
 
 def test_a_file_with_z_up_says_so_when_nothing_is_declared(shared: Path) -> None:
-    with pytest.raises(DataError, match=r"(?i)declare up: z") as error:
+    with raises_message(DataError) as error:
         load(shared / "realdata" / "bvh" / "fair1_dab.bvh", unit="0.0381")
     assert error.value.reason == "undeclared"
 
@@ -271,7 +270,7 @@ def own(tmp_path: Path, danced: Motion) -> Path:
 
 
 def test_unit_is_never_guessed_unasked(own: Path) -> None:
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         load(own)
     assert error.value.reason == "undeclared"
     assert "cm: 1.5" in str(error.value)
@@ -309,7 +308,7 @@ def test_up_axis(tmp_path: Path, danced: Motion) -> None:
     rows = ["0 0 0 0 0 90 " + line for line in lines[motion_at + 3 :]]
     text = [*turned, *body, "}", *lines[motion_at : motion_at + 3], *rows]
     (tmp_path / "b.bvh").write_text("\n".join(text))
-    with pytest.raises(DataError, match=r"(?i)declare up: z"):
+    with raises_message(DataError):
         load(tmp_path / "b.bvh", unit="cm")
     assert np.abs(load(tmp_path / "b.bvh", unit="cm", up="z").joints() - expected).max() < 1e-5
 
@@ -320,7 +319,7 @@ ZYX = "Zrotation Yrotation Xrotation"
 def test_joint_map(tmp_path: Path, danced: Motion) -> None:
     names = [f"Knochen {k}" for k in range(24)]
     expected = write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24), names=names)
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         load(tmp_path / "a.bvh", unit="cm")
     assert error.value.reason == "unknown_joints"
     assert "pelvis, left_hip" in str(error.value)
@@ -333,7 +332,7 @@ def test_joint_map(tmp_path: Path, danced: Motion) -> None:
 
 def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
     own.write_text(own.read_text().replace("mixamorig:LeftForeArm", "mixamorig:LeftForearmm"))
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         load(own, unit="cm")
     assert error.value.reason == "unknown_joints"
     for word in ("own.bvh", "left_elbow", "did you mean 'mixamorig:LeftForearmm'", "joint_map"):
@@ -343,23 +342,23 @@ def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "reason", "word"),
+    ("given", "reason"),
     [
-        ({"left_knee": "mixamorig:LeftLeq"}, "unknown_joints", "Did you mean 'mixamorig:LeftLeg'"),
-        ({"pelvis": "Root"}, "unknown_joints", "joints; allowed: mixamorig:Hips.*[^?] Correct joint_map"),
-        ({"left_knee": "mixamorig:RightLeg", "right_knee": "mixamorig:LeftLeg"}, "bad_joint_map", "not below"),
-        ({"left_knee": ""}, "unknown_joints", "left_knee"),
-        ({"left_knee": "mixamorig:LeftFoot"}, "unknown_joints", "left_ankle"),
+        ({"left_knee": "mixamorig:LeftLeq"}, "unknown_joints"),
+        ({"pelvis": "Root"}, "unknown_joints"),
+        ({"left_knee": "mixamorig:RightLeg", "right_knee": "mixamorig:LeftLeg"}, "bad_joint_map"),
+        ({"left_knee": ""}, "unknown_joints"),
+        ({"left_knee": "mixamorig:LeftFoot"}, "unknown_joints"),
     ],
 )
-def test_wrong_joint_maps(own: Path, given: dict[str, str], reason: str, word: str) -> None:
-    with pytest.raises(DataError, match=word) as error:
+def test_wrong_joint_maps(own: Path, given: dict[str, str], reason: str) -> None:
+    with raises_message(DataError) as error:
         load(own, unit="cm", joint_map=given)
     assert error.value.reason == reason
 
 
 def test_joint_map_of_no_joint() -> None:
-    with pytest.raises(UsageError, match="did you mean 'left_knee'"):
+    with raises_message(UsageError):
         Folder(joint_map={"left_nee": "x"})
 
 
@@ -392,7 +391,7 @@ def test_skeletons_that_are_none(own: Path) -> None:
     at = next(k for k, line in enumerate(lines) if "LeftFoot" in line) + 2
     lines[at] = "OFFSET 0 0 0"
     own.write_text("\n".join(lines))
-    with pytest.raises(DataError, match="are at the same position") as error:
+    with raises_message(DataError) as error:
         load(own, unit="cm")
     assert error.value.reason == "bad_skeleton"
 
@@ -408,7 +407,7 @@ def test_bones_that_change_their_length(own: Path) -> None:
         words = line.split()
         lines[k] = " ".join([*words[:-3], str(8.0 + k % 30), "0", "0", *words[-3:]])
     own.write_text("\n".join(lines))
-    with pytest.raises(DataError, match="changes its length") as error:
+    with raises_message(DataError) as error:
         load(own, unit="cm")
     assert error.value.reason == "bad_skeleton"
 

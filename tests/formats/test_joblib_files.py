@@ -1,7 +1,5 @@
 """Files of joblib.dump and torch.save: read as those libraries read them, without running anything."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import zipfile

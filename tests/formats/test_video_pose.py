@@ -1,7 +1,5 @@
 """What WHAM, PHALP, GVHMR and others write: read, divided by people, put on the frames of the video, built."""
 
-from __future__ import annotations
-
 import pickle
 import wave
 from pathlib import Path
@@ -23,6 +21,7 @@ from dancedata.formats.video_pose import open_people
 from dancedata.pipeline.build import build
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.parse import parse_recipe
+from tests.messages import raises_message
 from tests.video_files import dance, gvhmr, in_camera, joblib_bytes, phalp, torch_file, wham, wham_person
 
 N = 60
@@ -35,7 +34,7 @@ def loaded(path: Path, **parameters: Any) -> Any:
 
 def refused(path: Path, **parameters: Any) -> DataError:
     dataset = Folder(**{"fps": 30, "music": "optional", **parameters})
-    with pytest.raises(DataError) as error:
+    with raises_message(DataError) as error:
         dataset.load(ClipRef(path.stem, path, None, "train", declared=parameters.pop("declared", ())))
     assert str(path) in str(error.value)
     return error.value
@@ -64,7 +63,7 @@ def test_two_people_of_wham_become_two_clips(tmp_path: Path, compress: int) -> N
 def test_two_people_whose_numbers_read_alike_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "wham_output.pkl"
     path.write_bytes(wham({1: wham_person(9), "1": wham_person(9)}))
-    with pytest.raises(DataError, match="two people 1, a number and a text"):
+    with raises_message(DataError):
         open_people(path)
 
 
@@ -80,7 +79,7 @@ def test_several_people_have_to_be_chosen(tmp_path: Path) -> None:
     for person, length in (("4", N), ("17", 9)):
         ref = ClipRef("x", path, None, "train", declared=(("person", person),))
         assert dataset.load(ref).n_frames == length
-    with pytest.raises(DataError, match=r"no person '5'.*people 4"):
+    with raises_message(DataError):
         dataset.load(ClipRef("x", path, None, "train", declared=(("person", "5"),)))
 
 
@@ -169,7 +168,7 @@ def test_gvhmr(tmp_path: Path) -> None:
     np.testing.assert_allclose(motion.translation, transl, atol=1e-6)
     assert not motion.rotations[:, 22:].any()
     assert "layout gvhmr on smplx's 55 joints" in str(ref.notes)
-    with pytest.raises(DataError, match="frame rate of this file is unknown"):
+    with raises_message(DataError):
         Folder(music="optional").load(ref)
 
 
@@ -189,7 +188,7 @@ def test_positions_and_degrees_of_wham_are_refused(tmp_path: Path) -> None:
     ):
         wrong = {**good, "pose_world": pose.reshape(N, 72), "trans_world": trans}
         path.write_bytes(wham({4: good, 17: wrong}))
-        with pytest.raises(DataError, match="pose_world of person 17") as error:
+        with raises_message(DataError) as error:
             Folder(fps=30).load(ClipRef("x", path, None, "train", declared=(("person", "17"),)))
         assert error.value.reason == "not_rotations"
         assert str(path) in str(error.value)
@@ -290,11 +289,9 @@ def test_named_arrays_that_do_not_fit(tmp_path: Path, changes: Any, keys: Any, r
     assert refused(path, keys={**KEYS, **keys}, up="-y", unit="m").reason == reason
 
 
-@pytest.mark.parametrize(
-    ("keys", "word"), [({"rotations": "a"}, "did you mean"), ({"rotation": "a"}, "translation"), ({}, "rotation")]
-)
-def test_keys_that_are_incomplete(keys: Any, word: str) -> None:
-    with pytest.raises(UsageError, match=word):
+@pytest.mark.parametrize("keys", [{"rotations": "a"}, {"rotation": "a"}, {}])
+def test_keys_that_are_incomplete(keys: Any) -> None:
+    with raises_message(UsageError):
         Folder(keys=keys)
 
 

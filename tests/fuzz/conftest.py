@@ -1,7 +1,5 @@
 """The harness, which runs its cases in child processes."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType

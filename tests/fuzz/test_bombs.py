@@ -1,7 +1,5 @@
 """Small files that announce or unfold to far more than they are: refused before memory is taken, within a second."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

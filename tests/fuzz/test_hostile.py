@@ -1,7 +1,5 @@
 """Files made up to hurt: each is refused by name within a second and 200 MB, and a build with all of them goes on."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

@@ -12,8 +12,6 @@ outputs are only compared::
     python tests/golden/against_beat_this.py compare [--write] [--weights final0.ckpt]
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

@@ -5,8 +5,6 @@ GOLDEN has the folders `peers`, `metrics`, `jukebox`, `bailando438` and `humanml
 values that stay are the reference's own bits.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The compact set of reference outputs: small, described, the reference's own bits; and one line for the rest."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """End to end against EDGE's own output on the reference corpus."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

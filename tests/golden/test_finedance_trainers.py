@@ -1,7 +1,5 @@
 """One FineDance store, three trainers: reader presets alone give what each original's loader gives."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motion columns against Lodge's and FineDance's own output on the reference corpus."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The main job on real input: four published AIST++ clips and two real songs, in the official layout."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -9,8 +9,6 @@ trail those of torch: where its compiled part does not load, its folder lib may 
 it. MuQ-MuLan, which needs torchvision, is not imported.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import json

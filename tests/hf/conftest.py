@@ -1,7 +1,5 @@
 """Tiny random models in the real layout of every family, written once; no test reaches a network."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Callable
 from pathlib import Path

@@ -11,8 +11,6 @@ writes both anew. That is right only for a model that was added: other outputs f
 family's `version` and the feature's key have to change.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import re

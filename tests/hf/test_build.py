@@ -1,7 +1,5 @@
 """A dataset with two encoders, Jukebox and librosa: what is recomputed, and what dataset.json says."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

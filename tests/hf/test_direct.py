@@ -1,7 +1,5 @@
 """Every family against transformers called by hand: extractor, model, hidden states."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The recipe feature: windows, chunks, batches, silence, keys, memory."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

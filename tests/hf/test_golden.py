@@ -1,7 +1,5 @@
 """Outputs of files as they are today: a transformers that reads them or computes otherwise fails."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Folders that cannot be used: one message each, nothing random, nothing run, nothing downloaded."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil

@@ -6,8 +6,6 @@
 does not exist yet is written.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Time: frames, chunks and rows in exact numbers, and clicks that land where they are."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise

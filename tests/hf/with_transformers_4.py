@@ -6,8 +6,6 @@ transformers 4.57 needs an older huggingface-hub than the other tests run with. 
 that differ, and they are found before those of this environment, whose torch and numpy are used.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

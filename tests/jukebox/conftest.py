@@ -1,7 +1,5 @@
 """Fixtures of the Jukebox tests: the reference's outputs, and a tiny random checkpoint that needs no reference."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Builds with a tiny checkpoint in the real layout: both scopes, killed and gone on with, and one's own song."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

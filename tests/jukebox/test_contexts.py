@@ -1,7 +1,5 @@
 """Cutting a song into contexts: every row once, codes and rows that meet, overlap as asked."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """What is wrong in the reference implementations (jukemirlib, transformers), and right here."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

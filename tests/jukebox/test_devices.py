@@ -1,7 +1,5 @@
 """Cards, without one: who computes where, in what precision, and what is free there."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import threading

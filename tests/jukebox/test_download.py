@@ -1,7 +1,5 @@
 """Downloads from a server on localhost that cuts connections, lacks ranges, changes the file, or lies."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The recipe feature: EDGE's windows, whole songs, precision and weights fixed by a build."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Equality with the reference (jukemirlib 98223a6 on tiny random weights), however the checkpoint is loaded."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A server that answers what no server should: fetch ends with a clear error, and takes no more than the file has."""
 
-from __future__ import annotations
-
 import hashlib
 import socket
 import threading

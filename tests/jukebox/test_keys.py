@@ -1,7 +1,5 @@
 """At real size, without memory: what is asked of the files is what they hold."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Checkpoint files: what is read, and what is said of those that are damaged or of another network."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Memory by accounting at real size, and what happens when a device has less than was thought."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The parts against plain formulas: attention, resampling, codes, the block; and the fp32 guard."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from typing import Any

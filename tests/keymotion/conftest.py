@@ -1,7 +1,5 @@
 """Dances for key motions: synthetic ones, and the real clip in FineDance's layout."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

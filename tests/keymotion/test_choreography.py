@@ -1,7 +1,5 @@
 """Soft cues and their mirror images on the beats."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np
@@ -12,6 +10,7 @@ from hypothesis import strategies as st
 from dancedata.core.columns import Mirror
 from dancedata.core.errors import UsageError
 from dancedata.keymotion import Primitives, choreographic_augmentation, primitives
+from tests.messages import raises_message
 
 WIDTH = 9
 MIRROR = Mirror((1, 0, 3, 2, 4, 5, 6, 8, 7), (1, 1, 1, 1, -1, 1, 1, -1, -1))
@@ -130,29 +129,29 @@ def test_cues_of_the_released_code(dance, columns) -> None:
 
 
 @pytest.mark.parametrize(
-    ("beats", "message"),
+    "beats",
     [
-        ([1024], "beats must be frames of the window"),
-        ([-1], "beats must be frames of the window"),
-        ([1.0, 2.0], "invalid beats"),
-        (np.zeros(1024, dtype=bool), "flatnonzero"),
-        ([[1, 2]], "invalid beats"),
-        (5, "invalid beats"),
+        [1024],
+        [-1],
+        [1.0, 2.0],
+        np.zeros(1024, dtype=bool),
+        [[1, 2]],
+        5,
     ],
 )
-def test_beats_that_are_none(beats: object, message: str) -> None:
-    with pytest.raises(UsageError, match=message):
+def test_beats_that_are_none(beats: object) -> None:
+    with raises_message(UsageError):
         choreographic_augmentation(cues(), beats, MIRROR)
 
 
 def test_mirror_of_other_columns() -> None:
-    with pytest.raises(UsageError, match="mirror"):
+    with raises_message(UsageError):
         choreographic_augmentation(cues(), [], Mirror((0, 1), (1, 1)))
     narrow = primitives(np.zeros((256, 2)), 256, 256, minima=[], prominence=[])
-    with pytest.raises(UsageError, match="mirror"):
+    with raises_message(UsageError):
         choreographic_augmentation(narrow, [], Mirror((0, 1), (1, 1)))
 
 
 def test_segments_too_short() -> None:
-    with pytest.raises(UsageError, match="at least 64"):
+    with raises_message(UsageError):
         centres([], 120, 60)

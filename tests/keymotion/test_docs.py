@@ -1,7 +1,5 @@
 """The code of docs/key-motions.md runs, on a store built for it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The vectorised metrics against plain loops, and against properties that the formulas have."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Kinetic and geometric features of the published programs (golden set `metrics`), array by array."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

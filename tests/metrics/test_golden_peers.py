@@ -1,7 +1,5 @@
 """Metrics in the first set of reference outputs (`peers`): EDGE, AIST++ API, Bailando, Lodge."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Frechet distances and diversities of the published programs (golden set `metrics`), value by value."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

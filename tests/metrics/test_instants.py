@@ -3,8 +3,6 @@
 Dancers, songs and scores are of the numpy of this file.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Motius' physical metrics of made-up feet, counted by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Scores of sets; intervals: they cover as often as is stated, lie within the bounds, and one seed gives one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

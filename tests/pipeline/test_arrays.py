@@ -1,7 +1,5 @@
 """The package's front door: extract, encode, decode."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bad input beside good: each has its reason and a clear message, and the rest is built unharmed."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """Builds: equal bytes whatever the way there, nothing twice, nothing of others touched, nothing half."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """dancedata.build, plan, check and diff do what the command line does, through the same functions."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Augmentations at building: copies of motion that is changed, and of rows that are changed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal

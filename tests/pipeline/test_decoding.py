@@ -1,7 +1,5 @@
 """decode of batches and of trainers' files: API, command, and what they refuse."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from pathlib import Path

@@ -1,7 +1,5 @@
 """dancedata diff A B: what differs is named, from the recipe down to the value."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """FeatureCache: equal to builds and shared with them, computed once whoever asks, and the page's dataset."""
 
-from __future__ import annotations
-
 import multiprocessing
 import pickle
 import re

@@ -5,8 +5,6 @@ cache computes the others in other company than a fresh one. On a kernel for AVX
 the first release gave other bits then.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

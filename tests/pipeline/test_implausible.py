@@ -1,7 +1,5 @@
 """A unit that makes no dancer: flagged, in the summary, in plan and check; an error of a strict build."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil

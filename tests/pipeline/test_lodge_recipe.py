@@ -1,7 +1,5 @@
 """The recipe aist++-lodge, key motions, the movement filter, mirrored copies and fields at 60 a second."""
 
-from __future__ import annotations
-
 import pickle
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """File names of any bytes, and control characters in names and files: set aside by name, never printed raw."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -106,7 +104,7 @@ def test_names_that_are_no_text_are_set_aside(
     assert "5 broken clips" in strict
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.nightly), 2])
 def test_folders_whose_names_are_no_text(make_source: Source, recipe: Path, tmp_path: Path, jobs: int) -> None:
     """The source, the output and the cache; and the same bytes as from a source with a plain name."""
     source = make_source(b"so\xffurce")

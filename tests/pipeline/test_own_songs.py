@@ -1,7 +1,5 @@
 """dancedata features --like DATASET: the tempo that the dataset states, and the weights that it wants."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """dancedata build --part K/N: the same keys as the build that collects, whatever the feature. Bytes: tests/fault."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -4,8 +4,6 @@ Users have caches and datasets that were made with them. A change on purpose rai
 CHANGELOG.md, and is written down here by ``python tests/pipeline/test_pins.py``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The commands plan, check, info, list and features, by way of the command line: text, JSON, exit codes."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """Left, right and up from the source to a built dataset: rejects, flags, strict builds, the cache, `check`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A dataset knows what each of its clips was built from: another source is told file by file."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil

@@ -1,7 +1,5 @@
 """Window filters that are not the movement filter, at building and at reading."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """Windows of a song: whole numbers of samples, each at its own exact time."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any

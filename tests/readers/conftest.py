@@ -1,7 +1,5 @@
 """Stores that the readers' tests read."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path

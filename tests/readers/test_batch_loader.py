@@ -1,7 +1,5 @@
 """BatchLoader against a DataLoader, batch by batch and bit by bit; its memory, its threads, and its end."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 import os

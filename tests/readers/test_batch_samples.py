@@ -1,7 +1,5 @@
 """Batches as `WindowDataset.__getitems__` reads them, torch's collate puts them together, and memory goes round."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import importlib.util

@@ -1,7 +1,5 @@
 """ClipDataset: whole clips and crops, padded and packed; balanced and bucketed orders; streams of batches by step."""
 
-from __future__ import annotations
-
 import pickle
 from collections import Counter
 from functools import partial

@@ -1,7 +1,5 @@
 """The code of docs/reading.md runs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The ways are the rows of the table in docs/reading.md.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rows of windows from mapped shards, and what is read where they cannot be mapped."""
 
-from __future__ import annotations
-
 import json
 import logging
 import mmap

@@ -1,7 +1,5 @@
 """Beats in readers: labels of samples, windows and crops that begin at beats."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from fractions import Fraction

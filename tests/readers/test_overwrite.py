@@ -1,12 +1,7 @@
 """Readers across `build --overwrite`: the dataset that was opened, bit for bit, or StoreError; never another one."""
 
-from __future__ import annotations
-
 import multiprocessing
-import shutil
-import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +20,7 @@ from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store.dataset import open_store
 from dancedata.synthetic import write_synthetic
-from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.testing.stores import random_fields
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning"),
@@ -33,57 +28,52 @@ pytestmark = [
 ]
 Rows = dict[tuple[str, int], npt.NDArray[Any]]
 FIELDS = ("pose", "turn")
+Overwrite = Callable[[Path, int], None]
 BUILT_AGAIN = r"built again since it was opened"
 
 
-Overwrite = Callable[[int], None]
+@pytest.fixture(scope="session")
+def write(random_store: Callable[..., Any]) -> Overwrite:
+    """Return a function that writes a dataset; those of all seeds have files of the same names and sizes."""
+    fields = random_fields({"pose": 21, "turn": 5}, {})
+
+    def write(folder: Path, seed: int) -> None:
+        random_store(
+            folder, fields=fields, n_frames=(90, 90), length=30, stride=15, clips={"train": 8, "val": 2},
+            shard_bytes=1 << 14, seed=seed,
+        )  # fmt: skip
+
+    return write
 
 
-@contextmanager
-def built_again() -> Iterator[None]:
-    """Expect the error of a reader whose dataset was replaced."""
-    with pytest.raises(StoreError, match=BUILT_AGAIN) as error:
-        yield
-    # The frames hold the DataLoader's iterator: of one that the collector frees, workers end after 5 s each.
-    traceback.clear_frames(error.tb)
+@pytest.fixture
+def overwrite(write: Overwrite) -> Overwrite:
+    """Return a function that replaces a dataset as a build does."""
+
+    def overwrite(out: Path, seed: int) -> None:
+        with locked(out), new_dataset(out) as folder:
+            write(folder, seed)
+
+    return overwrite
+
+
+@pytest.fixture
+def out(tmp_path: Path, write: Overwrite) -> Path:
+    """A dataset of several shards."""
+    write(tmp_path / "out", 1)
+    return tmp_path / "out"
 
 
 @pytest.fixture(scope="session")
-def built(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Two datasets of several shards, whose files have the same names and sizes."""
-    folders = [tmp_path_factory.mktemp("built") / "out" for _ in range(2)]
-    for seed, folder in enumerate(folders):
-        write_random_store(
-            folder, fields=random_fields({"pose": 21, "turn": 5}, {}), n_frames=(90, 90), length=30, stride=15,
-            clips={"train": 8, "val": 2}, shard_bytes=1 << 14, seed=seed,
-        )  # fmt: skip
-    sizes = [{p.name: p.stat().st_size for p in folder.glob("train-*")} for folder in folders]
+def truth(tmp_path_factory: pytest.TempPathFactory, write: Overwrite) -> Rows:
+    """Every train window of the dataset of seed 1, by clip and start: pose and turn side by side."""
+    folder, other = (tmp_path_factory.mktemp("truth") / "out" for _ in range(2))
+    write(folder, 1)
+    write(other, 2)
+    sizes = [{p.name: p.stat().st_size for p in f.glob("train-*")} for f in (folder, other)]
     assert sizes[0] == sizes[1]
     assert len(sizes[0]) > 2
-    return folders
-
-
-@pytest.fixture
-def out(built: list[Path], tmp_path: Path) -> Path:
-    """The first dataset."""
-    return Path(shutil.copytree(built[0], tmp_path / "out"))
-
-
-@pytest.fixture
-def overwrite(built: list[Path], out: Path) -> Overwrite:
-    """Replace it by one of the two, as a build does."""
-
-    def replace(number: int) -> None:
-        with locked(out), new_dataset(out) as folder:
-            shutil.copytree(built[number], folder, dirs_exist_ok=True)
-
-    return replace
-
-
-@pytest.fixture(scope="session")
-def truth(built: list[Path]) -> Rows:
-    """Every train window of the first dataset, by clip and start: pose and turn side by side."""
-    with open_store(built[0]) as ds:
+    with open_store(folder) as ds:
         return {(w.clip, w.start): np.hstack([ds.read(w, f) for f in FIELDS]) for w in ds.windows("train")}
 
 
@@ -129,7 +119,17 @@ def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Call
     loader = DataLoader(
         dataset, 8, num_workers=n_workers, persistent_workers=persistent, multiprocessing_context=method
     )
-    return lambda: of_batches(loader)
+
+    def read() -> Rows:
+        batches = iter(loader)
+        try:
+            return of_batches(batches)
+        except StoreError:
+            # The traceback holds the iterator: left to the garbage collector, it waits 5 s for each worker.
+            batches._shutdown_workers()  # type: ignore[attr-defined]
+            raise
+
+    return read
 
 
 #: How the dataset is read, and whether a reader that has read it before goes on with the files that it has open.
@@ -174,11 +174,11 @@ def test_a_reader_goes_on_with_what_it_opened_or_stops(
 ) -> None:
     read = reader(out, **options)
     assert_equal(read(), truth)
-    overwrite(1)
+    overwrite(out, 2)
     if goes_on:
         assert_equal(read(), truth)
     else:
-        with built_again():
+        with pytest.raises(StoreError, match=BUILT_AGAIN):
             read()
     # Opened again, it is the other one.
     again = reader(out, **options)()
@@ -191,22 +191,22 @@ def test_a_first_read_after_an_overwrite_stops(
     out: Path, overwrite: Overwrite, reader: Callable[..., Callable[[], Rows]], options: dict[str, Any], goes_on: bool
 ) -> None:
     read = reader(out, **options)
-    overwrite(1)
-    with built_again():
+    overwrite(out, 2)
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
         read()
 
 
 def test_forked_workers_go_on_with_what_their_parent_has_mapped(out: Path, overwrite: Overwrite, truth: Rows) -> None:
     dataset = WindowDataset(out, fields=FIELDS, normalize=False)
     _ = dataset[0]
-    overwrite(1)
+    overwrite(out, 2)
     loader = DataLoader(dataset, 8, num_workers=2, multiprocessing_context="fork")
     assert_equal(of_batches(loader), truth)
 
 
 def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, overwrite: Overwrite, truth: Rows) -> None:
     reads = [of_store(out), of_dataset(out), of_workers(out, "fork", False), of_batch_loader(out, mapped=False)]
-    overwrite(0)
+    overwrite(out, 1)
     for read in reads:
         assert_equal(read(), truth)
 
@@ -214,9 +214,9 @@ def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, overwrite: Over
 def test_a_scaler_is_not_taken_from_another_dataset(out: Path, overwrite: Overwrite) -> None:
     known, late = open_store(out), open_store(out)
     scale = known.normalizer("pose").scale
-    overwrite(1)
+    overwrite(out, 2)
     np.testing.assert_array_equal(known.normalizer("pose").scale, scale)
-    with built_again():
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
         late.normalizer("pose")
     for name in ("rejects", "quality"):  # equal in both
         assert getattr(late, name) == getattr(known, name)
@@ -241,9 +241,11 @@ def test_a_build_under_a_trainer(corpus: Path, tmp_path: Path) -> None:
     loader = DataLoader(dataset, 4, num_workers=2)
     before = [batch["edge151"].numpy() for batch in loader]
     built("augment.mirror=true")
-    with built_again():
-        next(iter(loader))
+    batches = iter(loader)
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
+        next(batches)
+    batches._shutdown_workers()  # type: ignore[attr-defined]
     # In the trainer's own process too, where nothing was read yet; and opened again, there are twice as many.
-    with built_again():
+    with pytest.raises(StoreError, match=BUILT_AGAIN):
         _ = dataset[0]
     assert len(WindowDataset(out, fields=("edge151",))) == 2 * sum(len(rows) for rows in before)

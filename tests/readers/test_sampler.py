@@ -1,7 +1,5 @@
 """EpochSampler: order, ranks, position, state."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator
 from itertools import islice

@@ -1,7 +1,5 @@
 """Which windows a reader gives: lists, protocols, trims, movement, presets; and what it says it left out."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Kinematics in torch: equal to numpy's, differentiable, in every precision."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """The code of docs/training.md runs, and what the page says of resuming holds: PyTorch, Accelerate, Lightning."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """WindowDataset without workers: items, normalising, mirroring, errors."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle

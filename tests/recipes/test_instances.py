@@ -1,7 +1,5 @@
 """Several instances of one plug-in, PLUGIN.NAME, and audio fields with a rate of their own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import apply_override, parse_recipe
 from dancedata.recipes.recipe import Recipe
+from tests.messages import raises_message
 
 
 def recipe(*overrides: str, **changes: Any) -> Recipe:
@@ -93,23 +92,20 @@ def test_set_takes_the_longest_key() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "problem"),
+    "changes",
     [
-        ({"audio": {"librosa35.a b": {}}}, r"audio.librosa35.a b: not a valid name for an instance of librosa35"),
-        ({"audio": {"librosa35.60": {"fsp": 60}}}, r"audio.librosa35.60.fsp: unknown key; did you mean 'fps'"),
-        ({"audio": {"librosa35.60": {"fps": "fast"}}}, r"audio.librosa35.60.fps"),
-        ({"audio": {"librosa.60": {}}}, r"unknown audio feature 'librosa.60'.*Did you mean 'librosa35'"),
-        (
-            {"audio": {"librosa35.60": {"fps": "1/7"}}},
-            r"the length for field librosa35.60 is not a whole number of rows",
-        ),
-        ({"audio": {35: {}}}, r"unknown audio feature '35'"),
-        ({"augment": "miror"}, r"unknown augmentation 'miror'"),
-        ({"dataset": {"aist++.mine": {}}}, r"unknown dataset 'aist\+\+.mine'"),
+        {"audio": {"librosa35.a b": {}}},
+        {"audio": {"librosa35.60": {"fsp": 60}}},
+        {"audio": {"librosa35.60": {"fps": "fast"}}},
+        {"audio": {"librosa.60": {}}},
+        {"audio": {"librosa35.60": {"fps": "1/7"}}},
+        {"audio": {35: {}}},
+        {"augment": "miror"},
+        {"dataset": {"aist++.mine": {}}},
     ],
 )
-def test_bad_instances_are_named(changes: dict[str, Any], problem: str) -> None:
-    with pytest.raises(RecipeError, match=problem):
+def test_bad_instances_are_named(changes: dict[str, Any]) -> None:
+    with raises_message(RecipeError):
         recipe(**changes)
 
 

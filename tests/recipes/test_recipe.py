@@ -1,7 +1,5 @@
 """Recipes: what they say, what is wrong with them, and what their hash depends on."""
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +11,7 @@ from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
 from dancedata.recipes.parse import apply_override, load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.recipe import Recipe
+from tests.messages import raises_message
 
 
 def document(**changes: Any) -> dict[str, Any]:
@@ -34,7 +33,7 @@ def problem_of(*, set: tuple[str, ...] = (), **changes: Any) -> str:
     changed = document(**changes)
     for override in set:
         apply_override(changed, override)
-    with pytest.raises(RecipeError) as caught:
+    with raises_message(RecipeError) as caught:
         parse_recipe(changed, where="mine.yaml")
     return str(caught.value)
 
@@ -129,24 +128,24 @@ def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():
 def test_a_key_that_is_there_twice_is_an_error(tmp_path: Path):
     path = tmp_path / "twice.yaml"
     path.write_text("recipe: 1\nname: one\nname: two\n")
-    with pytest.raises(RecipeError, match="duplicate key 'name'"):
+    with raises_message(RecipeError):
         load_recipe(path)
 
 
 def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
     path = tmp_path / "bad.yaml"
     path.write_text("recipe: [1")
-    with pytest.raises(RecipeError, match=r"bad\.yaml: the recipe cannot be read"):
+    with raises_message(RecipeError):
         load_recipe(path)
     path.write_text("- recipe")
-    with pytest.raises(RecipeError, match="a mapping of keys; found list"):
+    with raises_message(RecipeError):
         load_recipe(path)
 
 
 def test_a_recipe_that_is_not_there(tmp_path: Path):
-    with pytest.raises(UsageError, match="the recipe file does not exist"):
+    with raises_message(UsageError):
         load_recipe(tmp_path / "none.yaml")
-    with pytest.raises(UsageError, match=r"unknown recipe 'aist\+'. Did you mean 'aist\+\+'"):
+    with raises_message(UsageError):
         load_recipe("aist+")
 
 
@@ -181,12 +180,12 @@ def test_a_length_in_seconds_takes_the_place_of_one_in_frames_and_the_other_way_
 
 @pytest.mark.parametrize("override", ["windows.stride_s", "=3", "windows..stride_s=1", "audio={"])
 def test_an_override_that_is_none_is_wrong_usage(tmp_path: Path, override: str):
-    with pytest.raises(UsageError):
+    with raises_message(UsageError):
         load(tmp_path, override)
 
 
 def test_an_unknown_key_in_an_override_is_named(tmp_path: Path):
-    with pytest.raises(RecipeError, match=r"windows.strid_s: unknown key; did you mean 'stride_s'"):
+    with raises_message(RecipeError):
         load(tmp_path, "windows.strid_s=1")
 
 

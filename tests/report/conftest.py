@@ -1,7 +1,5 @@
 """A small demo with its source, the same in window scope, and datasets with names that others made."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Music is inside a page only where it is asked for and may be shared."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """A report in a browser: names lead to their clips and back, nothing runs that a dataset named, no requests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from urllib.parse import unquote
 

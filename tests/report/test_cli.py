@@ -1,7 +1,5 @@
 """dancedata report and dancedata view --video on the command line."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

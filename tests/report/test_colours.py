@@ -1,7 +1,5 @@
 """Text has a contrast of 4.5 to 1 and graphics of 3 to 1 in both themes, computed from the style sheet."""
 
-from __future__ import annotations
-
 import re
 from importlib.resources import files
 

@@ -1,7 +1,5 @@
 """Words beside figures: what is measured, in which field and unit, and numbers that are not cut."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Numbers of a report equal those that numpy computes from the store."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page: its tables hold the numbers of the document, nothing in it runs or is fetched, equal bytes every time."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

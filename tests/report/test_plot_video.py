@@ -1,7 +1,5 @@
 """Videos: as many pictures as frames, as much sound as pictures, and only music that may be shared."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Tallies count as numpy does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The page on representations names all of them, and its code prints what it says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """edge151: EDGE's own numbers, exact decoding, mirroring."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any
@@ -22,6 +20,7 @@ from dancedata.core.skeleton import SMPL24, SMPL24_EDGE
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations.edge151 import Edge151
 from dancedata.store.normalize import MinMax
+from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
 EDGE = Edge151()
@@ -146,13 +145,13 @@ def test_contacts_are_those_of_the_rule() -> None:
 
     array = EDGE.encode(random_motion(0), Rule())  # type: ignore[arg-type]
     np.testing.assert_array_equal(array[:, :4], np.arange(20).reshape(5, 4))
-    with pytest.raises(UsageError, match="contact rule"):
+    with raises_message(UsageError):
         EDGE.encode(random_motion(0))
 
 
 def test_decoding_what_is_no_rotation() -> None:
     array = encode(random_motion(0))
-    with pytest.raises(UsageError, match=r"\(T, 151\)"):
+    with raises_message(UsageError):
         EDGE.decode(array[:, :150], THIRTY)
     for columns, value, reason in (
         (slice(31, 37), 0, "bad_rotation"),
@@ -162,7 +161,7 @@ def test_decoding_what_is_no_rotation() -> None:
     ):
         broken = array.copy()
         broken[3, columns] = value
-        with pytest.raises(DataError) as error:
+        with raises_message(DataError) as error:
             EDGE.decode(broken, THIRTY)
         assert error.value.reason == reason
         if reason == "bad_rotation":
@@ -191,5 +190,5 @@ def test_the_whole_smpl_family_can_be_encoded() -> None:
 
 def test_other_skeletons_are_refused() -> None:
     other = replace(SMPL24, name="other", joints=("hips", *SMPL24.joints[1:]))
-    with pytest.raises(UsageError, match="other"):
+    with raises_message(UsageError):
         encode(Motion(np.zeros((1, 3)), np.zeros((1, 24, 3)), THIRTY, other))

@@ -1,7 +1,5 @@
 """Properties that every registered representation has to have; none is named here."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Gates: 1e-4 for columns, as the original computes inverse kinematics in float32;
 positions and velocities, 3e-6 in the turn of the root. Contacts are equal. Recovered joints: 1 mm; measured 4e-7 m.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +27,7 @@ from dancedata.representations import _humanml as humanml
 from dancedata.representations.humanml263 import HUMANML22, Humanml263, fitted
 from dancedata.testing.examples import mirrored_motion, random_motion
 from tests.conftest import DATA, Arrays, unpack
+from tests.messages import raises_message
 
 TWENTY = FrameGrid.of(20)
 MADE = Humanml263()
@@ -172,16 +171,16 @@ def test_bones_that_point_against_their_rest() -> None:
 
 
 def test_what_it_refuses() -> None:
-    with pytest.raises(UsageError, match="holds no contacts"):
+    with raises_message(UsageError):
         MADE.encode(_dance(), Velocity())
     flat = replace(SMPL24, offsets=np.zeros((24, 3)))
-    with pytest.raises(DataError, match="a bone has no length"):
+    with raises_message(DataError):
         MADE.encode(_dance().on(flat))
-    with pytest.raises(UsageError, match=r"decodes \(T, 263\)"):
+    with raises_message(UsageError):
         MADE.decode(np.zeros((3, 262)), TWENTY)
     array = MADE.encode(_dance())
     array[3, 100] = np.nan
-    with pytest.raises(DataError, match="NaN"):
+    with raises_message(DataError):
         MADE.decode(array, TWENTY)
 
 

@@ -1,7 +1,5 @@
 """joints and bailando72: positions."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from fractions import Fraction
@@ -20,6 +18,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations.bailando72 import Bailando72
 from dancedata.representations.joints import Joints
+from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
 #: Nobody's body: a root, two arms and a tail.
@@ -106,10 +105,10 @@ def test_what_is_no_skeleton(body: Any, message: str) -> None:
 
 
 def test_what_cannot_be_encoded() -> None:
-    with pytest.raises(UsageError, match="animal cannot be transferred to smpl24"):
+    with raises_message(UsageError):
         Joints().encode(random_motion(ANIMAL))
     for made in (Joints(), Bailando72()):
-        with pytest.raises(UsageError, match=f"{made.name} holds no contacts.*height"):
+        with raises_message(UsageError):
             made.encode(random_motion(SMPL24), Height())
 
 

@@ -1,7 +1,5 @@
 """lodge139 and lodge319: grounding, trims, contacts, what decoding refuses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -17,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.representations.lodge139 import Lodge139
 from dancedata.representations.lodge319 import Lodge319
+from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
 BOTH = pytest.mark.parametrize("made", [Lodge139(), Lodge319()], ids=lambda m: m.name)
@@ -85,7 +84,7 @@ def test_contacts_see_the_grounded_joints(made: Any) -> None:
     np.testing.assert_array_equal(
         made.encode(motion, Velocity())[:, :4], Velocity()(motion.joints(), THIRTY, made.skeleton)
     )
-    with pytest.raises(UsageError, match=f"{made.name} needs a contact rule"):
+    with raises_message(UsageError):
         made.encode(motion)
 
 
@@ -127,7 +126,7 @@ def test_decoding_what_is_no_rotation(made: Any) -> None:
     ):
         broken = array.copy()
         broken[3, columns] = value
-        with pytest.raises(DataError) as error:
+        with raises_message(DataError) as error:
             made.decode(broken, THIRTY)
         assert error.value.reason == reason
         if reason == "bad_rotation":

@@ -1,7 +1,5 @@
 """How far mirrored columns are from the reflection on bodies that are not symmetric: the numbers of the docs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The same dance read from an AMASS file (SMPL-H) and from a SMPL-X file: the same columns."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Small random stores."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -10,21 +8,21 @@ from typing import Any
 import pytest
 
 from dancedata.store.schema import Field
-from dancedata.testing.stores import RandomStore, random_columns, write_random_store
+from dancedata.testing.stores import RandomStore, random_columns
 
 MakeStore = Callable[..., RandomStore]
 
 
 @pytest.fixture
-def make_store(tmp_path: Path) -> MakeStore:
-    """Return a function that writes small random stores, each into a folder of its own."""
+def make_store(tmp_path: Path, random_store: MakeStore) -> MakeStore:
+    """Return a function that makes small random stores, each in a folder of its own."""
     count = 0
 
     def make(**options: Any) -> RandomStore:
         nonlocal count
         count += 1
         options.setdefault("fields", mixed_fields())
-        return write_random_store(tmp_path / f"store{count}", **options)
+        return random_store(tmp_path / f"store{count}", **options)
 
     return make
 

@@ -1,7 +1,5 @@
 """CLIP_COLUMNS: another attribute of clips is a field of the record and a row of the table, nothing else."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Statistics of a column, and of rows that windows have in common, against numpy over every row: equal to the bit."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The layout on disk, as docs/store-format.md has it, and equal bytes for equal input."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

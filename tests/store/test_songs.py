@@ -1,7 +1,5 @@
 """Songs that splits share under other names: equal samples, and copies in other formats."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 from collections.abc import Callable, Mapping

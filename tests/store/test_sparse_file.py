@@ -1,7 +1,5 @@
 """SparseFile behaves as a file does."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """stats.json against plain numpy."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """verify_store finds what can be wrong with a dataset."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import tracemalloc

@@ -1,7 +1,5 @@
 """A dataset with odd names and music in four formats, a server for it, and a browser."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """What the tests of the viewer share: odd names, music of clicks, a server, and a browser."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

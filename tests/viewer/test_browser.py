@@ -1,7 +1,5 @@
 """The page in a real browser. `pytest -m nightly tests/viewer` runs the slow ones too."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """The page: one file that asks for nothing, runs nothing of a dataset, and can be read in both themes."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

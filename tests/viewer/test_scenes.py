@@ -1,7 +1,5 @@
 """What is drawn is what the dataset holds."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """The server answers the page that it made, and nobody else."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os

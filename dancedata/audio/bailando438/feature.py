@@ -5,8 +5,6 @@ hop of 512 samples and a sample rate of 512 times the frame rate: 60 rows per se
 Bailando (Siyao et al., CVPR 2022, and its public preparation script). The numbers are librosa's own.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Foscarin, Schlueter, Widmer, "Beat this! Accurate beat tracking without DBN post
 are those of the package beat_this 1.1 (`LogMelSpect`, without torchaudio) with its postprocessor ``minimal``.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Beats of a signal, and the rows that say where in the bar each instant lies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reading the weights of Beat This! without executing anything of the file."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Mapping
 from pathlib import Path

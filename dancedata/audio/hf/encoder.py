@@ -1,7 +1,5 @@
 """Frames and rows of signals from a network: chunks, equal ones batched, their frames brought to a recipe's rows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

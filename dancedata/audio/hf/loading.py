@@ -1,7 +1,5 @@
 """Weights become a network: all of them are there, none is random, no code is run."""
 
-from __future__ import annotations
-
 import pickle  # for the name of an error; nothing is unpickled here
 import re
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Log-mel spectrograms as networks were trained on them, a block of a signal at a time."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """A folder with a model: where it is, its config, its weights and their hash. Needs no torch."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Mapping

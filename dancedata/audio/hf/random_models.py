@@ -1,7 +1,5 @@
 """Tiny random models in the real layout of every family, for tests and benchmarks."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

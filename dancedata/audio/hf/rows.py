@@ -5,8 +5,6 @@ Row j has the stamp j / fps, and stands for the 1 / fps around it. All times are
 nothing drifts, however long the signal is.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

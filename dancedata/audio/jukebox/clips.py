@@ -1,7 +1,5 @@
 """Checks of clips and codes, the samples of a clip that the VQ-VAE encodes, and the frames that codes become."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Literal

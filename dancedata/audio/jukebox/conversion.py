@@ -12,8 +12,6 @@ Names and types are those of OpenAI's files, so any safetensors reader can use t
 and writing hold one block in memory, and the first files are sufficient for a lower layer.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -13,8 +13,6 @@ This assumes nothing about the kernels; tests/audio/test_places.py checks it wit
 run.
 """
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager
 from functools import lru_cache
 from typing import Any

@@ -5,8 +5,6 @@ beat earlier, so half a beat of frames is computed at once, for all windows. Sum
 (double) of librosa's kernels.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -5,8 +5,6 @@ summed to 12 chroma; each frame scaled to a sum of 1, quantised to quarters, smo
 to unit length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import groupby

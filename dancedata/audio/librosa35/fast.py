@@ -4,8 +4,6 @@ The numbers are those of `reference`, up to float32 rounding; docs/decisions/001
 librosa or numba, whose import takes seconds in every process.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any

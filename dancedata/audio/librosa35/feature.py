@@ -9,8 +9,6 @@ There are two versions with equal results: `reference` calls librosa, `fast` is 
 eighty times for tracks. docs/decisions/0010 explains why they are equal.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable

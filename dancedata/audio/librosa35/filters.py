@@ -14,8 +14,6 @@ steps and precisions, and turned into a matrix that acts on frames of samples:
   x[1] is x[0].
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

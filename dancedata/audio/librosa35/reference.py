@@ -4,8 +4,6 @@ The fast version is tested against it. It also computes everything that the fast
 and frame rates at which librosa's filters differ between octaves.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -7,8 +7,6 @@ filter is linear, an end is the product of a matrix and the window's first or la
 responses to impulses.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """The sizes that both versions of librosa35 share, and the settings that they take."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 #: Samples per frame at the features' sample rate.

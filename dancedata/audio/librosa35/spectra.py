@@ -4,8 +4,6 @@ A row whose frame is within a window, clear of its ends, is the track's row. The
 include the zeros beyond the window, are computed per window.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache

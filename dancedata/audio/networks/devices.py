@@ -1,7 +1,5 @@
 """The devices that networks compute on: their cards, memory, batches, precision and exact products."""
 
-from __future__ import annotations
-
 import getpass
 import sys
 import tempfile

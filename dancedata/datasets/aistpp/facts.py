@@ -3,8 +3,6 @@
 The facts are in ``manifests/aistpp.yaml``.
 """
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Mapping
@@ -12,8 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from dancedata.core.resources import resource
-
-__all__ = ["SequenceName", "crossmodal_split", "facts", "is_music_id", "parse_name", "tempo_bpm"]
 
 # Explicit ranges: \d would accept digits of other scripts. Other cameras than "All", and other situations than
 # sBM and sFM, occur in AIST, from which AIST++ was derived.

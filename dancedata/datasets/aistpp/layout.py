@@ -1,10 +1,9 @@
 """Where motion and audio files of an AIST++ copy are; lists folders and reads no file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple, Self
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
@@ -24,20 +23,6 @@ from dancedata.datasets.files import (
     list_folder,
     relative,
 )
-
-__all__ = [
-    "MUSIC_FOLDERS",
-    "Folders",
-    "MusicFiles",
-    "find_folders",
-    "layout_name",
-    "list_motions",
-    "list_music",
-    "music_expected",
-    "music_in_use",
-    "near_music",
-    "unused_music",
-]
 
 MOTIONS = "motions"
 MUSIC_FOLDERS = ("wavs", "music", "audio", "musics")
@@ -132,29 +117,32 @@ def list_music(folders: Folders) -> MusicFiles:
     return MusicFiles(files.files, files.rejects, files.notes, used)
 
 
-def music_in_use(motions: Files, music: MusicFiles) -> tuple[set[str], set[str]]:
-    """Return the stems of the audio files in use: those of sequences, those of songs.
+class UsedMusic(NamedTuple):
+    """Stems of the audio files that sequences use: files of a sequence, and files of a song."""
 
-    Sequences that are left out of the dataset count as well.
-    """
-    recordings = {name for name in motions.files if name in music.files}
-    parsed = (parse_name(name) for name in motions.files if name not in recordings)
-    return recordings, {parts.music for parts in parsed if parts is not None and parts.music in music.files}
+    recordings: frozenset[str]
+    songs: frozenset[str]
+
+    @classmethod
+    def of(cls, motions: Files, music: MusicFiles) -> Self:
+        """Match audio files with sequences; sequences that are left out of the dataset count as well."""
+        recordings = frozenset(name for name in motions.files if name in music.files)
+        parsed = (parse_name(name) for name in motions.files if name not in recordings)
+        songs = (parts.music for parts in parsed if parts is not None and parts.music in music.files)
+        return cls(recordings, frozenset(songs))
+
+    @property
+    def layout(self) -> str:
+        """Name of the layout: "official", "edge" or "mixed"."""
+        return "mixed" if self.recordings and self.songs else "edge" if self.recordings else "official"
 
 
-def layout_name(motions: Files, music: MusicFiles) -> str:
-    """Return the name of the layout: "official", "edge" or "mixed"."""
-    recordings, songs = music_in_use(motions, music)
-    return "mixed" if recordings and songs else "edge" if recordings else "official"
-
-
-def unused_music(folders: Folders, motions: Files, music: MusicFiles) -> list[Reject]:
+def unused_music(folders: Folders, motions: Files, music: MusicFiles, used: UsedMusic) -> list[Reject]:
     """Return a reject for every audio file that no sequence of the source uses."""
-    recordings, songs = music_in_use(motions, music)
     danced = {parts.music for name in motions.files if (parts := parse_name(name)) is not None}
     rejects = []
     for stem, path in music.files.items():
-        if stem in recordings or stem in songs:
+        if stem in used.recordings or stem in used.songs:
             continue
         if not is_music_id(stem):
             detail = f"there is no motions/{stem}.pkl"

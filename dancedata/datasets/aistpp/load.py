@@ -1,7 +1,5 @@
 """One AIST++ motion pickle -> canonical motion; every defect has a reason code of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,6 @@ from dancedata.core.text import listed, quoted, shown
 from dancedata.datasets._positions import require_rotations
 from dancedata.datasets.files import require_finite
 from dancedata.formats.safe_pickle import as_array, load_pickle
-
-__all__ = ["load_motion"]
 
 KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
 JOINTS = 24

@@ -1,7 +1,5 @@
 """The reader of AIST++; the tree on disk is in the package's docstring."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,12 +18,11 @@ from dancedata.datasets.aistpp.layout import (
     MUSIC_FOLDERS,
     Folders,
     MusicFiles,
+    UsedMusic,
     find_folders,
-    layout_name,
     list_motions,
     list_music,
     music_expected,
-    music_in_use,
     near_music,
     unused_music,
 )
@@ -34,15 +31,14 @@ from dancedata.datasets.aistpp.splits import (
     Splits,
     find_ignored,
     find_splits,
-    missing_motion,
 )
 from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, relative, require_choice
 
 
-def layout_notes(folders: Folders, motions: Files, music: MusicFiles) -> list[str]:
+def layout_notes(folders: Folders, music: MusicFiles, used: UsedMusic) -> list[str]:
     """Return the layout and the files it was recognised by."""
     at = relative(folders.motions, folders.source)
-    recordings, songs = music_in_use(motions, music)
+    recordings, songs = used
     where = listed(_folder(relative(folder, folders.source)) for folder in music.folders)
     files, of_songs = counted(len(recordings), "file"), counted(len(songs), "song")
     if not recordings and not songs:
@@ -105,13 +101,6 @@ def clip_notes(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Spl
     if silent:
         notes.append(f"Music: {counted(silent, 'clip')} kept without music, as requested.")
     return notes
-
-
-def write_example(folder: Path) -> None:
-    """Write four synthetic clips of six seconds to two songs."""
-    from dancedata.synthetic import write_synthetic
-
-    write_synthetic(folder, seed=0, songs=2, clips_per_song=2, clip_s=6.0)
 
 
 @DATASETS.register("aist++")
@@ -192,15 +181,16 @@ class AistPP(Dataset):
         folders = find_folders(Path(source))
         motions = list_motions(folders)
         music = list_music(folders)
+        used = UsedMusic.of(motions, music)
         splits = find_splits(folders, self.split, self.split_dir)
         ignored = find_ignored(folders, self.ignore == "list", self.split_dir)
         clips, left_out = self._clips(folders, motions, music, splits, ignored)
         missing = [
             Reject("missing_motion", clip=name, detail=f"listed, but there is no motions/{name}.pkl")
-            for name in missing_motion(splits, ignored, motions.files)
+            for name in sorted(splits.expected - ignored.names - set(motions.files))
         ]
         notes = (
-            *layout_notes(folders, motions, music),
+            *layout_notes(folders, music, used),
             *count_notes(folders, motions, len(missing)),
             *splits.notes,
             *ignored_notes(motions, ignored),
@@ -209,11 +199,11 @@ class AistPP(Dataset):
         rejects = (
             *left_out,
             *missing,
-            *unused_music(folders, motions, music),
+            *unused_music(folders, motions, music, used),
             *music.rejects,
             *motions.rejects,
         )
-        return Scan(layout=layout_name(motions, music), clips=tuple(clips), rejects=rejects, notes=notes)
+        return Scan(layout=used.layout, clips=tuple(clips), rejects=rejects, notes=notes)
 
     @override
     def load(self, ref: ClipRef) -> Motion:
@@ -230,8 +220,9 @@ class AistPP(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
+        from dancedata.synthetic import write_synthetic
 
-        write_example(Path(folder))
+        write_synthetic(Path(folder), seed=0, songs=2, clips_per_song=2, clip_s=6.0)
 
     def _clips(
         self, folders: Folders, motions: Files, music: MusicFiles, splits: Splits, ignored: Ignored

@@ -1,8 +1,6 @@
 """Splits of AIST++, from files or by rule, and its ignore list."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,8 +9,6 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name
 from dancedata.datasets.aistpp.layout import Folders
 from dancedata.datasets.files import ALL, SPLITS, describe, list_folder, read_names, relative
-
-__all__ = ["RULE", "Ignored", "Splits", "find_ignored", "find_splits", "missing_motion"]
 
 #: The split that a rule over the names defines.
 RULE = "crossmodal"
@@ -170,8 +166,3 @@ def find_ignored(folders: Folders, use: bool, split_dir: str | None) -> Ignored:
     if others:
         notes.append(f"not used: {listed(others)}, which differ")
     return Ignored(names, where, tuple(notes))
-
-
-def missing_motion(splits: Splits, ignored: Ignored, existing: Iterable[str]) -> list[str]:
-    """Return the names of the chosen splits without a pickle, except ignored ones."""
-    return sorted(splits.expected - ignored.names - set(existing))

@@ -1,7 +1,5 @@
 """A tiny source in FineDance's layout, made of synthetic motion and music; no captured data."""
 
-from __future__ import annotations
-
 import json
 import wave
 from pathlib import Path
@@ -14,8 +12,6 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation_6d
 from dancedata.datasets.finedance.layout import LABELS, MOTION, MUSIC
-
-__all__ = ["write_example"]
 
 FRAME_RATE = 30
 SAMPLE_RATE = 24_000

@@ -1,7 +1,5 @@
 """Facts about FineDance: ids, splits, ignore lists, trims, genres, from ``manifests/finedance.yaml``."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,8 +7,6 @@ from typing import Any
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.resources import resource
-
-__all__ = ["Facts", "IgnoreList", "Protocol", "Trim", "facts"]
 
 #: Largest difference between motion and music in the published files, in frames, as reported by users.
 MAX_DIFFERENCE = 2

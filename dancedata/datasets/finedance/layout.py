@@ -1,7 +1,5 @@
 """Where motion, music and labels of a FineDance copy are; lists folders and reads no file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

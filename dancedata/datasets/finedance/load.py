@@ -1,7 +1,5 @@
 """One FineDance motion file -> canonical motion; every defect has a reason code of its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The reader of FineDance; the tree on disk is in the package's docstring."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -14,8 +14,6 @@
 Names of arrays in other layouts are given by the recipe (`keys`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,8 +42,6 @@ from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.six_d import check_rows, rotations_of
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
-
-__all__ = ["RATE_KEYS", "Layout", "read_motion", "recognise", "same_rate", "stated_grid"]
 
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
 _AMASS_RATES = RATE_KEYS[:2]

@@ -1,7 +1,5 @@
 """Values of the arrays of a motion: finite and in range, scales, rotation matrices; and the errors about them."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -15,17 +13,6 @@ from dancedata.datasets.files import require_finite
 from dancedata.datasets.folder.facts import MAX_RATE, MIN_RATE, exact_rate, rate_of_text
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
-
-__all__ = [
-    "bad_shape",
-    "finite",
-    "from_matrices",
-    "is_three_columns",
-    "length_mismatch",
-    "scales",
-    "scaling",
-    "stored_rate",
-]
 
 #: Tolerance of the orthonormality of rotation matrices; float16 is within 2e-3.
 _TOLERANCE = 1e-2

@@ -1,7 +1,5 @@
 """A tiny source folder for the dataset `folder`: synthetic motion in three formats, two songs, a manifest."""
 
-from __future__ import annotations
-
 import wave
 from pathlib import Path
 
@@ -14,8 +12,6 @@ from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.files import atomic
 from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.bvh.write import write_bvh
-
-__all__ = ["write_example"]
 
 #: Mixamo's names for SMPL's joints.
 _NAMES = (

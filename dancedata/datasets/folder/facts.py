@@ -4,8 +4,6 @@ The first of these that states a fact decides: the manifest (one file), the file
 do not state it). A fact that none of them states is an error with the declaration to add.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

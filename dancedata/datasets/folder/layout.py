@@ -1,7 +1,5 @@
 """Where motion and audio files are in a folder without a manifest; files with equal names belong together."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +18,6 @@ from dancedata.datasets.files import (
     list_folder,
     relative,
 )
-
-__all__ = ["LOOKED_FOR", "Matched", "match_names"]
 
 MOTION_FOLDERS = ("motions", "motion")
 MUSIC_FOLDERS = ("music", "wavs", "audio", "musics")

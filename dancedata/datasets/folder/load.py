@@ -1,7 +1,5 @@
 """One motion file of any format -> canonical motion, and the facts about it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -40,8 +38,6 @@ from dancedata.formats.bvh.kinematics import stretch, world
 from dancedata.formats.bvh.parse import Bvh, read_bvh
 from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, smpl_rest
 from dancedata.formats.video_pose import PersonArrays
-
-__all__ = ["FileFacts", "Reading", "array_facts", "bvh_facts", "load_motion", "recognised"]
 
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
 PLAUSIBLE_M = (1.2, 2.2)

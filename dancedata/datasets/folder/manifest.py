@@ -1,7 +1,5 @@
 """The manifest of a folder: manifest.csv or manifest.jsonl, one line per clip."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -16,8 +14,6 @@ from dancedata.core.text import csv_text, quoted, shown
 from dancedata.datasets.folder.facts import Declared
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
-
-__all__ = ["COLUMNS", "MANIFESTS", "Row", "id_problem", "inside", "read_manifest"]
 
 MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "music", "dancer", "tempo_bpm")

@@ -1,7 +1,5 @@
 """The notes of a scan of a folder: what each motion file is, and how clips are split."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,8 +13,6 @@ from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, drift_note
 from dancedata.datasets.folder.load import FileFacts, Reading, array_facts, bvh_facts, recognised
 from dancedata.datasets.folder.people import open_person, seen_in
 from dancedata.formats.bvh.parse import read_bvh_header
-
-__all__ = ["describe", "file_notes", "split_note"]
 
 #: Most kinds of files that the notes distinguish.
 _MAX_KINDS = 12

@@ -1,7 +1,5 @@
 """Which person of a file is read, and the frames of the video in which it was not seen."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -17,8 +15,6 @@ from dancedata.core.text import counted, listed, quoted
 from dancedata.datasets.folder.manifest import id_problem
 from dancedata.formats.arrays import VALUE_SUFFIXES, ArrayFile, open_arrays
 from dancedata.formats.video_pose import PersonArrays, open_people
-
-__all__ = ["Seen", "on_video_frames", "open_person", "seen_in", "split_people"]
 
 #: Frames in a row without the person that are interpolated: a third of a second at 30 FPS.
 MAX_GAP = 10

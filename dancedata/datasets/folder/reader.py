@@ -1,7 +1,5 @@
 """The reader of a folder of your own files; the tree on disk is in the package's docstring."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -27,8 +25,6 @@ from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.datasets.folder.manifest import MANIFESTS, Row, clip_id, id_problem, inside, read_manifest
 from dancedata.datasets.folder.notes import file_notes, split_note
 from dancedata.datasets.folder.people import split_people
-
-__all__ = ["Folder"]
 
 _WITHOUT_MUSIC = "build motion alone: --set dataset.folder.music=optional --set 'audio={}'"
 

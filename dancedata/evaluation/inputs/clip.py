@@ -1,7 +1,5 @@
 """Clips that can be evaluated, of any origin, and sets of them."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files of generated motion: columns of a representation, joint positions, SMPL arrays, BVH."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Clips of a built dataset, or its windows where it has window scope, in columns that a protocol can measure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

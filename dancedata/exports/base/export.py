@@ -1,7 +1,5 @@
 """export from Python: what the command line does, which calls the same function."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +7,6 @@ from dancedata.execution.progress import Progress
 from dancedata.exports.base.job import EXPORTS
 from dancedata.exports.base.run import ExportResult, export_dataset
 from dancedata.recipes.plugins import make_named
-
-__all__ = ["export"]
 
 
 def export(
@@ -64,6 +60,7 @@ def export(
     --------
     >>> import dancedata
     >>> dancedata.export("data/aistpp", "edge", "exports/edge", source="~/aist_plusplus_final").notes
+    ('the split val (1 clip) is not exported: --set val_as_test=true adds it to test', ...)
     """
     target = make_named(EXPORTS, "export", to, parameters)
     return export_dataset(

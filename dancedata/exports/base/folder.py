@@ -1,7 +1,5 @@
 """The folder that an export writes: files by their path in it, each counted and hashed."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -3,8 +3,6 @@
 A finished export is recognised by its export.json, which lists its files.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Exports a dataset: what is lacking, the target's files, README, licence and export.json."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Parses the hierarchy of a BVH file: joints, offsets and channels; errors name the line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,8 +7,6 @@ from pathlib import Path
 
 from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.text import quoted, shown
-
-__all__ = ["MAX_JOINTS", "MAX_VALUE", "NUMBER", "BvhJoint", "bvh_error", "not_a_number", "parse_hierarchy"]
 
 MAX_JOINTS = 1000
 #: Characters of a joint's name.

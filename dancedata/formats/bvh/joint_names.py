@@ -1,7 +1,5 @@
 """Maps the joints of a BVH file to SMPL's 24 by the names in common use."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +10,6 @@ from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, shown
 from dancedata.formats.bvh.hierarchy import BvhJoint
-
-__all__ = ["REQUIRED", "STYLES", "JointMap", "ancestors", "map_joints"]
 
 #: SMPL's joints that a skeleton must have; neck or head is required as well.
 REQUIRED = tuple(

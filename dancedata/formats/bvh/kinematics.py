@@ -1,7 +1,5 @@
 """Forward kinematics of a BVH file: positions and rotations of its joints in the file's own axes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,8 +7,6 @@ from numpy.typing import NDArray
 
 from dancedata.formats.bvh.hierarchy import BvhJoint
 from dancedata.formats.bvh.parse import Bvh
-
-__all__ = ["bone_offsets", "rest_positions", "stretch", "world"]
 
 Floats = NDArray[np.float64]
 

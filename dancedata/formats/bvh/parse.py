@@ -25,8 +25,6 @@
 Time and memory are linear in the file's size; nothing is allocated by the numbers in a header.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -41,8 +39,6 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.bvh.hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, not_a_number, parse_hierarchy
-
-__all__ = ["MAX_FILE_BYTES", "Bvh", "read_bvh", "read_bvh_header"]
 
 #: About an hour of 60 joints at 120 FPS.
 MAX_FILE_BYTES = 1 << 30

@@ -23,8 +23,6 @@ arms). Where it seems so, `align` is rotated back by the nearest multiple of 90 
 has no effect on positions, and none on files whose rest pose is a T-pose or an A-pose.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -38,8 +36,6 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.formats.bvh.joint_names import JointMap, ancestors
 from dancedata.formats.bvh.kinematics import bone_offsets, rest_positions, world
 from dancedata.formats.bvh.parse import Bvh
-
-__all__ = ["Rig", "make_rig", "retarget", "skeleton_of", "smpl_rest"]
 
 Floats = NDArray[np.float64]
 

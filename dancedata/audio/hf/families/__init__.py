@@ -1,7 +1,5 @@
 """The families of encoders, by the model type that a config states."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

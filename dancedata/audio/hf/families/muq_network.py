@@ -1,7 +1,5 @@
 """The network of MuQ, written from its published description: log-mel, two convolutional modules, a conformer."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Device memory by accounting, and the choice of the blocks that stay on the host."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

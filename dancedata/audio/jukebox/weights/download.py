@@ -1,7 +1,5 @@
 """Getting OpenAI's two files from their server, a mirror or another folder. Interrupted downloads are resumed."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import ssl

@@ -1,7 +1,5 @@
 """Facts about a folder of weights, read without torch: the sizes of its network, its layers, its hashes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache

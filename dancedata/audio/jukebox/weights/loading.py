@@ -1,7 +1,5 @@
 """Loading a network from files: each tensor is read by itself, directly into its type and onto its device."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

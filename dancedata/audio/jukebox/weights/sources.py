@@ -1,7 +1,5 @@
 """Sources of tensors: one interface for legacy torch files, zip torch files and safetensors folders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
