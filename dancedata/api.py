@@ -1,4 +1,4 @@
-"""Old addresses of the functions of `import dancedata`; deprecated, for one release."""
+"""Old addresses of public functions. Deprecated, for one release."""
 
 import sys
 from types import ModuleType

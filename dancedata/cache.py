@@ -1,7 +1,7 @@
-"""FeatureCache: features of songs for a training job, each computed once for all processes.
+"""Features of songs for training jobs. Each is computed once for all processes.
 
-It is the cache that builds use, under the same keys: what a build computed is there for a training job, and the
-other way round.
+`FeatureCache` is the cache that builds use, with the same keys: a training job reads what a build has computed, and
+vice versa.
 
 Examples
 --------

@@ -1,7 +1,9 @@
 """Fixtures that every test may use."""
 
 import copy
+import fcntl
 import gc
+import hashlib
 import json
 import lzma
 import os
@@ -63,6 +65,17 @@ def pytest_configure(config: pytest.Config) -> None:
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give all tests of a module to one worker, which makes the module's fixtures once; modules in their order."""
+    if config.option.dist != "load":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    config.option.loadscopereorder = False
+    return LoadFileScheduling(config, log)
 
 
 def pytest_collection_finish() -> None:
@@ -212,21 +225,46 @@ def jukebox_golden(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 Build = Callable[..., Any]
+#: A folder by name, and what fills it.
+Once = Callable[[str, Callable[[Path], object]], Path]
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
 
 
 @pytest.fixture(scope="session")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four clips of 6 s to two songs, official layout. Not to be written into."""
-    from dancedata.synthetic import write_synthetic
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Return a function that makes a folder once per run, for all workers. Not to be written into."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "once"
+    shared.mkdir(exist_ok=True)
 
-    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=2, clip_s=6)
+    def folder(name: str, fill: Callable[[Path], object]) -> Path:
+        with open(shared / f"{name}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not (shared / f"{name}.done").exists():
+                shutil.rmtree(shared / name, ignore_errors=True)
+                (shared / name).mkdir()
+                fill(shared / name)
+                (shared / f"{name}.done").touch()
+        return shared / name
+
+    return folder
 
 
 @pytest.fixture(scope="session")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A cache that tests share."""
-    return tmp_path_factory.mktemp("cache")
+def corpus(once: Once) -> Path:
+    """Four clips of 6 s to two songs, official layout. Not to be written into."""
+    from dancedata.synthetic import write_synthetic
+
+    return (
+        once("corpus", lambda folder: write_synthetic(folder / "source", songs=2, clips_per_song=2, clip_s=6))
+        / "source"
+    )
+
+
+@pytest.fixture(scope="session")
+def cache(once: Once) -> Path:
+    """A cache that tests of all workers share."""
+    return once("cache", lambda folder: None)
 
 
 @pytest.fixture(autouse=True)
@@ -247,12 +285,34 @@ def run_build(cache: Path) -> Build:
 
 
 @pytest.fixture(scope="session")
-def built_in(run_build: Build, corpus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def build_once(run_build: Build, once: Once) -> Callable[..., Path]:
+    """Return a function that builds a recipe, given by name, with overrides; equal ones once in a run.
+
+    A dataset that generates its source writes it into NAME-source beside the returned folder NAME. Neither is to be
+    written into.
+    """
+
+    def build(name: str, source: Path | None = None, set: Sequence[str] = ()) -> Path:
+        def fill(folder: Path) -> None:
+            run_build(source or folder / f"{short}-source", folder / short, name, set)
+
+        short = Path(name).stem
+        key = hashlib.sha256(repr((name, source, list(set))).encode()).hexdigest()[:12]
+        return once(f"{short}-{key}", fill) / short
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def whole_demo(build_once: Callable[..., Path]) -> Path:
+    """The dataset that README's first command builds, and its source beside it. Not to be written into."""
+    return build_once("demo")
+
+
+@pytest.fixture(scope="session")
+def built_in(build_once: Callable[..., Path], corpus: Path) -> dict[str, Path]:
     """The corpus built in both scopes. Not to be written into."""
-    outs = {scope: tmp_path_factory.mktemp("built") / scope for scope in RECIPES}
-    for scope, out in outs.items():
-        run_build(corpus, out, RECIPES[scope])
-    return outs
+    return {scope: build_once(recipe, corpus) for scope, recipe in RECIPES.items()}
 
 
 @pytest.fixture(scope="session")

@@ -1,1 +1,1 @@
-"""Audio: decoding and resampling (`signal`), and the features, one package each."""
+"""Audio files as samples, and features of music. `signal` decodes and resamples; each feature is a package."""

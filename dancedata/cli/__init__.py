@@ -1,1 +1,1 @@
-"""The command line. Importing this package imports nothing else, so that Ctrl-C is dealt with before all."""
+"""The command line. Importing this package imports nothing else: Ctrl-C is handled from the first moment."""

@@ -1,1 +1,1 @@
-"""Contact rules, one per file: labels of feet on the ground."""
+"""Labels of feet on the ground. One file per contact rule."""

@@ -1,1 +1,1 @@
-"""Core types and pure functions of arrays. All other packages build on these, which import none of them."""
+"""Shared values, base classes of plug-ins, pure functions. All packages build on these, which import none."""

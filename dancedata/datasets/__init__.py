@@ -1,4 +1,4 @@
-"""Dataset readers: they turn a folder of published or own files into clips in canonical form.
+"""Readers of published datasets and of folders of captures.
 
 Every reader that is a package has the same files: `reader` (the plug-in), `layout` (where files are), `load` (one
 motion file), `facts` (what is known about the dataset or its files), `notes` (sentences of a scan) and `example` (a

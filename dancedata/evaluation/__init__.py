@@ -1,4 +1,4 @@
-"""Dance metrics by named protocol: what is measured, of which joints, at which rate, against which pool.
+"""Dance metrics by named protocol.
 
-`protocols` holds one file a protocol; `protocol` what they are made of; `evaluate` computes a table.
+`protocols` has one file per protocol, `protocol` their parts; `evaluate` computes a table.
 """

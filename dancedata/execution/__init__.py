@@ -1,1 +1,1 @@
-"""Units of work: executors, the cache, and the instructions that compute."""
+"""Units of work: executors, the cache, processor instructions."""

@@ -1,1 +1,1 @@
-"""Plug-ins: a built dataset as the files of one trainer or program, one file each."""
+"""A built dataset as the files of one trainer or program. One file per plug-in."""

@@ -1,1 +1,1 @@
-"""Files on disk: written whole, locked, published as folders, read strictly."""
+"""Files on disk: written whole, locked, read strictly. `publish` replaces folders as a whole."""

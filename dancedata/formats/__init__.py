@@ -1,1 +1,1 @@
-"""File formats that several datasets share: arrays, pickles, body models, BVH. No content is ever executed."""
+"""File formats: arrays, pickles, body models, BVH. No content is ever executed."""

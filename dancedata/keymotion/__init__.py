@@ -1,4 +1,4 @@
-"""Key motions: instants at which a dance comes to rest. `lodge` is the plug-in, the rest pure functions."""
+"""Key motions: instants at which a dance comes to rest. `lodge` is a plug-in, the rest are pure functions."""
 
 from dancedata.keymotion.characteristic_primitives import Primitives, borders, primitives
 from dancedata.keymotion.choreography import PlacedCues, choreographic_augmentation

@@ -1,7 +1,7 @@
-"""Metrics of dances: pure functions of joint positions, and the plug-ins that name their variants.
+"""Measures of a dance, and scores of a set of dances.
 
-The names in `__all__` are the public functions. The right definition is the default; a published program's slip is
-chosen by name.
+Pure functions of joint positions, and the plug-ins that name their variants. The names in `__all__` are the public
+functions. The right definition is the default; a published program's slip is chosen by name.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Readers: built datasets as torch datasets and samplers, and kinematics in torch.
+"""Built datasets as torch datasets, samplers and loaders. Kinematics in torch.
 
 The names below are imported on first use, so that importing this package does not import torch. `dancedata.open`
 reads with numpy alone.

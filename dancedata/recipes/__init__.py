@@ -1,1 +1,1 @@
-"""Recipes: what is asked for. YAML becomes a checked recipe whose plug-ins are made."""
+"""Checked recipes, with instances of their plug-ins."""

@@ -1,4 +1,4 @@
-"""Reports: a built dataset as one page that can be read, and every number of it as JSON."""
+"""A built dataset as one page: numbers, figures, findings. All numbers are in its JSON as well."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Representations: they turn motion into the columns of a trainer. One file, one representation."""
+"""Motion as the columns of a trainer, and back. One file per representation."""

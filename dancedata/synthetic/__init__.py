@@ -1,4 +1,4 @@
-"""A synthetic dance corpus generated from a seed: its plan, motion and music; no captured data."""
+"""A dance corpus generated from a seed. The plan, motion and music are synthetic: no captured data."""
 
 from dancedata.synthetic.corpus import synthesise_motion, synthesise_song, write_synthetic
 

@@ -1,1 +1,1 @@
-"""Helpers for tests, public: small stores and the conformance checks of plug-ins."""
+"""For tests of plug-ins: conformance checks, small stores."""

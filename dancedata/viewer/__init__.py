@@ -1,4 +1,4 @@
-"""Clips as drawings: what the viewer, the report, videos and notebooks show of a clip, and the page that plays it."""
+"""Clips as drawings, and the page that plays them. Reports, videos and notebooks draw the same values."""
 
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scenes import Flag, Item, Scene, Scenes

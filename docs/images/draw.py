@@ -1,14 +1,13 @@
-"""Draws build.svg, layers.svg and scope.svg: python docs/images/draw.py.
+"""Draw build.svg, scope.svg and layers.svg: python docs/images/draw.py.
 
-The layers are those of pyproject.toml, their rooms those of docs/architecture.md. The curves of scope.svg are the
-onset envelopes of a synthetic song, computed as builds of either scope compute them.
+The curves of scope.svg are the onset envelopes of a synthetic song, computed as builds of either scope compute them.
+layers.svg has the layers of pyproject.toml and the first sentences of the packages' docstrings.
 Pictures have their own ground and follow the reader's colour scheme, so they are readable on any page.
 """
 
 from __future__ import annotations
 
-import re
-import textwrap
+import ast
 import tomllib
 from collections.abc import Sequence
 from html import escape
@@ -20,6 +19,7 @@ import dancedata
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.synthetic import synthesise_song
 
+ROOT = Path(__file__).resolve().parents[2]
 WIDTH = 560
 #: (light, dark) by the name of a class. tests/docs/test_images.py measures their contrast.
 COLOURS = {
@@ -47,9 +47,9 @@ def _style() -> str:
     return f"{fonts} {rules(0)}@media (prefers-color-scheme:dark){{{rules(1)}}}"
 
 
-def _picture(title: str, height: int, parts: Sequence[str]) -> str:
-    size = f'viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}"'
-    ground = f'<rect class="ground" width="{WIDTH}" height="{height}" rx="8"/>'
+def _picture(title: str, height: int, parts: Sequence[str], width: int = WIDTH) -> str:
+    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    ground = f'<rect class="ground" width="{width}" height="{height}" rx="8"/>'
     tip = (
         '<marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
         '<path class="tip" d="M0 0 8 4 0 8z"/></marker>'
@@ -104,28 +104,6 @@ def build_picture() -> str:
     return _picture("What a build does", 524, parts)
 
 
-def layers_picture() -> str:
-    """Return the picture of the layers: one box each, with its rooms and what they contain."""
-    root = Path(__file__).resolve().parents[2]
-    page = (root / "docs" / "architecture.md").read_text(encoding="utf-8")
-    contents = dict(re.findall(r"^\| `(\w+)` \| (?:plug-ins: )?([^:;|]+)", page, flags=re.MULTILINE))
-    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
-    (layers,) = (c["layers"] for c in project["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
-    parts, y = [], 16
-    for layer in layers:
-        rows, top = [], y
-        for room in re.split(r" [:|] ", layer):
-            lines = textwrap.wrap(contents[room].replace("`", "").strip(), 44)
-            rows.append(_text(28, y + 21, room, "name"))
-            rows += [_text(174, y + 21 + 19 * k, line, "muted") for k, line in enumerate(lines)]
-            y += 19 * len(lines) + 3
-        height = y - top + 7
-        parts += [f'<rect class="box" x="16" y="{top}" width="528" height="{height}" rx="6"/>', *rows]
-        y = top + height + 8
-    parts.append(_text(WIDTH / 2, y + 16, "A room may import the rooms of the boxes below its own.", anchor="middle"))
-    return _picture("The layers of dancedata", y + 32, parts)
-
-
 def _curve(values: np.ndarray, x: np.ndarray, floor: float, kind: str, width: float) -> str:
     points = " ".join(f"{a:.1f},{floor - 2.6 * min(float(v), 18):.1f}" for a, v in zip(x, values, strict=True))
     return f'<polyline class="{kind}" stroke-width="{width}" points="{points}"/>'
@@ -178,8 +156,41 @@ def _legend(y: int) -> list[str]:
     return [*lines, *(_text(x + 32, y, text) for x, _, text in entries)]
 
 
+def _layers() -> list[list[str]]:
+    """Return the rooms of each layer, from the top, as import-linter checks them."""
+    tools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+    (contract,) = (c for c in tools["importlinter"]["contracts"] if c["type"] == "layers")
+    return [layer.replace("|", ":").replace(" ", "").split(":") for layer in contract["layers"]]
+
+
+def purpose(room: str) -> str:
+    """Return the first sentence of a room's docstring."""
+    package = ROOT / "dancedata" / room / "__init__.py"
+    path = package if package.exists() else package.parent.with_suffix(".py")
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return docstring.partition("\n")[0].partition(". ")[0].rstrip(".")
+
+
+def layers_picture() -> str:
+    """Return the picture of the rooms: a box per layer; rooms import those of lower layers."""
+    parts, y = [], 16
+    for layer in _layers():
+        height = 21 * len(layer) + 13
+        parts.append(f'<rect class="box" x="40" y="{y}" width="644" height="{height}" rx="6"/>')
+        for number, room in enumerate(layer):
+            row = y + 23 + 21 * number
+            parts += [_text(52, row, room, "name"), _text(196, row, purpose(room), "muted")]
+        y += height + 8
+    bottom = y - 8
+    parts += [
+        _arrow((22, 16), (22, bottom)),
+        _text(40, bottom + 25, "A room may import the rooms of the boxes below its own.", "muted"),
+    ]
+    return _picture("The layers of dancedata", bottom + 40, parts, width=700)
+
+
 if __name__ == "__main__":
     folder = Path(__file__).resolve().parent
     (folder / "build.svg").write_text(build_picture(), encoding="utf-8")
-    (folder / "layers.svg").write_text(layers_picture(), encoding="utf-8")
     (folder / "scope.svg").write_text(scope_picture(), encoding="utf-8")
+    (folder / "layers.svg").write_text(layers_picture(), encoding="utf-8")

@@ -39,5 +39,5 @@ def add(root: Path, page: str, text: list[str]) -> None:
             text[0] += toctree([f"{label} </{path}>" for label, path in pages], title)
     elif page == "docs/decisions/README":
         text[0] += toctree(re.findall(r"^\| \[\w+\]\(([^)]+)\.md\)", text[0], flags=re.MULTILINE))
-    elif page == "docs/api":
+    elif page == "docs/python":
         text[0] += toctree([f"api/{name}" for name in reference.modules(root)])

@@ -1,4 +1,4 @@
-"""The reference: one page for each module that docs/api.md lists, from the docstrings."""
+"""The reference: one page for each module that docs/python.md lists, from the docstrings."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import importlib
 import re
 from pathlib import Path
 
-#: The list of modules, in the first column of its tables.
-LIST = Path("docs/api.md")
+#: The list of modules, in the first column of a table.
+LIST = Path("docs/python.md")
 #: Where the pages are written; git ignores it.
 PAGES = Path("docs/api")
 
 
 def modules(root: Path) -> list[str]:
-    """Return the modules in the tables of docs/api.md."""
+    """Return the modules in the table of docs/python.md."""
     text = (root / LIST).read_text(encoding="utf-8")
-    return re.findall(r"^\| `([a-z0-9_.]+)`", text, flags=re.MULTILINE)
+    return re.findall(r"^\| `(dancedata[a-z0-9_.]*)` \|", text, flags=re.MULTILINE)
 
 
 def elsewhere(name: str, listed: list[str]) -> dict[str, str]:

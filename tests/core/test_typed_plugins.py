@@ -1,4 +1,4 @@
-"""What a plug-in does not have is found by the type checker, on the side of those who call plug-ins."""
+"""The type checker finds misspelt members where plug-ins are called, and wrong signatures in third-party plug-ins."""
 
 import subprocess
 import sys
@@ -7,6 +7,7 @@ from typing import Any, get_type_hints
 
 import pytest
 
+import dancedata.cli.templates
 from dancedata.core.plugins import AudioFeature, Dataset, KeyMotionFinder, Representation
 from dancedata.recipes.fields import FeatureJob, KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
@@ -35,6 +36,12 @@ def use(recipe: Recipe, signal: AudioSignal, motion: Motion, target: Export, job
     target.write(job, ExportFolder(job.out, job.out))
 """
 
+# A feature of another package: the template as it is, and with a signature and a class variable that do not fit.
+TEMPLATE = (Path(dancedata.cli.templates.__file__).parent / "feature.py").read_text(encoding="utf-8")
+WRONG = TEMPLATE.replace("sample_rate: int, grid: FrameGrid) -> int:", "sample_rate: int) -> int:").replace(
+    "version: ClassVar[int] = 1", 'version: ClassVar[str] = "1"'
+)
+
 
 @pytest.mark.parametrize(
     ("owner", "name", "kind"),
@@ -50,19 +57,26 @@ def test_a_plug_in_is_declared_by_its_kind(owner: type[Any], name: str, kind: ty
     assert get_type_hints(owner)[name] is kind
 
 
-# Up to a minute where mypy was not run before. By default: what is declared, above.
+# Up to a minute where mypy was not run before. By default: the declared types, above. .ci/run calls it after mypy.
 @pytest.mark.nightly
-def test_misspelt_calls_of_plug_ins_are_errors(tmp_path: Path) -> None:
-    path = tmp_path / "uses.py"
-    path.write_text(CODE)
+def test_misspelt_calls_and_wrong_signatures_are_errors(tmp_path: Path) -> None:
+    files = {"uses.py": CODE, "right_feature.py": TEMPLATE, "wrong_feature.py": WRONG}
+    for name, code in files.items():
+        (tmp_path / name).write_text(code, encoding="utf-8")
     root = Path(__file__).resolve().parents[2]
     # With what mypy knows of the package if it was run there before: that is most of the time.
     cache = root / ".mypy_cache"
     known = ["--cache-dir", str(cache if cache.is_dir() else tmp_path / "cache")]
     # In a process of its own: mypy leaves millions of objects behind, which slow every later test down.
-    command = [sys.executable, "-m", "mypy", "--config-file", str(root / "pyproject.toml"), *known, str(path)]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "mypy", "--config-file", str(root / "pyproject.toml"), *known, *files]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     out = run.stdout
-    errors = [line for line in out.splitlines() if ": error:" in line]
+    lines = [line for line in out.splitlines() if ": error:" in line]
+    errors = {name: [line for line in lines if line.startswith(name)] for name in files}
     assert run.returncode == 1
-    assert [line.split('"')[3] for line in errors] == ["scann", "extrakt", "encod", "analyze", "lackz"], out
+    misspelt = [line.split('"')[3] for line in errors["uses.py"]]
+    assert misspelt == ["scann", "extrakt", "encod", "analyze", "lackz"], out
+    assert errors["right_feature.py"] == [], out
+    wrong = " ".join(errors["wrong_feature.py"])
+    assert 'base class "Plugin" defined the type as "int"' in wrong
+    assert 'Signature of "n_rows" incompatible' in wrong

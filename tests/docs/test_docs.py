@@ -14,10 +14,8 @@ import pytest
 
 from dancedata.cli.new import write_plugin
 from dancedata.exports.base.job import EXPORTS
-from dancedata.pipeline.build import build
 from dancedata.pipeline.summary import describe_built
 from dancedata.readers.presets import PRESETS
-from dancedata.recipes.parse import load_recipe
 from dancedata.store import open_store
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,11 +28,12 @@ def _blocks(page: str, language: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def demo(whole_demo: Path, run_build: Callable[..., object], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with data/demo in it, as README's first command leaves it."""
-    folder = tmp_path_factory.mktemp("demo")
-    build(load_recipe("demo"), folder / "data" / "demo-source", folder / "data" / "demo", cache=folder / "cache")
-    return folder
+    data = tmp_path_factory.mktemp("demo") / "data"
+    shutil.copytree(whole_demo.with_name("demo-source"), data / "demo-source", copy_function=os.link)
+    run_build(data / "demo-source", data / "demo", "demo")  # from the cache
+    return data.parent
 
 
 def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
@@ -53,7 +52,6 @@ def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFi
 def test_the_python_page_prints_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
     pytest.importorskip("torch")
     monkeypatch.chdir(demo)
-    monkeypatch.setenv("DANCEDATA_CACHE", str(demo / "cache"))
     text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, flags=re.DOTALL | re.MULTILINE)
     assert len(blocks) == len(_blocks("docs/python.md", "python")) >= 9
@@ -227,7 +225,6 @@ def test_the_pages_on_evaluation_print_what_they_say(
     demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, page: str
 ) -> None:
     monkeypatch.chdir(demo)
-    monkeypatch.setenv("DANCEDATA_CACHE", str(demo / "cache"))
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, flags=re.DOTALL | re.MULTILINE)
     assert blocks
@@ -237,10 +234,10 @@ def test_the_pages_on_evaluation_print_what_they_say(
         assert capsys.readouterr().out == output
 
 
-def test_the_protocol_of_the_page_evaluates(distribution, demo: Path) -> None:
+def test_the_protocol_of_the_page_evaluates(distribution, demo: Path, cache: Path) -> None:
     (code,) = _blocks("docs/plug-ins.md", "python")
     environment = distribution({"ten_seconds": ("evaluation.protocols", code)})
-    environment["DANCEDATA_CACHE"] = str(demo / "cache")
+    environment["DANCEDATA_CACHE"] = str(cache)
     _, command = _blocks("docs/plug-ins.md", "sh")
     printed = _dancedata(environment, demo, *command.split()[1:])
     assert printed.splitlines()[0] == f"ten-seconds, version 1: {demo}/data/demo as truth"

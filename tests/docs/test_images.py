@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
-DRAWN = ("build", "layers", "scope")
+DRAWN = ("build", "scope", "layers")
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +59,12 @@ def test_the_files_are_those_that_the_script_draws(draw: ModuleType, name: str) 
     drawn = getattr(draw, f"{name}_picture")()
     assert re.sub(r"-?\d+\.?\d*", "0", stored) == re.sub(r"-?\d+\.?\d*", "0", drawn)
     np.testing.assert_allclose(_numbers(stored), _numbers(drawn), atol=0.11)  # a tenth of a pixel is rounding
+
+
+def test_purposes_of_rooms_fit_into_the_picture(draw: ModuleType) -> None:
+    rooms = re.findall(r'class="name" text-anchor="start">(\w+)<', draw.layers_picture())
+    assert {"cli", "cache", "core"} <= set(rooms)
+    assert {room: draw.purpose(room) for room in rooms if not 10 < len(draw.purpose(room)) <= 60} == {}
 
 
 @pytest.mark.parametrize("path", sorted(IMAGES.glob("*.svg")), ids=lambda path: path.name)
