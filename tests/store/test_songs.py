@@ -136,9 +136,9 @@ def test_the_clip_with_the_most_windows_stands_for_a_song(write: Callable[..., P
         write({"train": {"a": noise}, "val": {"b": noise[::-1]}, "test": {"c": noise}}, scope="window")
     ) as s:
         names = [clip.id for clip in s.clips]
-        listed = type(s).windows
+        listed = type(s).windows_of
         monkeypatch.setattr(
-            type(s), "windows", lambda self, split: list(listed(self, split))[: 1 if split == "train" else 9]
+            type(s), "windows_of", lambda self, clip: listed(self, clip)[: 1 if clip == names[0] else 9]
         )
         one = {names[0]: "x", names[1]: "y", names[2]: "x"}
         read: list[str] = []
