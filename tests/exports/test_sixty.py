@@ -80,8 +80,8 @@ def test_songs_that_are_not_the_beginning_of_another_are_refused(built, tmp_path
     assert len(clips) == 2
     object.__setattr__(job.music, "hashes", {clip.id: clip.id for clip in clips})
     monkeypatch.setattr(type(job.music), "load", lambda self, clip: _signal(self, clip))
-    _, lacks = songs.find_songs(job, clips)
-    assert "is not the beginning of that of" in lacks[0].problem
+    _, missing = songs.find_songs(job, clips)
+    assert "is not the beginning of that of" in missing[0].problem
 
 
 def _signal(music: Any, clip: Any) -> Any:
@@ -282,7 +282,7 @@ def test_ignored_clips_are_left_out(built, tmp_path: Path, to: str, monkeypatch:
     made = built("sixty")
     monkeypatch.setattr("dancedata.exports.bailando.as_in_builds", lambda exact: lambda *_: np.zeros((9, 438), "f4"))
     clip = next(c.id for c in made.store.clips if c.split == "train")
-    monkeypatch.setattr("dancedata.exports._aist_names.is_ignored", lambda c: c.id == clip)
+    monkeypatch.setattr("dancedata.exports.bailando.is_ignored", lambda c: c.id == clip)
     monkeypatch.setattr(f"dancedata.exports.{to}.is_ignored", lambda c: c.id == clip)
     done = dancedata.export(made.path, to, tmp_path / "out", source=made.source, progress=False)
     assert any(clip in note and "ignore list" in note for note in done.notes)
