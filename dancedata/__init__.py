@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from dancedata.core.skeleton import Skeleton
     from dancedata.evaluation.evaluator import Evaluator
     from dancedata.evaluation.run import evaluate
-    from dancedata.exports.base.export import export
+    from dancedata.exports.base.run import export
     from dancedata.pipeline.arrays import encode, extract
     from dancedata.pipeline.commands import build, check, plan
     from dancedata.pipeline.decoding import decode, decode_file
@@ -70,7 +70,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "diff": "dancedata.pipeline.diff",
             "encode": "dancedata.pipeline.arrays",
             "evaluate": "dancedata.evaluation.run",
-            "export": "dancedata.exports.base.export",
+            "export": "dancedata.exports.base.run",
             "extract": "dancedata.pipeline.arrays",
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.pipeline.commands",

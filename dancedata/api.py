@@ -13,7 +13,7 @@ _HOMES = {
     ),
     "decoding": {"decode": "dancedata.pipeline.decoding", "decode_file": "dancedata.pipeline.decoding"},
     "evaluation": {"evaluate": "dancedata.evaluation.run", "self_test": "dancedata.evaluation.run"},
-    "export": {"export": "dancedata.exports.base.export"},
+    "export": {"export": "dancedata.exports.base.run"},
 }
 
 

@@ -234,7 +234,7 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a dataset as the files of another trainer or program: dancedata export STORE --to edge --out DIR."""
-    from dancedata.exports.base.export import export as run_export
+    from dancedata.exports.base.run import export as run_export
     from dancedata.recipes.parse import apply_override
 
     parameters: dict[str, Any] = {}

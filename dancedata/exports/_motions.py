@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from dancedata.exports.base.job import ExportJob, Lack
+from dancedata.exports.base.job import ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_track_scope
 
 if TYPE_CHECKING:
@@ -14,22 +14,21 @@ if TYPE_CHECKING:
     from dancedata.store.motion_fields import ColumnsReader
 
 
-def motion_lacks(job: ExportJob, field: str) -> list[Lack]:
-    """Return what a dataset lacks for its clips to be decoded; `field` is "" for any field that can be."""
-    lacks = needs_track_scope(job)
-    if not field:
-        return lacks if _decodable(job) else [*lacks, _no_motion(job)]
-    missing = needs_field(job, field, kind="motion")
-    if not missing and field not in _decodable(job):
-        missing = [Lack(f"{field} holds positions, which do not determine rotations", _FIX)]
-    return lacks + missing
-
-
 _FIX = "motion: {edge151: {}}, or another representation that decodes"
 
 
-def _no_motion(job: ExportJob) -> Lack:
-    return Lack(f"the dataset has no field with rotations (it has {', '.join(job.store.fields)})", _FIX)
+def needs_motion(job: ExportJob, field: str) -> list[Missing]:
+    """Check that clips can be decoded; `field` is "" for any field that can be."""
+    missing = needs_track_scope(job)
+    if field:
+        missing_field = needs_field(job, field, kind="motion")
+        if not missing_field and field not in _decodable(job):
+            missing_field = [Missing(f"{field} holds positions, which do not determine rotations", _FIX)]
+        return missing + missing_field
+    if not _decodable(job):
+        fields = ", ".join(job.store.fields)
+        missing.append(Missing(f"the dataset has no field with rotations (it has {fields})", _FIX))
+    return missing
 
 
 def decoded(job: ExportJob, field: str) -> Iterator[tuple[ClipView, Motion]]:

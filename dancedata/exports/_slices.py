@@ -16,12 +16,10 @@ import numpy.typing as npt
 from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid, WindowGrid
-from dancedata.core.motion import Motion
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import Export, ExportJob, Lack
+from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
 
 if TYPE_CHECKING:
@@ -93,7 +91,7 @@ class SliceWriter:
     batch: int
 
     def write(self, part: str, splits: Sequence[str]) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
-        """Write the folders of a part, "train" or "test"; returns its slices and their motion at 30 per second."""
+        """Write the folders of a part, "train" or "test"; return its slices and their motion at 30 per second."""
         slices = [item for split in splits for item in slices_of(self.job, split, self.feature)]
         slices.sort(key=lambda item: sort_key(item.name))
         note_rejects(self.job, splits, self.folder)
@@ -173,40 +171,40 @@ class Slice:
         return WindowGrid(LENGTH, STRIDE).number(self.window.start)
 
 
-def slice_lacks(job: ExportJob, feature: str, splits: Sequence[str], *, sound: bool) -> list[Lack]:
-    """Return what a dataset lacks for slices."""
-    lacks = needs_fps(job, FPS) + needs_field(job, MOTION, kind="motion", width=151, rate=FPS)
-    lacks += needs_field(job, feature, kind="audio", rate=FPS)
+def needs_slices(job: ExportJob, feature: str, splits: Sequence[str], *, sound: bool) -> list[Missing]:
+    """Check that a dataset has all that slices need."""
+    missing = needs_fps(job, FPS) + needs_field(job, MOTION, kind="motion", width=151, rate=FPS)
+    missing += needs_field(job, feature, kind="audio", rate=FPS)
     if feature in job.store.fields and job.store.fields[feature].width not in WIDTHS:
         width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --feature librosa35"
-        lacks.append(Lack(f"{feature} has {width} columns, not 35 or 4800", fix))
-    if job.store.scope == "window" and not lacks:
-        lacks += _window_lacks(job)
-    lacks += needs_splits(job, *splits)
+        missing.append(Missing(f"{feature} has {width} columns, not 35 or 4800", fix))
+    if job.store.scope == "window" and not missing:
+        missing += _needs_windows(job)
+    missing += needs_splits(job, *splits)
     if set("*?[") & set(str(job.out)):
-        lacks.append(Lack("the loader lists folders by patterns, in which * ? [ have a meaning", "another --out"))
-    if not lacks:
+        problem = "the loader lists folders by patterns, in which * ? [ have a meaning"
+        missing.append(Missing(problem, "another --out"))
+    if not missing:
         empty = [split for split in splits if not len(_windows(job, split, feature))]
-        lacks += [Lack(f"{split} has no window of five seconds", "longer clips") for split in empty]
+        missing += [Missing(f"{split} has no window of five seconds", "longer clips") for split in empty]
     if not sound:
-        return lacks
-    lacks += needs_music(job, job.clips(*splits))
-    return lacks or _sound_lacks(job, feature, splits)
+        return missing
+    missing += needs_music(job, job.clips(*splits))
+    return missing or _needs_sound(job, feature, splits)
 
 
-def _sound_lacks(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Lack]:
+def _needs_sound(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Missing]:
     silent = [split for split in splits if len(_short(job, slices := slices_of(job, split, feature))) == len(slices)]
-    return [Lack(f"{split} has no window with five seconds of music", "longer music") for split in silent]
+    return [Missing(f"{split} has no window with five seconds of music", "longer music") for split in silent]
 
 
-def _window_lacks(job: ExportJob) -> list[Lack]:
+def _needs_windows(job: ExportJob) -> list[Missing]:
     if _are_stored(job):
         return []
     windows = job.store.meta["windows"]
-    found = f"windows of {windows['length']} frames every {windows['stride']}, not {LENGTH} every {STRIDE}"
-    return [
-        Lack(f"the dataset has window scope with {found}", "windows: {length_s: 5, stride_s: 0.5}, or scope: track")
-    ]
+    stored = f"windows of {windows['length']} frames every {windows['stride']}, not {LENGTH} every {STRIDE}"
+    fix = "windows: {length_s: 5, stride_s: 0.5}, or scope: track"
+    return [Missing(f"the dataset has window scope with {stored}", fix)]
 
 
 def sort_key(name: str) -> str:
@@ -233,7 +231,7 @@ def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) ->
 
 
 def _are_stored(job: ExportJob) -> bool:
-    """Tell whether the slices are the windows of the dataset."""
+    """Whether the slices are the windows of the dataset."""
     windows = job.store.meta["windows"]
     return (windows["length"], windows["stride"]) == (LENGTH, STRIDE)
 

@@ -17,10 +17,17 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
+from dancedata.datasets.aistpp.facts import facts
 from dancedata.execution.arithmetic import as_in_builds
-from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exports.base.needs import needs_feature, needs_field, needs_music, needs_splits, needs_track_scope
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.needs import (
+    needs_feature,
+    needs_field,
+    needs_music,
+    needs_names,
+    needs_splits,
+    needs_track_scope,
+)
 
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
@@ -28,14 +35,37 @@ if TYPE_CHECKING:
     from dancedata.store import ClipView
 
 
-def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipView], list[Lack]]:
+#: Parts of the crossmodal protocol in the order in which the originals read their lists.
+PARTS = {"train": ("train",), "test": ("test", "val")}
+
+
+def needs_aist_names(job: ExportJob, clips: list[ClipView]) -> list[Missing]:
+    """Check that the second last part of names, between underscores, is the music: loaders read it there."""
+    music = {clip.id: clip.music for clip in clips}
+    form = "as AIST++ does: gBR_sBM_cAll_d04_mBR2_ch08, with the music second last; copies (augment) end otherwise"
+    return needs_names(clips, lambda name: bool(music[name]) and name.split("_")[-2:-1] == [music[name]], form)
+
+
+def is_ignored(clip: ClipView) -> bool:
+    """Whether a clip is on the ignore list of AIST++, or of its own dataset."""
+    return clip.id in facts().ignored or "ignored" in clip.lists
+
+
+def note_ignored(folder: ExportFolder, clips: list[ClipView]) -> None:
+    """Note the clips of the ignore list that are left out."""
+    ignored = [clip.id for clip in clips if is_ignored(clip)]
+    if ignored:
+        folder.note(f"left out, as they are on the ignore list: {listed(ignored)}; --keep-ignored keeps them")
+
+
+def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipView], list[Missing]]:
     """Return the clip with the longest signal of each music id, and ids with signals that are different music.
 
     Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
     that is right where the shorter ones are the beginning of the longest.
     """
     songs: dict[str, ClipView] = {}
-    lacks: list[Lack] = []
+    missing: list[Missing] = []
     for music, of_song in sorted(_by_music(clips).items()):
         different = list(
             {job.music.hashes.get(clip.id, str(job.music.files[clip.id])): clip for clip in of_song}.values()
@@ -43,14 +73,14 @@ def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipVie
         signals = [job.music.load(clip) for clip in different] if len(different) > 1 else []
         longest = max(range(len(different)), key=lambda k: signals[k].n_samples) if signals else 0
         songs[music] = different[longest]
-        other = [different[k] for k, s in enumerate(signals) if not _begins(s, signals[longest])]
-        if other:
+        unlike = [different[k] for k, s in enumerate(signals) if not _begins(s, signals[longest])]
+        if unlike:
             problem = (
-                f"one file per song is read, and the music {shown(music)} of {shown(other[0].id)} is not the "
+                f"one file per song is read, and the music {shown(music)} of {shown(unlike[0].id)} is not the "
                 f"beginning of that of {shown(songs[music].id)}"
             )
-            lacks.append(Lack(problem, "a source with one audio file per song, as the official AIST++ has"))
-    return songs, lacks
+            missing.append(Missing(problem, "a source with one audio file per song, as the official AIST++ has"))
+    return songs, missing
 
 
 def _by_music(clips: list[ClipView]) -> Mapping[str, list[ClipView]]:
@@ -139,18 +169,20 @@ class Bailando(Export):
     keep_ignored: bool = False
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
-        lacks += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
-        lacks += needs_splits(job, "train", "test")
+    def missing(self, job: ExportJob) -> list[Missing]:
+        missing = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
+        missing += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
+        missing += needs_splits(job, "train", "test")
         clips = [clip for part in PARTS for clip in self._clips(job, part)]
-        lacks += name_lacks(job, clips) + self._ignored_lacks(job)
-        lacks += needs_music(job, clips)
-        if lacks:
-            return lacks
+        missing += needs_aist_names(job, clips) + self._needs_ignored(job)
+        missing += needs_music(job, clips)
+        if missing:
+            return missing
         if all(len(clip.read(_MOTION)) < _LEAST for clip in self._clips(job, "train")):
-            lacks.append(Lack(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips"))
-        return lacks + find_songs(job, clips)[1]
+            missing.append(
+                Missing(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips")
+            )
+        return missing + find_songs(job, clips)[1]
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
@@ -199,13 +231,13 @@ class Bailando(Export):
     def _clips(self, job: ExportJob, part: str) -> list[ClipView]:
         return [clip for clip in job.clips(*PARTS[part]) if self.keep_ignored or not is_ignored(clip)]
 
-    def _ignored_lacks(self, job: ExportJob) -> list[Lack]:
+    def _needs_ignored(self, job: ExportJob) -> list[Missing]:
         """Return the clips of the ignore list that the dataset itself has left out."""
         if not self.keep_ignored:
             return []
         absent = [str(row.get("clip")) for row in job.store.rejects if row.get("reason") == "ignored"]
         fix = "dataset: {aist++: {ignore: none}}"
-        return [Lack(f"clips of the ignore list are not in the dataset: {listed(absent)}", fix)] if absent else []
+        return [Missing(f"clips of the ignore list are not in the dataset: {listed(absent)}", fix)] if absent else []
 
     def _write_sequence(self, job: ExportJob, folder: ExportFolder, part: str, clip: ClipView) -> None:
         music = clip.read_song(self.feature) if part == "test" else clip.read(self.feature)

@@ -5,10 +5,9 @@ from typing import ClassVar
 
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.exports import _slices as slices
-from dancedata.exports._slices import SliceExport, SliceWriter
+from dancedata.exports._slices import SliceExport, SliceWriter, needs_slices
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, ExportJob, Lack
+from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 
 _BATCH = 64
 _GUIDE = """## Train
@@ -51,9 +50,9 @@ class Edge(SliceExport):
     val_as_test: bool = False
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
+    def missing(self, job: ExportJob) -> list[Missing]:
         splits = [split for part in self._splits.values() for split in part]
-        return slices.slice_lacks(job, self.feature, splits, sound=self.sound == "cut")
+        return needs_slices(job, self.feature, splits, sound=self.sound == "cut")
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

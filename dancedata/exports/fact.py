@@ -16,8 +16,8 @@ import numpy.typing as npt
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports._aist_names import PARTS, is_ignored, name_lacks, note_ignored
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.bailando import PARTS, is_ignored, needs_aist_names, note_ignored
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_splits, needs_track_scope
 
 if TYPE_CHECKING:
@@ -173,21 +173,23 @@ class Fact(Export):
             raise UsageError("unpaired is a number of copies", found=self.unpaired, allowed="0 and above")
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        lacks = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
-        lacks += needs_field(job, self.feature, kind="audio", width=35, rate=_RATE)
-        lacks += needs_splits(job, "train", "test") + name_lacks(job, _clips(job, "train") + _clips(job, "test"))
-        if not lacks:
+    def missing(self, job: ExportJob) -> list[Missing]:
+        missing = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
+        missing += needs_field(job, self.feature, kind="audio", width=35, rate=_RATE)
+        missing += needs_splits(job, "train", "test") + needs_aist_names(
+            job, _clips(job, "train") + _clips(job, "test")
+        )
+        if not missing:
             for part in PARTS:
                 if all(self._length(clip) < _LEAST for clip in _clips(job, part)):
-                    found = f"no sequence of {part} has {_LEAST} frames with music at {_RATE} per second"
-                    lacks.append(Lack(found, "longer clips: FACT trains on four seconds"))
+                    problem = f"no sequence of {part} has {_LEAST} frames with music at {_RATE} per second"
+                    missing.append(Missing(problem, "longer clips: FACT trains on four seconds"))
             long = [clip.id for clip in _clips(job, "test") if self._length(clip) >= _LEAST]
             songs = _songs(job)
             if self.unpaired and len({songs.get(clip) for clip in long}) < 2:
-                found = f"all sequences of test have one song: {listed(songs.get(clip) for clip in long[:1])}"
-                lacks.append(Lack(found, "several songs in test for unpaired motion, or unpaired=0"))
-        return lacks
+                problem = f"all sequences of test have one song: {listed(songs.get(clip) for clip in long[:1])}"
+                missing.append(Missing(problem, "several songs in test for unpaired motion, or unpaired=0"))
+        return missing
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

@@ -7,13 +7,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.finedance.facts import facts
-from dancedata.exports._finedance import note_missing, track_lacks
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.needs import needs_field, needs_fps, needs_names, needs_track_scope
 
-_MOTION = "finedance319"
+_MOTION, _FPS = "finedance319", 30
 _GUIDE = """## Train
 
 The loader reads `./data/finedance` below the working folder. In a checkout of FineDance:
@@ -29,6 +30,26 @@ python train_seq.py
 - The loader subtracts the root of a window's first frame in a view of its array, so that overlapping windows of one
   batch change each other. Compare one window at a time.
 """
+
+
+def needs_tracks(job: ExportJob, motion: str, feature: str) -> list[Missing]:
+    """Check that a dataset has whole tracks of motion and 35 columns of music at 30 per second."""
+    missing = needs_fps(job, _FPS) + needs_track_scope(job) + needs_field(job, motion, kind="motion", rate=_FPS)
+    missing += needs_field(job, feature, kind="audio", width=35, rate=_FPS)
+    form = "001 to 211, as FineDance does: dataset: {finedance: {}}; copies (augment) have other names"
+    return missing + needs_names(job.clips(), lambda name: name in facts().ids, form)
+
+
+def note_missing(job: ExportJob, folder: ExportFolder, ignored: frozenset[str], loader: str) -> None:
+    """Note the ids that a loader opens but that are not there: it would end with FileNotFoundError."""
+    exported = {clip.id for clip in job.clips()}
+    missing = [name for name in facts().ids if name not in ignored and name not in exported]
+    if missing:
+        folder.note(
+            f"{loader} opens every published id but {len(ignored)} ignored ones; {counted(len(missing), 'id')} of "
+            "them are not in the dataset, and the unmodified loader ends with FileNotFoundError at the first: "
+            f"{listed(missing, 12)}"
+        )
 
 
 @EXPORTS.register("finedance")
@@ -53,8 +74,8 @@ class FineDance(Export):
     feature: str = "librosa35"
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        return track_lacks(job, _MOTION, self.feature)
+    def missing(self, job: ExportJob) -> list[Missing]:
+        return needs_tracks(job, _MOTION, self.feature)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

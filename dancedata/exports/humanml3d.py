@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exports.base.needs import needs_field, needs_track_scope
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.needs import needs_field, needs_track_scope, needs_train
 from dancedata.representations.humanml263 import Humanml263
 
 if TYPE_CHECKING:
@@ -50,11 +50,10 @@ class HumanML3D(Export):
     scaler: Literal["all", "train"] = "all"
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        lacks = needs_track_scope(job) + needs_field(job, FIELD, kind="motion", width=263, rate=20)
-        if self.scaler == "train" and "train" not in job.store.splits:
-            lacks.append(Lack("the dataset has no split train to fit mean and deviation on", "--scaler all"))
-        return lacks or _short(job)
+    def missing(self, job: ExportJob) -> list[Missing]:
+        missing = needs_track_scope(job) + needs_field(job, FIELD, kind="motion", width=263, rate=20)
+        missing += needs_train(job, self.scaler, "mean and deviation")
+        return missing or _short(job)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
@@ -92,11 +91,11 @@ class HumanML3D(Export):
         )
 
 
-def _short(job: ExportJob) -> list[Lack]:
+def _short(job: ExportJob) -> list[Missing]:
     short = [clip.id for clip in job.clips() if len(clip.read(FIELD)) < 2]
     if not short:
         return []
-    return [Lack(f"clips of one row, which has no velocity: {listed(short)}", "leave them out of the source")]
+    return [Missing(f"clips of one row, which has no velocity: {listed(short)}", "leave them out of the source")]
 
 
 def vectors(clip: ClipView) -> Floats:

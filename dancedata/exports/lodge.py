@@ -19,8 +19,9 @@ from dancedata.core.packages import MissingPackageError, require
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.datasets.finedance.facts import facts
-from dancedata.exports._finedance import note_missing, track_lacks
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.needs import needs_train
+from dancedata.exports.finedance import needs_tracks, note_missing
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
@@ -77,10 +78,10 @@ def _extremes(pieces: Iterable[npt.NDArray[np.float32]]) -> tuple[Any, Any, int]
 
 @contextmanager
 def _lodge_classes() -> Iterator[tuple[type[Any], type[Any]]]:
-    """Give two empty classes with the names of Lodge's, under the name of its module, which pickle looks up."""
+    """Yield two empty classes with the names of Lodge's, under the name of its module, which pickle looks up."""
     names = [".".join(_MODULE.split(".")[:n]) for n in range(1, _MODULE.count(".") + 2)]
     with _one_at_a_time:
-        before = {name: sys.modules.get(name) for name in names}
+        loaded = {name: sys.modules.get(name) for name in names}
         try:
             for name in names:
                 sys.modules[name] = ModuleType(name)
@@ -89,7 +90,7 @@ def _lodge_classes() -> Iterator[tuple[type[Any], type[Any]]]:
                 setattr(sys.modules[_MODULE], cls.__name__, cls)
             yield classes[0], classes[1]
         finally:
-            for name, module in before.items():
+            for name, module in loaded.items():
                 if module is None:
                     sys.modules.pop(name, None)
                 else:
@@ -154,19 +155,18 @@ class Lodge(Export):
     scaler: Literal["all", "train"] = "all"
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        lacks = track_lacks(job, self.motion, self.feature)
+    def missing(self, job: ExportJob) -> list[Missing]:
+        missing = needs_tracks(job, self.motion, self.feature)
         unknown = [clip.id for clip in job.clips() if clip.genre not in facts().genre_ids]
         if unknown:
             fix = "dataset: {finedance: {labels: required}}, which leaves them out"
-            lacks.append(Lack(f"clips without one of the 16 genres: {listed(unknown)}", fix))
-        if self.scaler == "train" and "train" not in job.store.splits:
-            lacks.append(Lack("the dataset has no split train to fit the normaliser on", "--scaler all"))
+            missing.append(Missing(f"clips without one of the 16 genres: {listed(unknown)}", fix))
+        missing += needs_train(job, self.scaler, "the normaliser")
         try:
             require("torch", what="Normalizer.pth")
         except MissingPackageError as error:
-            lacks.append(Lack(error.problem, str(error.fix)))
-        return lacks
+            missing.append(Missing(error.problem, str(error.fix)))
+        return missing
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

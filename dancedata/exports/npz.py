@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.core.errors import did_you_mean
 from dancedata.core.typing import override
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exports.base.needs import needs_music
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing, field_json, record_json
+from dancedata.exports.base.needs import needs_fields, needs_music
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -40,11 +39,8 @@ class Npz(Export):
     fields: tuple[str, ...] = ()
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        stored = job.store.fields
-        absent = [
-            Lack(f"the dataset has no field {f!r}", did_you_mean(f, stored)) for f in self.fields if f not in stored
-        ]
+    def missing(self, job: ExportJob) -> list[Missing]:
+        absent = needs_fields(job, self.fields)
         return absent + (needs_music(job, job.clips()) if job.source is not None else [])
 
     @override
@@ -78,20 +74,14 @@ class Npz(Export):
     def _write_clip(
         self, job: ExportJob, clip: ClipView, folder: ExportFolder, windows: Sequence[Window]
     ) -> dict[str, Any]:
-        record = clip.record
-        attributes = {key: list(value) if isinstance(value, tuple) else value for key, value in vars(record).items()}
         file = f"clips/{clip.id}.npz"
         folder.write_npz(file, _arrays(job, clip, self._names(job), windows))
-        return {**attributes, "file": file}
+        return {**record_json(clip), "file": file}
 
     def _index(self, job: ExportJob, clips: Mapping[str, Any]) -> dict[str, Any]:
         store = job.store
-        fields = {name: store.field(name).to_json() for name in self._names(job)}
-        for name, entry in fields.items():
-            entry["axes"] = store.meta.get("axes", {}).get(name)
-            if "train" in store.splits and len(store.windows("train")):
-                scaler = store.normalizer(name)
-                entry |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
+        axes = store.meta.get("axes", {})
+        fields = {name: field_json(job, name, axes=axes.get(name)) for name in self._names(job)}
         windows = {split: [[w.clip, w.start, w.length] for w in store.windows(split)] for split in store.splits}
         entry = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}
         return {**entry, "fields": fields, "clips": clips, "windows": windows}
@@ -104,7 +94,7 @@ def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...], windows: Seq
 
 
 def _copy_music(job: ExportJob, folder: ExportFolder) -> dict[str, str]:
-    """Copy each audio file once; returns its name by clip. DataError if one is not the dataset's music."""
+    """Copy each audio file once; return its name by clip. DataError if one is not the dataset's music."""
     names: dict[Path, str] = {}
     copied: set[tuple[Path, str | None]] = set()
     for clip in job.each("music", job.clips()):

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dancedata.core.typing import override
-from dancedata.exports import _slices as slices
-from dancedata.exports._slices import SliceExport, SliceWriter
+from dancedata.exports._slices import SliceExport, SliceWriter, needs_slices
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, ExportJob, Lack
+from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 
 _BATCH = 128
 _GUIDE = """## Train
@@ -39,8 +38,8 @@ class Popdg(SliceExport):
     guide_text: ClassVar[str] = _GUIDE
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        return slices.slice_lacks(job, self.feature, ("train", "test"), sound=self.sound == "cut")
+    def missing(self, job: ExportJob) -> list[Missing]:
+        return needs_slices(job, self.feature, ("train", "test"), sound=self.sound == "cut")
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

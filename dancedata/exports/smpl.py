@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, field_name, motion_lacks
+from dancedata.exports._motions import decoded, field_name, needs_motion
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 
 _GUIDE = """Decoded from `{name}`, {rate} frames per second. Both folders have every clip:
@@ -47,8 +47,8 @@ class SmplFiles(Export):
     field: str = ""
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        return motion_lacks(job, self.field)
+    def missing(self, job: ExportJob) -> list[Missing]:
+        return needs_motion(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.errors import UsageError
 from dancedata.core.typing import override
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
-from dancedata.exports.base.needs import needs_names, needs_track_scope
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing, field_json, record_json
+from dancedata.exports.base.needs import needs_fields, needs_names, needs_track_scope
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -59,14 +59,12 @@ class WebDataset(Export):
             )
 
     @override
-    def lacks(self, job: ExportJob) -> list[Lack]:
-        stored = job.store.fields
-        lacks = [
-            Lack(f"the dataset has no field {f!r}", did_you_mean(f, stored)) for f in self.fields if f not in stored
-        ]
-        lacks += [Lack("fields has a name twice", "name each once")] * (len(set(self.fields)) < len(self.fields))
-        lacks += needs_track_scope(job) if self.samples == "clips" else []
-        return lacks + needs_names(
+    def missing(self, job: ExportJob) -> list[Missing]:
+        missing = needs_fields(job, self.fields)
+        if len(set(self.fields)) < len(self.fields):
+            missing.append(Missing("fields has a name twice", "name each once"))
+        missing += needs_track_scope(job) if self.samples == "clips" else []
+        return missing + needs_names(
             job.clips(), lambda name: "." not in name, "without points: a key ends at the first"
         )
 
@@ -74,9 +72,11 @@ class WebDataset(Export):
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         index: dict[str, int] = {}
         for split in job.store.splits:
-            samples = self._clips(job, split) if self.samples == "clips" else self._windows(job, split)
+            clips: list[tuple[ClipView, Window | None]] = [(clip, None) for clip in job.clips(split)]
+            samples = clips if self.samples == "clips" else self._windows(job, split)
             index |= self._shards(job, folder, split, samples)
-        folder.write_json("index.json", {"shards": index, "fields": self._about(job)})
+        fields = {name: field_json(job, name) for name in self._names(job)}
+        folder.write_json("index.json", {"shards": index, "fields": fields})
 
     @override
     def guide(self, job: ExportJob) -> str:
@@ -100,13 +100,10 @@ class WebDataset(Export):
         clips = {clip.id: clip for clip in job.clips(split)}
         return [(clips[window.clip], window) for window in job.store.windows(split)]
 
-    def _clips(self, job: ExportJob, split: str) -> list[tuple[ClipView, Window | None]]:
-        return [(clip, None) for clip in job.clips(split)]
-
     def _shards(
         self, job: ExportJob, folder: ExportFolder, split: str, samples: list[tuple[ClipView, Window | None]]
     ) -> dict[str, int]:
-        """Write the shards of a split; returns how many samples are in each."""
+        """Write the shards of a split; return the number of samples in each."""
         if self.seed >= 0:
             order = np.random.default_rng(self.seed).permutation(len(samples)).tolist()
             samples = [samples[k] for k in order]
@@ -130,21 +127,13 @@ class WebDataset(Export):
         for name in self._names(job):
             rows = clip.read(name) if window is None else job.store.read(window, name)
             yield f"{key}.{_suffix(name)}", _npy(rows)
-        attributes = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(clip.record).items()}
+        attributes = record_json(clip)
         if window is not None:
             attributes |= {"start": window.start, "frames": window.length}
         yield (
             f"{key}.json",
             json.dumps(attributes, ensure_ascii=False, allow_nan=False).encode("utf-8", "backslashreplace"),
         )
-
-    def _about(self, job: ExportJob) -> dict[str, Any]:
-        entries = {name: job.store.field(name).to_json() for name in self._names(job)}
-        for name, field in entries.items():
-            if "train" in job.store.splits and len(job.store.windows("train")):
-                scaler = job.store.normalizer(name)
-                field |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
-        return entries
 
 
 def _suffix(field: str) -> str:
@@ -159,7 +148,7 @@ def _npy(rows: npt.NDArray[Any]) -> bytes:
 
 
 def _add(tar: tarfile.TarFile, members: Iterator[Member]) -> int:
-    """Add files without owner and time, so that equal samples give equal bytes; returns their size."""
+    """Add files without owner and time, so that equal samples give equal bytes; return their size."""
     size = 0
     for name, data in members:
         info = tarfile.TarInfo(name)

@@ -1,8 +1,7 @@
 """Protocols whose beats are those of bailando438: from a dataset with that column, and from the music itself."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from dancedata.core.motion import Motion
 from dancedata.metrics import MusicBeats
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store
+from tests.features import bailando438_rows
 
 PROTOCOLS = ("bailando-aistpp", "motius-aistpp", "dancedata")
 #: Beats: MFCC 20, their derivative 20, chroma 12 and the onset envelope stand before them.
@@ -21,7 +21,7 @@ COLUMN = 53
 
 
 @pytest.fixture(scope="module")
-def sixty(tmp_path_factory: pytest.TempPathFactory, bailando438_rows: Callable[..., Any]) -> Store:
+def sixty(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """A dataset with the columns of the recipe aist++-60 that these protocols need."""
     folder = tmp_path_factory.mktemp("sixty")
     recipe = dict(load_recipe("aist++-60").document)

@@ -1,5 +1,8 @@
-"""Small datasets to export, built once: EDGE's in both scopes, one at 60 frames per second, one of FineDance."""
+"""Small datasets to export, built once: EDGE's in both scopes, two at 60 frames per second, one of FineDance."""
 
+import io
+import shutil
+import wave
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,12 +25,8 @@ RECIPES: dict[str, dict[str, Any]] = {
         "motion": {"edge151": {}},
         "audio": {"librosa35": {}},
     },
-    "sixty": {
-        **AIST,
-        "fps": 60,
-        "motion": {"fact219": {}, "bailando72": {}},
-        "audio": {"librosa35": {}, "bailando438": {}},
-    },
+    "sixty": {**AIST, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}, "audio": {"librosa35": {}}},
+    "bailando": {**AIST, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}, "audio": {"bailando438": {}}},
     "finedance": {
         **AIST,
         "dataset": {"finedance": {}},
@@ -63,19 +62,59 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.fixture(scope="session")
 def built(sources: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Built]:
     """Return a function that builds one of `RECIPES`, once."""
-    folder, known = tmp_path_factory.mktemp("exports"), {}
+    folder, stores = tmp_path_factory.mktemp("exports"), {}
 
-    def of(name: str, **keys: Any) -> Built:
-        label = f"{name}{keys or ''}"
-        if label not in known:
+    def of(name: str, source: Path | None = None, **keys: Any) -> Built:
+        label = f"{name} {source} {keys}"
+        if label not in stores:
             recipe = {**RECIPES[name], **keys, "name": name}
-            source = sources[next(iter(recipe["dataset"]))]
-            out = folder / str(len(known))
-            dancedata.build(recipe, source, out, jobs=1, cache=folder / "cache", progress=False)
-            known[label] = Built(out, source)
-        return known[label]
+            folder_of = source or sources[next(iter(recipe["dataset"]))]
+            out = folder / str(len(stores))
+            dancedata.build(recipe, folder_of, out, jobs=1, cache=folder / "cache", progress=False)
+            stores[label] = Built(out, folder_of)
+        return stores[label]
 
     return of
+
+
+@pytest.fixture
+def aist(sources: dict[str, Path], tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that copies the source of AIST++, with other splits, other music or other motion files.
+
+    `songs` makes the sound of one song of another: its name and bytes to those of the copy. `splits` has the ids
+    of each split. `named` has a sequence of the source for each further id.
+    """
+
+    def copy(
+        *,
+        songs: Callable[[str, bytes], dict[str, bytes]] | None = None,
+        splits: dict[str, list[str]] | None = None,
+        named: dict[str, str] | None = None,
+    ) -> Path:
+        source, out = sources["aist++"], tmp_path / "aist"
+        shutil.copytree(source, out)
+        for path in sorted((out / "wavs").iterdir()) if songs else ():
+            sounds = songs(path.stem, path.read_bytes())
+            path.unlink()
+            for name, sound in sounds.items():
+                (out / "wavs" / f"{name}.wav").write_bytes(sound)
+        for split, ids in (splits or {}).items():
+            (out / "splits" / f"crossmodal_{split}.txt").write_text("".join(f"{one}\n" for one in ids))
+        for name, of in (named or {}).items():
+            shutil.copyfile(out / "motions" / f"{of}.pkl", out / "motions" / f"{name}.pkl")
+        return out
+
+    return copy
+
+
+def cut(wav: bytes, seconds: float, first: float = 0) -> bytes:
+    """Return some seconds of a wav."""
+    out = io.BytesIO()
+    with wave.open(io.BytesIO(wav)) as file, wave.open(out, "wb") as part:
+        part.setparams(file.getparams())
+        file.setpos(int(first * file.getframerate()))
+        part.writeframes(file.readframes(int(seconds * file.getframerate())))
+    return out.getvalue()
 
 
 @pytest.fixture
@@ -83,8 +122,8 @@ def export(tmp_path: Path, built: Callable[[str], Built]) -> Callable[..., Expor
     """Return a function that exports one of `RECIPES` to a folder of the test."""
 
     def run(name: str, to: str, out: str = "out", **options: Any) -> ExportResult:
-        made = built(name)
-        options = {"source": made.source, "progress": False, **options}
-        return dancedata.export(made.path, to, tmp_path / out, **options)
+        dataset = built(name)
+        options = {"source": dataset.source, "progress": False, **options}
+        return dancedata.export(dataset.path, to, tmp_path / out, **options)
 
     return run

@@ -32,7 +32,7 @@ def refusal(store: Path, to: str, out: Path, **options) -> str:
         ("lodge", ["60 frames per second", "no field lodge139", "as in the recipe aist++-lodge or finedance",
                    "without one of the 16 genres", "name clips 001 to 211"]),
         ("finedance", ["no field finedance319", "name clips 001 to 211"]),
-        ("bailando", ["--source DIR"]),
+        ("bailando", ["no field bailando438", "--source DIR"]),
     ],
 )  # fmt: skip
 def test_everything_is_said_at_once(built, tmp_path: Path, to: str, wanted: list[str]) -> None:
@@ -61,8 +61,9 @@ def test_window_scope(built, tmp_path: Path) -> None:
 def test_widths_and_features(built, tmp_path: Path) -> None:
     made = built("edge")
     assert "no field jukebox" in refusal(made.path, "edge", tmp_path / "out", source=made.source, feature="jukebox")
-    text = refusal(built("sixty").path, "fact", tmp_path / "out", feature="bailando438")
-    assert "bailando438 has 438 columns, not 35" in text
+    text = refusal(built("sixty").path, "fact", tmp_path / "out", feature="fact219")
+    assert "fact219 is a field of the kind motion, not audio" in text
+    assert "fact219 has 219 columns, not 35" in text
 
 
 def test_missing_splits(built, tmp_path: Path) -> None:

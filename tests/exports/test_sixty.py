@@ -2,7 +2,6 @@
 
 import json
 import struct
-import wave
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,24 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.audio.bailando438.feature import Bailando438
 from dancedata.core.errors import DataError, StoreError
-from dancedata.exports import bailando as songs
 from dancedata.exports.bailando import json_of
+from dancedata.exports.base.run import ExportResult
 from dancedata.exports.fact import crc32c, example, record
-from tests.exports.conftest import RECIPES
+from tests.exports.conftest import cut
+from tests.features import bailando438_rows
+
+#: The clips of both songs.
+BREAK = ["gBR_sBM_cAll_d04_mBR0_ch01", "gBR_sBM_cAll_d05_mBR0_ch02"]
+HOUSE = ["gHO_sBM_cAll_d19_mHO3_ch03", "gHO_sFM_cAll_d20_mHO3_ch01"]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Bailando438, "extract", bailando438_rows)
+        yield
 
 
 def arrays(path: Path) -> dict[str, Any]:
@@ -25,13 +37,13 @@ def arrays(path: Path) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def bailando(built, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Bailando's folder data/."""
-    made = built("sixty")
+    dataset = built("bailando")
     out = tmp_path_factory.mktemp("bailando") / "out"
-    return dancedata.export(made.path, "bailando", out, source=made.source, progress=False).path / "data"
+    return dancedata.export(dataset.path, "bailando", out, source=dataset.source, progress=False).path / "data"
 
 
 def test_bailandos_sequences(bailando: Path, built) -> None:
-    out, store = bailando, built("sixty").store
+    out, store = bailando, built("bailando").store
     for folder, splits in (("aistpp_train_wav", ("train",)), ("aistpp_test_full_wav", ("test", "val"))):
         clips = {c.id: c for c in store.clips if c.split in splits}
         assert {p.stem for p in (out / folder).iterdir()} == set(clips)
@@ -50,16 +62,15 @@ def test_bailandos_sequences(bailando: Path, built) -> None:
 
 
 def test_bailandos_songs(bailando: Path, built) -> None:
-    made = built("sixty")
-    out, store = bailando, made.store
+    dataset = built("bailando")
+    out, store = bailando, dataset.store
     music = {clip.music for clip in store.clips}
     for folder in ("aistpp_music_feat_7.5fps", "aistpp_music_feat_60fps"):
         assert {p.stem for p in (out / folder).iterdir()} == music
     name = sorted(music)[0]
     slow = arrays(out / "aistpp_music_feat_7.5fps" / f"{name}.json")["music_array"]
-    wanted = dancedata.extract("bailando438", made.source / "wavs" / f"{name}.wav", fps=7.5)
+    wanted = dancedata.extract("bailando438", dataset.source / "wavs" / f"{name}.wav", fps=7.5)
     np.testing.assert_array_equal(slow.astype(np.float32), wanted)
-    assert not slow[:, 52:].any()  # the era's zeros
     assert slow.dtype == np.float64
     fast = arrays(out / "aistpp_music_feat_60fps" / f"{name}.json")["music_array"]
     clip = next(c for c in store.clips if c.music == name)
@@ -67,27 +78,20 @@ def test_bailandos_songs(bailando: Path, built) -> None:
     assert len(fast) > clip.n_frames
 
 
-def test_songs_that_are_not_the_beginning_of_another_are_refused(built, tmp_path: Path, monkeypatch) -> None:
-    made = built("sixty")
-    store = made.store
-    loads = iter(range(100))
-    monkeypatch.setattr(songs, "_begins", lambda part, whole: next(loads) < 0)
-    monkeypatch.setattr("dancedata.pipeline.source_music.DIGITS", 0)
-    from dancedata.exports.base.job import ExportJob
+def test_files_of_one_song(built, aist, tmp_path: Path) -> None:
+    """Loaders read one file per song: that of one sequence, if those of others are its beginning."""
 
-    job = ExportJob(store, tmp_path, made.source)
-    clips = [c for c in job.clips() if c.music == store.clips[0].music]
-    assert len(clips) == 2
-    object.__setattr__(job.music, "hashes", {clip.id: clip.id for clip in clips})
-    monkeypatch.setattr(type(job.music), "load", lambda self, clip: _signal(self, clip))
-    _, lacks = songs.find_songs(job, clips)
-    assert "is not the beginning of that of" in lacks[0].problem
+    def songs(name: str, sound: bytes) -> dict[str, bytes]:
+        if name == "mBR0":
+            return {BREAK[0]: sound, BREAK[1]: cut(sound, 6, first=0.1)}
+        return {HOUSE[0]: cut(sound, 6), HOUSE[1]: sound}
 
-
-def _signal(music: Any, clip: Any) -> Any:
-    from dancedata.audio.signal import load_audio
-
-    return load_audio(music.files[clip.id])
+    dataset = built("bailando", aist(songs=songs))
+    with pytest.raises(StoreError) as caught:
+        dancedata.export(dataset.path, "bailando", tmp_path / "out", source=dataset.source, progress=False)
+    problem = "one file per song is read, and the music mBR0 of gBR_sBM_cAll_d0{}_mBR0_ch0{} is not the beginning of"
+    assert any(problem.format(*numbers) in str(caught.value) for numbers in ((4, 1), (5, 2)))
+    assert "mHO3" not in str(caught.value)
 
 
 @pytest.mark.parametrize("value", [1 / 3, 1e-38, 123456.789, -0.0, 7.0])
@@ -195,64 +199,39 @@ def test_facts_records(export, built) -> None:
     assert sorted(seen) == sorted(clip.id for clip in store.clips)
 
 
-@pytest.fixture(scope="module")
-def short(sources, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A dataset of two songs, of which one ends a second before its dances, the other before four seconds."""
-    folder = tmp_path_factory.mktemp("short")
-    source = folder / "source"
-    (source / "wavs").mkdir(parents=True)
-    for path, seconds in zip(sorted((sources["aist++"] / "wavs").iterdir()), (5, 3.5), strict=True):
-        with wave.open(str(path)) as file:
-            parameters, data = file.getparams(), file.readframes(int(seconds * file.getframerate()))
-        with wave.open(str(source / "wavs" / path.name), "wb") as file:
-            file.setparams(parameters)
-            file.writeframes(data)
-    for part in ("motions", "splits", "ignore_list.txt", "cameras"):
-        (source / part).symlink_to(sources["aist++"] / part)
-    recipe = {
-        **RECIPES["sixty"],
-        "name": "short",
-        "dataset": {"aist++": {"split": "all"}},
+def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
+    """Motion ends with it, and what is then too short is left out of FACT, and noted by Bailando."""
+    source = aist(
+        songs=lambda name, sound: {name: cut(sound, 5 if name == "mBR0" else 3.5)},
+        splits={"train": [BREAK[0], *HOUSE], "val": [], "test": [BREAK[1]]},
+    )
+    keys = {
         "windows": {"length_s": 2, "stride_s": 0.5},
         "audio": {"librosa35": {}, "bailando438": {"onset_fmax": "nyquist"}},
     }
-    dancedata.build(recipe, source, folder / "store", jobs=1, cache=folder / "cache", progress=False)
-    return folder / "store", source
-
-
-def test_music_that_ends_before_the_dance(short: tuple[Path, Path], tmp_path: Path, monkeypatch) -> None:
-    """Motion ends with it, and what is then too short is left out of FACT, and noted by Bailando."""
-    path, source = short
-    store = dancedata.open(path)
-    monkeypatch.setattr("dancedata.exports.fact.PARTS", {"train": ("all",), "test": ("all",)})
-    monkeypatch.setattr("dancedata.exports.fact.needs_splits", lambda *_: [])
-    done = dancedata.export(path, "fact", tmp_path / "fact", progress=False)
+    dataset = built("sixty", source, **keys)
+    store = dataset.store
+    done = dancedata.export(dataset.path, "fact", tmp_path / "fact", progress=False)
     n_rows = {clip.id: len(clip.read_song("librosa35")) for clip in store.clips}
-    kept = {clip for clip, rows in n_rows.items() if rows >= 240}
-    assert len(kept) == 2
-    assert all(len(store.read_clip(clip, "fact219")) > n_rows[clip] for clip in kept)
+    assert {clip for clip, rows in n_rows.items() if rows >= 240} == set(BREAK)
+    assert all(len(store.read_clip(clip, "fact219")) > n_rows[clip] for clip in BREAK)
     assert all(
-        any(clip in note and "left out" in note for note in done.notes) == (clip not in kept) for clip in n_rows
+        any(clip in note and "left out" in note for note in done.notes) == (clip not in BREAK) for clip in n_rows
     )
-    found = [one for p in sorted((done.path / "data").glob("*-train-*")) for one in records(p)]
-    assert {one["motion_name"].decode() for one in found} == kept
-    for one in found:
+    written = [one for p in sorted((done.path / "data").iterdir()) for one in records(p)]
+    assert {one["motion_name"].decode() for one in written} == set(BREAK)
+    for one in written:
         assert one["motion_sequence_shape"] == [n_rows[one["motion_name"].decode()], 219]
         assert one["audio_sequence_shape"] == [n_rows[one["motion_name"].decode()], 35]
-    for name in ("fact", "bailando"):
-        monkeypatch.setattr(f"dancedata.exports.{name}.PARTS", {"train": ("all",), "test": ()})
-        monkeypatch.setattr(f"dancedata.exports.{name}.needs_splits", lambda *_: [])
-    out = dancedata.export(path, "bailando", tmp_path / "out", source=source, progress=False).path / "data"
-    for clip in store.clips:
+    out = dancedata.export(dataset.path, "bailando", tmp_path / "out", source=source, progress=False).path / "data"
+    for clip in (clip for clip in store.clips if clip.split == "train"):
         held = arrays(out / "aistpp_train_wav" / f"{clip.id}.json")
         music = clip.read("bailando438")
         assert len(held["music_array"]) == len(held["dance_array"]) == len(music) < len(clip.read("bailando72"))
     # The feature at 7.5 rows per second is the stored one, with its parameters.
-    name = store.clips[0].music
-    slow = arrays(out / "aistpp_music_feat_7.5fps" / f"{name}.json")["music_array"].astype(np.float32)
-    wanted = dancedata.extract("bailando438", source / "wavs" / f"{name}.wav", fps=7.5, onset_fmax="nyquist")
+    slow = arrays(out / "aistpp_music_feat_7.5fps" / "mBR0.json")["music_array"].astype(np.float32)
+    wanted = dancedata.extract("bailando438", source / "wavs" / "mBR0.wav", fps=7.5, onset_fmax="nyquist")
     np.testing.assert_array_equal(slow, wanted)
-    assert slow[:, 52].any()
 
 
 def test_unpaired_motion_needs_another_song(export) -> None:
@@ -261,59 +240,58 @@ def test_unpaired_motion_needs_another_song(export) -> None:
         export("sixty", "fact", unpaired=1)
 
 
-def test_unpaired_records_are_drawn_from_a_seed(export, built, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.exports.fact.PARTS", {"train": ("train",), "test": ("train", "val", "test")})
-    results = [export("sixty", "fact", name, unpaired=3).path / "data" for name in ("one", "two")]
-    songs = {c.id: c.music for c in built("sixty").store.clips}
-    test = list(songs)
-    found = [[r for p in sorted(out.glob("*testval*")) for r in records(p)] for out in results]
-    names = [[r["motion_name"].decode() for r in one] for one in found]
-    own = [songs[r["motion_name"].decode()] == r["audio_name"].decode() for r in found[0]]
-    assert own.count(True) == len(test)  # the pairs that are meant, and no other
-    assert names[0] == names[1]
-    assert sorted(names[0]) == sorted(test * 4)
-    assert [p.read_bytes() for p in sorted(results[0].iterdir())] == [
-        p.read_bytes() for p in sorted(results[1].iterdir())
+def test_unpaired_records_are_drawn_from_a_seed(built, aist, tmp_path: Path) -> None:
+    dataset = built("sixty", aist(splits={"train": BREAK[:1], "val": HOUSE[:1], "test": [BREAK[1], HOUSE[1]]}))
+    results = [
+        dancedata.export(dataset.path, "fact", tmp_path / name, unpaired=3, progress=False).path / "data"
+        for name in ("one", "two")
     ]
+    songs = {c.id: c.music for c in dataset.store.clips if c.split != "train"}
+    pairs = [[r for p in sorted(out.glob("*testval*")) for r in records(p)] for out in results]
+    names = [[r["motion_name"].decode() for r in one] for one in pairs]
+    same = [songs[r["motion_name"].decode()] == r["audio_name"].decode() for r in pairs[0]]
+    assert same.count(True) == len(songs)  # the pairs that are meant, and no other
+    assert names[0] == names[1]
+    assert sorted(names[0]) == sorted([*songs] * 4)
+    files = [sorted(out.iterdir()) for out in results]
+    assert [p.read_bytes() for p in files[0]] == [p.read_bytes() for p in files[1]]
+
+
+#: A sequence on the ignore list of AIST++.
+IGNORED = "gBR_sBM_cAll_d04_mBR0_ch07"
 
 
 @pytest.mark.parametrize("to", ["bailando", "fact"])
-def test_ignored_clips_are_left_out(built, tmp_path: Path, to: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = built("sixty")
-    monkeypatch.setattr("dancedata.exports.bailando.as_in_builds", lambda exact: lambda *_: np.zeros((9, 438), "f4"))
-    clip = next(c.id for c in made.store.clips if c.split == "train")
-    monkeypatch.setattr("dancedata.exports._aist_names.is_ignored", lambda c: c.id == clip)
-    monkeypatch.setattr(f"dancedata.exports.{to}.is_ignored", lambda c: c.id == clip)
-    done = dancedata.export(made.path, to, tmp_path / "out", source=made.source, progress=False)
-    assert any(clip in note and "ignore list" in note for note in done.notes)
-    held = b"".join(p.read_bytes() for p in (done.path / "data").rglob("*train*") if p.is_file())
-    assert clip.encode() not in held
-    assert not list(done.path.rglob(f"{clip}.json"))
+@pytest.mark.parametrize("ignore", ["none", "list"])
+def test_ignored_clips(built, aist, tmp_path: Path, to: str, ignore: str) -> None:
+    """Exports leave them out; kept on request, they have to be in the dataset."""
+    source = aist(splits={"train": [IGNORED, *HOUSE]}, named={IGNORED: BREAK[0]})
+    (source / "ignore_list.txt").write_text(f"{IGNORED}\n")
+    dataset = built("bailando" if to == "bailando" else "sixty", source, dataset={"aist++": {"ignore": ignore}})
+
+    def run(out: str, **options: Any) -> ExportResult:
+        return dancedata.export(dataset.path, to, tmp_path / out, source=source, progress=False, **options)
+
+    def names(result: ExportResult) -> bytes:
+        return b"".join(p.read_bytes() for p in (result.path / "data").rglob("*train*") if p.is_file())
+
+    done = run("out")
+    assert any(IGNORED in note and "ignore list" in note for note in done.notes) == (ignore == "none")
+    assert IGNORED.encode() not in names(done)
+    assert HOUSE[0].encode() in names(done) or to == "bailando"
+    assert bool(list(done.path.rglob(f"{HOUSE[0]}.json"))) == (to == "bailando")
+    assert not list(done.path.rglob(f"{IGNORED}.json"))
+    if to == "fact":
+        return
+    if ignore == "none":
+        assert list(run("kept", keep_ignored=True).path.rglob(f"{IGNORED}.json"))
+        return
+    with pytest.raises(StoreError, match=rf"not in the dataset: {IGNORED}\n.*fix: .*\{{ignore: none\}}"):
+        run("kept", keep_ignored=True)
 
 
-def test_ignored_clips_that_the_dataset_lacks_are_named(
-    built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from dancedata.store import Store
-
-    made = built("sixty")
-    monkeypatch.setattr(Store, "rejects", [{"reason": "ignored", "clip": "gBR_x"}])
-    with pytest.raises(
-        StoreError, match=r"not in the dataset: gBR_x\n.*fix: dataset: \{aist\+\+: \{ignore: none\}\}"
-    ):
-        dancedata.export(
-            made.path, "bailando", tmp_path / "out", source=made.source, keep_ignored=True, progress=False
-        )
-
-
-def test_other_music_is_refused(built, tmp_path: Path) -> None:
-    made = built("sixty")
-    source = tmp_path / "music"
-    source.mkdir()
-    for path in (made.source / "wavs").iterdir():
-        data = bytearray(path.read_bytes())
-        data[-1000:] = bytes(1000)
-        (source / path.name).write_bytes(data)
+def test_other_music_is_refused(built, aist, tmp_path: Path) -> None:
+    source = aist(songs=lambda name, sound: {name: sound[:-1000] + bytes(1000)})
     with pytest.raises(DataError, match="this music does not match the dataset"):
-        dancedata.export(made.path, "bailando", tmp_path / "out", source=source, progress=False)
+        dancedata.export(built("bailando").path, "bailando", tmp_path / "out", source=source, progress=False)
     assert not (tmp_path / "out").exists()

@@ -171,7 +171,7 @@ def test_errors_are_ours(
         ("arrays", "extract", "dancedata.pipeline.arrays"),
         ("decoding", "decode_file", "dancedata.pipeline.decoding"),
         ("evaluation", "self_test", "dancedata.evaluation.run"),
-        ("export", "export", "dancedata.exports.base.export"),
+        ("export", "export", "dancedata.exports.base.run"),
     ],
 )
 def test_old_addresses_lead_to_the_same_functions(old: str, name: str, home: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Lack
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_track_scope
 
 _FIELD = "joints"
@@ -37,7 +37,7 @@ class TemplateName(Export):
         if not 0 <= self.digits <= 9:
             raise UsageError("invalid number of digits", found=self.digits, allowed="0 to 9")
 
-    def lacks(self, job: ExportJob) -> list[Lack]:
+    def missing(self, job: ExportJob) -> list[Missing]:
         """Return what the dataset lacks, with the line of a recipe that gives it."""
         return needs_track_scope(job) + needs_field(job, _FIELD, kind="motion")
 

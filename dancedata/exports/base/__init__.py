@@ -1,1 +1,1 @@
-"""How a built dataset is exported: what it lacks, its music, the folder that appears whole."""
+"""The parts of exports: checks of a dataset, the job, the folder that appears whole."""

@@ -29,7 +29,7 @@ class WrittenFile:
 
 
 class ExportFolder:
-    """Writes the files of an export. They lie beside their place until all are there.
+    """Writes the files of an export, in a folder that is renamed once it is complete.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ExportFolder:
         self._by_hash: dict[WrittenFile, str] = {}
 
     def note(self, text: str) -> None:
-        """Add a sentence for the user, for the summary, README.md and export.json; one that is there is not added."""
+        """Add a sentence for the user to the summary, README.md and export.json; each is kept once."""
         if text not in self.notes:
             self.notes.append(text)
 

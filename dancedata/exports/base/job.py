@@ -1,4 +1,4 @@
-"""What an export is asked to do, what a dataset may lack for it, and the base class of exports."""
+"""The base class of exports, their job, and what a dataset may lack for it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Lack:
+class Missing:
     """Something that a dataset lacks for an export.
 
     Attributes
@@ -84,6 +84,20 @@ class ExportJob:
                 advance(1)
 
 
+def record_json(clip: ClipView) -> dict[str, Any]:
+    """Return the attributes of a clip as plain JSON data."""
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(clip.record).items()}
+
+
+def field_json(job: ExportJob, name: str, **more: Any) -> dict[str, Any]:
+    """Return what a field is as plain JSON data, with its scaler where there are train windows."""
+    entry = {**job.store.field(name).to_json(), **more}
+    if "train" in job.store.splits and len(job.store.windows("train")):
+        scaler = job.store.normalizer(name)
+        entry |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
+    return entry
+
+
 class Export(Plugin):
     """Writes a built dataset as the files that one trainer or program reads.
 
@@ -102,8 +116,13 @@ class Export(Plugin):
     reference: ClassVar[str] = ""
     listed_folders: ClassVar[tuple[str, ...]] = ()
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "lacks" in vars(cls) and "missing" not in vars(cls):  # the old name
+            cls.missing = vars(cls)["lacks"]  # type: ignore[method-assign]
+
     @abstractmethod
-    def lacks(self, job: ExportJob) -> list[Lack]:
+    def missing(self, job: ExportJob) -> list[Missing]:
         """Return everything that the dataset lacks for this export; nothing is written while there is something.
 
         `dancedata.exports.base.needs` has the usual checks: fields, rates, splits, scope, names, music.
@@ -111,7 +130,7 @@ class Export(Plugin):
 
     @abstractmethod
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        """Write the files. Called once `lacks` has returned nothing.
+        """Write the files. Called once `missing` has returned nothing.
 
         Parameters
         ----------
@@ -128,3 +147,5 @@ class Export(Plugin):
 
 
 EXPORTS = Registry("export", "dancedata.exports", Export)
+#: Deprecated name of `Missing`.
+Lack = Missing

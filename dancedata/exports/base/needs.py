@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from dancedata.core.errors import DanceDataError
+from dancedata.core.errors import DanceDataError, did_you_mean
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, quoted
-from dancedata.exports.base.job import ExportJob, Lack
+from dancedata.exports.base.job import ExportJob, Missing
 
 if TYPE_CHECKING:
     from dancedata.store import ClipView
@@ -19,7 +19,7 @@ _SOURCE = "give --source DIR, the folder with the music"
 
 def needs_field(
     job: ExportJob, name: str, *, kind: str, width: int | None = None, rate: int | str | None = None
-) -> list[Lack]:
+) -> list[Missing]:
     """Check that a field is stored, with a width and a rate.
 
     Parameters
@@ -37,70 +37,83 @@ def needs_field(
     if name not in job.store.fields:
         makers = recipes_with(name)
         shipped = f", as in the recipe {' or '.join(makers)}" if makers else ""
-        return [Lack(f"the dataset has no field {name} (it has {', '.join(job.store.fields)})", f"{line}{shipped}")]
+        problem = f"the dataset has no field {name} (it has {', '.join(job.store.fields)})"
+        return [Missing(problem, f"{line}{shipped}")]
     field, problems = job.store.field(name), []
     if field.kind != kind:
-        problems.append(Lack(f"{name} is a field of the kind {field.kind}, not {kind}", line))
+        problems.append(Missing(f"{name} is a field of the kind {field.kind}, not {kind}", line))
     if width is not None and field.columns.width != width:
-        problems.append(Lack(f"{name} has {field.columns.width} columns, not {width}", line))
+        problems.append(Missing(f"{name} has {field.columns.width} columns, not {width}", line))
     if rate is not None and field.rate != Fraction(rate):
         fix = f"{kind}: {{{name}: {{fps: {rate}}}}}" if kind == "audio" else f"fps: {rate}"
-        problems.append(Lack(f"{name} has {field.rate} rows per second, not {rate}", fix))
+        problems.append(Missing(f"{name} has {field.rate} rows per second, not {rate}", fix))
     return problems
 
 
-def needs_fps(job: ExportJob, fps: int) -> list[Lack]:
+def needs_fields(job: ExportJob, names: Iterable[str]) -> list[Missing]:
+    """Check that fields of any kind are stored."""
+    fields = job.store.fields
+    return [Missing(f"the dataset has no field {n!r}", did_you_mean(n, fields)) for n in names if n not in fields]
+
+
+def needs_train(job: ExportJob, scaler: str, fitted: str) -> list[Missing]:
+    """Check that there is a split train where a scaler is fitted on it alone."""
+    if scaler != "train" or "train" in job.store.splits:
+        return []
+    return [Missing(f"the dataset has no split train to fit {fitted} on", "--scaler all")]
+
+
+def needs_fps(job: ExportJob, fps: int) -> list[Missing]:
     """Check the frame rate of the dataset."""
     if job.store.fps == fps:
         return []
-    return [Lack(f"the dataset has {job.store.fps} frames per second, not {fps}", f"fps: {fps}")]
+    return [Missing(f"the dataset has {job.store.fps} frames per second, not {fps}", f"fps: {fps}")]
 
 
-def needs_track_scope(job: ExportJob) -> list[Lack]:
+def needs_track_scope(job: ExportJob) -> list[Missing]:
     """Check that whole clips are stored."""
     if job.store.scope == "track":
         return []
-    return [Lack("the dataset has window scope, without whole clips", "scope: track")]
+    return [Missing("the dataset has window scope, without whole clips", "scope: track")]
 
 
-def needs_splits(job: ExportJob, *splits: str) -> list[Lack]:
-    """Check that every one of some splits has clips."""
+def needs_splits(job: ExportJob, *splits: str) -> list[Missing]:
+    """Check that splits have clips."""
     absent = [split for split in splits if split not in job.store.splits]
     if not absent:
         return []
-    found = f"the dataset has no clips in {' and '.join(absent)} (its splits: {', '.join(job.store.splits)})"
-    return [
-        Lack(found, "a recipe whose dataset key has these splits, such as dataset: {aist++: {split: crossmodal}}")
-    ]
+    problem = f"the dataset has no clips in {' and '.join(absent)} (its splits: {', '.join(job.store.splits)})"
+    fix = "a recipe whose dataset key has these splits, such as dataset: {aist++: {split: crossmodal}}"
+    return [Missing(problem, fix)]
 
 
-def needs_music(job: ExportJob, clips: list[ClipView]) -> list[Lack]:
+def needs_music(job: ExportJob, clips: list[ClipView]) -> list[Missing]:
     """Check that --source has the music of clips."""
     if job.source is None:
-        return [Lack("the music itself is needed, which no dataset holds", _SOURCE)]
+        return [Missing("the music itself is needed, which no dataset holds", _SOURCE)]
     try:
         missing = job.music.missing(clips)
     except DanceDataError as error:
-        return [Lack(str(error), _SOURCE)]
+        return [Missing(str(error), _SOURCE)]
     stretched = [c.id for c in clips if c.source and c.n_frames != job.store.clip(c.source).n_frames]
     if stretched:
-        found = f"copies at another tempo, whose music no source holds: {listed(stretched)}"
-        return [Lack(found, "a recipe without copies at another tempo under augment")]
+        problem = f"copies at another tempo, whose music no source holds: {listed(stretched)}"
+        return [Missing(problem, "a recipe without copies at another tempo under augment")]
     if not missing:
         return []
-    return [Lack(f"no music below {job.source} for {listed(missing)}", _SOURCE)]
+    return [Missing(f"no music below {job.source} for {listed(missing)}", _SOURCE)]
 
 
-def needs_names(clips: Iterable[ClipView], is_read_right: Callable[[str], bool], form: str) -> list[Lack]:
-    """Check that the loader reads the names of clips rightly; `form` says in words which names it does."""
+def needs_names(clips: Iterable[ClipView], is_read_right: Callable[[str], bool], form: str) -> list[Missing]:
+    """Check that the loader does not misread the names of clips; `form` describes the names that it reads."""
     bad = [quoted(clip.id) for clip in clips if not is_read_right(clip.id)]
     if not bad:
         return []
-    return [Lack(f"names that the loader would read wrongly: {listed(bad)}", f"name clips {form}")]
+    return [Missing(f"names that the loader would read wrongly: {listed(bad)}", f"name clips {form}")]
 
 
-def needs_feature(name: str) -> list[Lack]:
+def needs_feature(name: str) -> list[Missing]:
     """Check that an audio feature is registered."""
     if name in FEATURES.names():
         return []
-    return [Lack(f"the audio feature {name} is not installed", "install a version of dancedata that has it")]
+    return [Missing(f"the audio feature {name} is not installed", "install a version of dancedata that has it")]

@@ -1,4 +1,4 @@
-"""Exports a dataset: what is lacking, the target's files, README, licence and export.json."""
+"""Export of a dataset: checks, the target's files, README, licence and export.json."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -11,17 +11,18 @@ from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.core.version import __version__
 from dancedata.execution.progress import Progress
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import Export, ExportJob, Lack
+from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.place import README, new_export, read_about, write_about
 from dancedata.pipeline.source_music import is_source
 from dancedata.recipes.documents import document_of
+from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
 
 _TEXT = 5000
 
 
 def readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
-    """Return the README: what this is, how it is used, what to know, where it comes from."""
+    """Return the README: files, use, notes and origin."""
     name = shown(job.store.meta.get("name", job.store.path.name))
     reads = f" Files as `{target.reference}` reads them." if target.reference else ""
     listed = ", ".join(f"`{folder}/`" for folder in target.listed_folders)
@@ -102,6 +103,71 @@ class ExportResult:
         }
 
 
+def export(
+    store: str | Path,
+    to: str,
+    out: str | Path,
+    *,
+    source: str | Path | None = None,
+    link: bool = False,
+    overwrite: bool = False,
+    progress: bool = True,
+    **parameters: Any,
+) -> ExportResult:
+    """Write a built dataset as the files that another trainer or program reads, as ``dancedata export`` does.
+
+    Parameters
+    ----------
+    store
+        Folder that `build` wrote.
+    to
+        Name of the target: "edge", "lodge", "npz", ...
+    out
+        Folder to write: a new or empty one. It appears when all is written.
+    source
+        Folder with the music that the dataset was built from; targets that write sound need it.
+    link
+        Make hard links in place of files with equal bytes.
+    overwrite
+        Replace an export in `out` whose files were not changed.
+    progress
+        As in `build`.
+    parameters
+        The target's own, such as ``feature="jukebox"`` or ``scaler="train"``; `dancedata list` shows them.
+
+    Returns
+    -------
+    ExportResult
+        Path, notes, and `about`: what its export.json holds.
+
+    Raises
+    ------
+    UsageError
+        For an unknown target, or as RecipeError for parameters that it does not take.
+    StoreError
+        With everything that the dataset lacks for the target and the lines of a recipe that give it; if `out` holds
+        other files, or cannot be written.
+    DataError
+        If music below `source` cannot be decoded, or does not match the dataset.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.export("data/aistpp", "edge", "exports/edge", source="~/aist_plusplus_final").notes
+    ('the split val (1 clip) is not exported: --set val_as_test=true adds it to test', ...)
+    """
+    target = make_named(EXPORTS, "export", to, parameters)
+    return export_dataset(
+        Path(store).expanduser(),
+        target,
+        Path(out).expanduser(),
+        source=None if source is None else Path(source).expanduser(),
+        link=link,
+        overwrite=overwrite,
+        progress=Progress(quiet=not progress),
+    )
+
+
 def export_dataset(
     path: Path,
     target: Export,
@@ -116,7 +182,7 @@ def export_dataset(
     with open_store(path) as store:
         job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
-        raise_lacks(target, job, file_name_lacks(job) + target.lacks(job))
+        require_complete(target, job, needs_file_names(job) + target.missing(job))
         store.require_intact()
         with new_export(job.out, overwrite=overwrite) as new:
             folder = ExportFolder(new, job.out, link)
@@ -128,22 +194,22 @@ def export_dataset(
     return ExportResult(job.out, record)
 
 
-def raise_lacks(target: Export, job: ExportJob, lacks: list[Lack]) -> None:
-    """Raise StoreError with everything that is lacking, one line each; nothing where nothing is."""
-    if not lacks:
+def require_complete(target: Export, job: ExportJob, missing: list[Missing]) -> None:
+    """Raise StoreError with everything that is missing, one line each."""
+    if not missing:
         return
-    lines = "".join(f"\n- {lack.problem}\n  fix: {lack.fix}" for lack in lacks)
+    lines = "".join(f"\n- {entry.problem}\n  fix: {entry.fix}" for entry in missing)
     raise StoreError(
         f"the dataset cannot be exported as {target.name}; nothing was written:{lines}", where=job.store.path
     )
 
 
-def file_name_lacks(job: ExportJob) -> list[Lack]:
+def needs_file_names(job: ExportJob) -> list[Missing]:
     """Return the clips whose id cannot be the name of a file."""
     bad = [quoted(c.id) for c in job.clips() if "/" in c.id or c.id.startswith(".") or len(c.id.encode()) > _MAX_NAME]
     if not bad:
         return []
-    return [Lack(f"ids of clips that cannot be names of files: {listed(bad)}", "rename the source files")]
+    return [Missing(f"ids of clips that cannot be names of files: {listed(bad)}", "rename the source files")]
 
 
 def _check_place(job: ExportJob) -> None:
@@ -151,9 +217,9 @@ def _check_place(job: ExportJob) -> None:
         raise UsageError(
             "cannot replace the current working directory", where=job.out, fix="export from another folder"
         )
-    for what, folder in (("dataset", job.store.path), ("source", job.source)):
+    for kind, folder in (("dataset", job.store.path), ("source", job.source)):
         if folder is not None and job.out.resolve().is_relative_to(folder.resolve()):
-            raise UsageError(f"an export does not go into its {what}", where=job.out, fix="choose another --out")
+            raise UsageError(f"an export does not go into its {kind}", where=job.out, fix="choose another --out")
     for folder in (job.out.resolve(), *job.out.resolve().parents):
         if is_source(job.store, folder):
             raise UsageError(
