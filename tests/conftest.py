@@ -304,12 +304,6 @@ def build_once(run_build: Build, once: Once) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def whole_demo(build_once: Callable[..., Path]) -> Path:
-    """The dataset that README's first command builds, and its source beside it. Not to be written into."""
-    return build_once("demo")
-
-
-@pytest.fixture(scope="session")
 def built_in(build_once: Callable[..., Path], corpus: Path) -> dict[str, Path]:
     """The corpus built in both scopes. Not to be written into."""
     return {scope: build_once(recipe, corpus) for scope, recipe in RECIPES.items()}

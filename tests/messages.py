@@ -43,8 +43,8 @@ def render(entries: dict[Key, str]) -> str:
 def normalised(text: str, folders: dict[str, str]) -> str:
     """Return a text with the folders of this run by name, without spaces at the ends of lines."""
     for folder, name in folders.items():
-        # A test's own temporary folder has a number, which depends on the order of the tests.
-        rest = r"(/popen-gw\d+)?(/[\w.-]+)?" if name == "TMP" else ""
+        # A test's own temporary folder has a number, which depends on the order of the tests; a shared one has a key.
+        rest = r"(/popen-gw\d+|/once)?(/[\w.+-]+)?" if name == "TMP" else ""
         text = re.sub(re.escape(folder) + rest + r"(?![\w-])", name, text)
     return re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE).rstrip()
 

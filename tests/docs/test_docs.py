@@ -28,11 +28,10 @@ def _blocks(page: str, language: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def demo(whole_demo: Path, run_build: Callable[..., object], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def demo(run_build: Callable[..., object], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with data/demo in it, as README's first command leaves it."""
     data = tmp_path_factory.mktemp("demo") / "data"
-    shutil.copytree(whole_demo.with_name("demo-source"), data / "demo-source", copy_function=os.link)
-    run_build(data / "demo-source", data / "demo", "demo")  # from the cache
+    run_build(data / "demo-source", data / "demo", "demo")
     return data.parent
 
 
