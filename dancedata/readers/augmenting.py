@@ -268,7 +268,7 @@ def _step(name: str, augmentation: Augmentation, chance: float) -> _Step:
 
 
 def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
-    """Give steps of equal names different ones, so that they draw different numbers."""
+    """Yield steps under different names, so that steps of one name draw different numbers."""
     counts: dict[str, int] = {}
     for step in steps:
         nth = counts[step.name] = counts.get(step.name, 0) + 1

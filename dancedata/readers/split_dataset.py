@@ -91,7 +91,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Changes:
-    """How samples are changed on reading; see the parameters of `WindowDataset`."""
+    """Changes of samples on reading; see the parameters of `WindowDataset`."""
 
     mirror: float
     augment: Augment | None
@@ -132,11 +132,11 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
         self._reference = self._store.reference
         self.split, self.preset = split, preset
-        self._known: Preset | None = find_preset(self.store, preset)
+        self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
             require_protocol(self.store, protocol)
-        self._protocol: str | None = given_or_preset(protocol, self._known, "protocol", None)
-        self.fields, self._with_primitives = fields_to_read(self.store, self._known, fields, preset)
+        self._protocol: str | None = given_or_preset(protocol, self._preset, "protocol", None)
+        self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
         self._epoch = shared_number(_NOT_SET)
         self._tempos: dict[str, float] = {}
 
@@ -152,8 +152,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._choice = Choice(
             fields=self.fields,
             windows=windows,
-            trim=given_or_preset(trim, self._known, "trim", False),
-            ignore=tuple(given_or_preset(ignore, self._known, "ignore", ())),
+            trim=given_or_preset(trim, self._preset, "trim", False),
+            ignore=tuple(given_or_preset(ignore, self._preset, "ignore", ())),
             protocol=self._protocol,
             filter=window_filter(filter_),
             start_at=start_at,
@@ -178,10 +178,10 @@ class SplitDataset(Dataset[dict[str, Any]]):
         )
         self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
         changed = mirrored or bool(self._augmenter.steps)
-        self.clip = bool(given_or_preset(changes.clip, None if changed else self._known, "clip", False))
+        self.clip = bool(given_or_preset(changes.clip, None if changed else self._preset, "clip", False))
         self._random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
-        normalize = given_or_preset(changes.normalize, self._known, "normalize", True)
+        normalize = given_or_preset(changes.normalize, self._preset, "normalize", True)
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
@@ -337,8 +337,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:
         """The number of each genre: as the dataset numbers them, else 0, 1, ... by name, over all splits."""
-        stated: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
-        return stated or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
+        numbers: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
+        return numbers or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
 
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
@@ -353,21 +353,21 @@ class SplitDataset(Dataset[dict[str, Any]]):
             How every sample was changed, beside mirroring and augmentations.
         """
         windows = self.windows if windows is None else windows
-        chosen, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
-        clips = [windows.clip_ids[number] for number in windows.clip[chosen].tolist()]
-        starts = (windows.start[chosen] + np.asarray(request.shifts, dtype=np.int64)).tolist()
-        lengths = windows.length[chosen].tolist()
+        places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
+        clips = [windows.clip_ids[number] for number in windows.clip[places].tolist()]
+        starts = (windows.start[places] + np.asarray(request.shifts, dtype=np.int64)).tolist()
+        lengths = windows.length[places].tolist()
         copies = [
             (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
             for place, flag in zip(request.places, request.mirrored, strict=True)
         ]
-        drawn = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, chosen, strict=True)]
+        marks = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, places, strict=True)]
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
         clips_by_id = {clip: self.store.clip(clip) for clip in set(clips)}
         records = [clips_by_id[clip] for clip in clips]
         return {
-            "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, drawn, strict=True)],
+            "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, marks, strict=True)],
             "clip": clips,
             "start": starts,
             "length": lengths,

@@ -293,10 +293,10 @@ def _on_the_path(columns: Tensor, layout: Columns) -> Tensor:
     ahead = torch.cat([still.expand(*still.shape[:-1], 2), step[..., :-1, :].double()], dim=-2)
     path = _turned(ahead[..., 0], ahead[..., 1], facing[..., 0])
     x, z = (axis.cumsum(-1).to(columns.dtype)[..., None] for axis in path)
-    others = local.reshape(*local.shape[:-1], local.shape[-1] // 3, 3)
-    east, south = _turned(others[..., 0], others[..., 2], facing.to(columns.dtype))
+    relative = local.reshape(*local.shape[:-1], local.shape[-1] // 3, 3)
+    east, south = _turned(relative[..., 0], relative[..., 2], facing.to(columns.dtype))
     root = torch.stack([x, height, z], dim=-1)
-    return torch.cat([root, torch.stack([east + x, others[..., 1], south + z], dim=-1)], dim=-2)
+    return torch.cat([root, torch.stack([east + x, relative[..., 1], south + z], dim=-1)], dim=-2)
 
 
 def _turned(x: Tensor, z: Tensor, angle: Tensor) -> tuple[Tensor, Tensor]:

@@ -197,9 +197,9 @@ class WindowDataset(SplitDataset):
             "stride_s": stride_s,
             "stride_frames": stride_frames,
         }
-        given_filter = given_or_preset(filter, self._known, "filter", None)
+        given_filter = given_or_preset(filter, self._preset, "filter", None)
         start = require_start_at(start_at)
-        selection = self._select(preset_windows(self._known, requested), trim, ignore, given_filter, start)
+        selection = self._select(preset_windows(self._preset, requested), trim, ignore, given_filter, start)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
             raise no_window_error(self.store, split, self.rejects, start)
@@ -224,7 +224,7 @@ class WindowDataset(SplitDataset):
         self._random |= self._with_primitives and primitive_variant == "code"
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
-        self.relative_root = given_or_preset(relative_root, self._known, "relative_root", False)
+        self.relative_root = given_or_preset(relative_root, self._preset, "relative_root", False)
         self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
         self.mapped = mapped
         self._stride = self.store.window_grid(**self._choice.windows).stride

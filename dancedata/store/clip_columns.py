@@ -66,7 +66,7 @@ class ClipRecord:
 
 @dataclass(frozen=True)
 class ColumnType:
-    """How the values of a column are stored, read and checked.
+    """Type of a column: storage, decoding and checks of its values.
 
     Attributes
     ----------

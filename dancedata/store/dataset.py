@@ -226,10 +226,10 @@ class Store:
             return whole_clips(split, shards, self._description, window_fields, trim)
         return cut_windows(split, shards, self._description, requested, window_fields, trim)
 
-    def _only_built_windows(self, found: str | None = None) -> StoreError:
+    def _only_built_windows(self, request: str | None = None) -> StoreError:
         stored = f"length {self._description.length}, stride {self._description.stride} frames"
         return StoreError(
-            "a store of window scope holds only the windows that were built", where=str(self.path), found=found,
+            "a store of window scope holds only the windows that were built", where=str(self.path), found=request,
             allowed=stored, fix="build with scope: track",
         )  # fmt: skip
 
@@ -403,8 +403,8 @@ class Store:
     @property
     def weights(self) -> dict[str, str]:
         """By field that a network computed: name, commit and hash of its weights, and their licence."""
-        stated = {name: stated_weights(self.meta, name) for name in self._fields}
-        return {name: text for name, text in stated.items() if text}
+        weights = {name: stated_weights(self.meta, name) for name in self._fields}
+        return {name: text for name, text in weights.items() if text}
 
     @property
     def stats(self) -> dict[str, Any]:

@@ -149,17 +149,17 @@ class Pose:
         """
         positions = checked_joints(joints)
         name = body or BODY_OF.get(positions.shape[1], "")
-        known = BODIES.get(name)
-        if known is None or len(known[0]) != positions.shape[1]:
-            wanted = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())
+        joints_of_body = BODIES.get(name)
+        if joints_of_body is None or len(joints_of_body[0]) != positions.shape[1]:
+            bodies = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())
             raise DataError(
                 "the joints of an array are unknown",
                 reason="missing_joints",
                 found=f"{positions.shape[1]} joints" + (f", declared as {body}" if body else ""),
-                allowed=wanted,
+                allowed=bodies,
                 fix="declare the body: --body NAME",
             )
-        return cls(positions, known[0], grid, known[1])
+        return cls(positions, joints_of_body[0], grid, joints_of_body[1])
 
 
 @dataclass(frozen=True, eq=False)

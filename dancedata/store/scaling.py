@@ -96,7 +96,7 @@ def stated_in(arrays: ArrayFile) -> bool | None:
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """How columns of a field are scaled.
+    """Scaling of the columns of a field.
 
     Attributes
     ----------

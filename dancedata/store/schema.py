@@ -121,7 +121,7 @@ class Field:
 
 @dataclass(frozen=True)
 class StoreHeader:
-    """What holds for the whole store.
+    """Properties of the whole store.
 
     Attributes
     ----------

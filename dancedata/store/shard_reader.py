@@ -118,7 +118,7 @@ class WindowRows:
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """Where a field's rows lie in a shard: first byte, number of rows, columns, dtype, name in the file.
+    """Place of a field's rows in a shard: first byte, number of rows, columns, dtype, name in the file.
 
     The first byte is None where rows are not one piece of the file: chunked or compressed.
     """
@@ -142,7 +142,6 @@ class ShardReader:
     """
 
     def __init__(self, file: ListedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
-        """Remember where the shard is; nothing is opened."""
         self.path = file.path
         self._listed = file
         self.split = split

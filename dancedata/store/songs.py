@@ -1,4 +1,4 @@
-"""Which clips of a dataset share a song: by its name, by its samples, and by features of its sound."""
+"""Songs that clips of a dataset share: by name, by samples, and by features of their sound."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -257,7 +257,7 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
 
 
 def _are_compared(one: _Recording, other: _Recording) -> bool:
-    """Tell whether two recordings are of different songs, and not both in one split alone."""
+    """Whether two recordings are of different songs and not both in one split alone."""
     return one.song != other.song and len(one.splits | other.splits) > 1
 
 
