@@ -13,7 +13,7 @@ from dancedata.readers.sampler import EpochSampler, permutation
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
-#: What samples can be balanced by.
+#: Labels by which samples can be balanced.
 LABELS = ("genre", "dancer", "music", "clip")
 #: Apart from the stream of orders, which shuffles the drawn samples.
 _GROUP_STREAM = 6

@@ -45,7 +45,7 @@ class BatchLoader:
     dataset, sampler, batch_size, drop_last, threads, prefetch
         As given; `sampler` is the one made if none was given.
     pinned
-        Whether batches lie in pinned memory.
+        Whether batches are in pinned memory.
 
     Notes
     -----
@@ -100,13 +100,13 @@ class BatchLoader:
         prefetch
             Batches that are read ahead.
         pin_memory
-            Whether batches lie in pinned memory, for faster copies to a GPU. Without a GPU it is ignored, as in a
+            Whether batches are in pinned memory, for faster copies to a GPU. Without a GPU it is ignored, as in a
             DataLoader, and a warning is logged.
 
         Raises
         ------
         UsageError
-            For a number that is too small, or `shuffle` beside a sampler.
+            For a number that is too small, or `shuffle` together with a sampler.
         """
         self.dataset = dataset
         self.batch_size, self.threads = _at_least_1(batch_size=batch_size), _at_least_1(threads=threads)

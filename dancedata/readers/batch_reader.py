@@ -100,7 +100,7 @@ def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
         unwritten = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
         while unwritten.nbytes:
             unwritten = unwritten[os.write(descriptor, unwritten) :]
-        storage: torch.UntypedStorage = map_shared(descriptor, array.nbytes)  # with a descriptor of its own
+        storage: torch.UntypedStorage = map_shared(descriptor, array.nbytes)  # which duplicates the descriptor
     except (OSError, RuntimeError, TypeError):
         return None
     finally:
@@ -165,7 +165,7 @@ class FieldReader:
         return np.dtype(np.float32) if self.scaler is not None else self.rows.dtype
 
     def read(self, place: int, shift: int, mirrored: bool, out: Array) -> None:
-        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored if asked for."""
+        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored on request."""
         image = self._image if mirrored else None
         if image is None:
             self.rows.read_into(place, out, shift)
@@ -276,7 +276,7 @@ class BatchReader:
         """
         order = sorted(range(len(request)), key=request.places.__getitem__)
         for field in self.fields:
-            # Pages around a window that is moved are those of its neighbours.
+            # A window that is moved has the pages of its neighbours.
             field.rows.read_ahead([request.places[nth] for nth in order])
         for field in self.fields:
             target = out[field.name]

@@ -51,7 +51,7 @@ class ClipDataset(SplitDataset):
     -----
     *Mirroring, augmenting, cropping* are pure functions of (seed, epoch, index): the same in every worker, on every
     rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`; while
-    none is set, each reading draws anew, from torch's generator.
+    none is set, each reading draws new numbers from torch's generator.
 
     *Normalising* is that of `WindowDataset`, with the same scalers.
 

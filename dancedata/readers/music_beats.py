@@ -13,14 +13,12 @@ from dancedata.core.errors import UsageError
 from dancedata.core.registry import beat_rows_late
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
-from dancedata.store.window_list import WindowList
+from dancedata.store.window_list import IntArray, WindowList
 
-#: What a window or crop may begin with.
+#: Beats at which a window or crop may begin.
 StartAt = Literal["beat", "downbeat"]
 #: Labels of samples, and the column groups that they are from.
 LABELS: tuple[str, ...] = get_args(StartAt)
-
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -224,7 +224,7 @@ def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = 
 def fields_to_read(
     store: Store, preset: Preset | None, fields: Sequence[str] | None, preset_name: str | None
 ) -> tuple[tuple[str, ...], bool]:
-    """Return the stored fields to read, and whether primitives are computed beside them.
+    """Return the stored fields to read, and whether primitives are computed as well.
 
     Where neither the caller nor a preset names any: edge151 and librosa35, or all if the store lacks one of them.
     """

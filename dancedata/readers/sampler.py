@@ -185,7 +185,7 @@ class EpochSampler(Sampler[int]):
         return self.at(self._epoch, self._position)
 
     def at(self, epoch: int, consumed: int) -> dict[str, int]:
-        """Return the state of a trainer that has consumed so many samples of an epoch; changes nothing.
+        """Return the state of a trainer that has consumed this many samples of an epoch; changes nothing.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class EpochSampler(Sampler[int]):
         return self._length // batch_size if drop_last else -(-self._length // batch_size)
 
     def at_total(self, epoch: int, consumed: int) -> dict[str, int]:
-        """Return the state from which all ranks together have consumed so many samples of an epoch; changes nothing.
+        """Return the state from which all ranks together have consumed this many samples of an epoch.
 
         For a run that continues with another number of ranks: the order of an epoch is that of all ranks together,
         dealt to them one by one. Where `consumed` is a multiple of the new number of ranks, every remaining sample
@@ -254,7 +254,7 @@ class EpochSampler(Sampler[int]):
         return self.at(epoch, whole("consumed", consumed) // self.world_size)
 
     def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Go where `state_dict` or `at` said; takes effect at the next ``iter(loader)``.
+        """Go to a state of `state_dict` or `at`; takes effect at the next ``iter(loader)``.
 
         Raises
         ------

@@ -19,7 +19,7 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
 
 _log = logging.getLogger(__name__)
-#: A scaler that the caller names: itself, its file, those of several fields, or a reader that has them.
+#: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
 ScalerLike = MinMax | str | Path | Mapping[str, MinMax | str | Path] | Reader | None
 
 

@@ -17,12 +17,12 @@ from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
-#: What to do where music has no downbeats.
+#: The fix for music without downbeats.
 _NO_DOWNBEATS = (
     "beats by librosa have no downbeats: build with audio: {beats: {source: beat_this}}, or give start_at='beat', or "
     "ask for shorter windows"
 )
-#: How the caller names a filter: a plug-in, its name and parameters as in a recipe, or False for none.
+#: A filter as callers name it: a plug-in, its name and parameters as in a recipe, or False for none.
 GivenFilter = WindowFilter | Mapping[str, Any] | Literal[False] | None
 
 

@@ -84,7 +84,7 @@ def _raw_number(key_0: int, key_1: int, place: int) -> int:
 _64_BITS = (1 << 64) - 1
 #: In place of an epoch while none is set.
 _NOT_SET = -1
-#: Times the range of the scaler that augmentations need, above which a warning says so.
+#: A warning is logged if augmentations need more than this many times the range of the scaler.
 _FAR = 10.0
 _log = logging.getLogger(__name__)
 
@@ -212,7 +212,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return len(self.windows)
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
-        """Return many samples in the order asked for; torch's DataLoader calls this for a batch.
+        """Return many samples in the given order; torch's DataLoader calls this for a batch.
 
         The files are read in their own order, independent of the order of `indices`.
         """
@@ -238,14 +238,14 @@ class SplitDataset(Dataset[dict[str, Any]]):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # torch's own workers receive the shared number itself; any other copy gets a number of its own, which has to
+        # torch's own workers receive the shared number itself; any other copy gets its own number, which has to
         # be shared as well, because workers may be started from that copy.
         if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
             self._epoch = shared_number(int(self._epoch.item()))
 
     @property
     def epoch(self) -> int | None:
-        """The current epoch, which decides what happens to each sample; None: every reading draws anew."""
+        """The current epoch, which decides what happens to each sample; None: every reading draws new numbers."""
         epoch = int(self._epoch.item())
         return None if epoch == _NOT_SET else epoch
 
@@ -255,7 +255,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         Parameters
         ----------
         epoch
-            Whole number >= 0. None, as at first: every reading draws anew, from torch's generator.
+            Whole number >= 0. None, as at first: every reading draws new numbers from torch's generator.
 
         Raises
         ------
@@ -274,7 +274,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         """
         epoch = self.epoch if epoch is None else whole("epoch", epoch)
         if epoch is None:
-            # Nothing is taken from the generator where it would not be used.
+            # Without random changes the generator keeps its state.
             epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._random else 0
         return epoch
 
@@ -343,14 +343,14 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
-        """Return the values of samples beside their arrays, (B,) each by name, in the order of a sample's keys.
+        """Return the values of samples besides their arrays, (B,) each by name, in the order of a sample's keys.
 
         Parameters
         ----------
         windows
             Those that the places of `request` are of. Default: those of the dataset.
         changes
-            How every sample was changed, beside mirroring and augmentations.
+            Changes of every sample besides mirroring and augmentations.
         """
         windows = self.windows if windows is None else windows
         places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch

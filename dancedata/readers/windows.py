@@ -122,7 +122,7 @@ class WindowDataset(SplitDataset):
     *Order of changes.* A window is chosen (``crop``; "start" is then that of the window that was read) and mirrored,
     which leaves audio as it is; its rows are augmented in the order given, the root is made relative, and columns are
     normalised. Masked fields (``drop``) are then 0, and "<field>_dropped" says so. The scaler stays the stored one,
-    whatever the split: mirrored and turned samples lie a little outside [-1, 1].
+    whatever the split: mirrored and turned samples are a little outside [-1, 1].
 
     *Primitives.* With "primitives" among the fields a sample also holds Lodge's primitives of the first motion field:
     ``"primitives"`` (K, 8, D), ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,) for windows
@@ -231,7 +231,7 @@ class WindowDataset(SplitDataset):
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
         """Return many windows, as of an epoch that is given here instead of by `set_epoch`.
 
-        Their tensors are rows of one batch, which has memory of its own.
+        Their tensors are rows of one batch, which has its own memory.
         """
         request, reader = self._request(indices, epoch), self._batch_reader()
         if not len(request):

@@ -1,4 +1,4 @@
-"""Statistics of the values of one column, in little memory beside the column.
+"""Statistics of the values of one column, in little memory besides the column.
 
 Values are sorted first, so that every number is independent of the order in which rows were stored. Sums are numpy's
 to the last bit, but computed by pieces that fit into a core's cache.
@@ -20,7 +20,7 @@ from dancedata.store import hdf5
 
 Counts = npt.NDArray[np.int32]
 
-#: Bytes of a shard that are mapped at a time. What is mapped counts as memory of the process.
+#: Bytes of a shard that are mapped at a time: mapped pages count as memory of the process.
 _MAPPED_BYTES = 1 << 24
 #: Rows whose columns are gathered at a time: the parts of them that are read fit into a core's cache.
 _GATHERED_ROWS = 1 << 12

@@ -48,7 +48,7 @@ def open_store(path: str | Path) -> Store:
     Returns
     -------
     Store
-        Tables, rows and statistics are read when they are asked for.
+        Tables, rows and statistics are read on first use.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class Store:
     grid
         The same rate as a `FrameGrid`.
     scope
-        "track": windows are views of clips. "window": each window has rows of its own.
+        "track": windows are views of clips. "window": each window has its own rows.
     skeleton
         The motion's skeleton.
     meta
@@ -191,7 +191,7 @@ class Store:
         fields
             Fields in which these windows have to begin and end at whole rows. Default: all.
         trim
-            Begin at each clip's trim_start: skip the frames that the source says should be cut (track scope only).
+            Begin at each clip's trim_start: skip the frames that the source would cut (track scope only).
         whole
             One window per clip instead, as long as all of `fields` have whole rows (track scope only).
 

@@ -145,8 +145,8 @@ def find_dataset(file: Any, name: str) -> Any:
     Raises
     ------
     StoreError
-        If it is missing or not a dataset, is reached by a link, lies in another file, holds anything except numbers
-        and fixed-length text, or is larger than the file.
+        If it is missing or not a dataset, is a link or in another file, holds anything except numbers and
+        fixed-length text, or is larger than the file.
     """
     where = f"{file.filename}, /{name.strip('/')}"
     at = file

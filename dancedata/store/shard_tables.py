@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS, ClipColumn, ClipRecord
 from dancedata.store.schema import Field
-
-IntArray = npt.NDArray[np.int64]
+from dancedata.store.window_list import IntArray
 
 
 @dataclass(frozen=True)

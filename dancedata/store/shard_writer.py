@@ -185,7 +185,7 @@ def same_columns(windows: npt.NDArray[Any], starts: npt.NDArray[np.int64]) -> Bo
 
 
 def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, npt.NDArray[Any]]]:
-    """Yield pieces with their arrays, and load the next one meanwhile."""
+    """Yield pieces with their arrays, and load the next one in the meantime."""
     each = ((piece, loading.submit(np.asarray, piece.array)) for piece in pieces)
     begun = next(each, None)
     while begun is not None:
@@ -194,7 +194,7 @@ def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple
             array = begun[1].result()
         except OSError as error:
             raise StoreError("an array cannot be read", where=piece.where, found=str(error)) from error
-        # Without the future, nothing but the caller has the array.
+        # Drop the future: only the caller then refers to the array.
         begun = None
         begun = next(each, None)
         yield piece, array

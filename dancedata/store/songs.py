@@ -25,7 +25,7 @@ _OVERLAP_S, _SLOW_S = 5, 2
 _PIECE_S, _WEAKEST = 0.5, 0.1
 #: Rows per second that are compared, about; pieces with less than this share of the mean energy are silence.
 _RATE, _SILENT = 30, 0.01
-#: Songs whose spectra are held at once, and the most pairs that are compared: some minutes.
+#: Songs whose spectra are in memory at once, and the most pairs that are compared, which takes some minutes.
 _BLOCK, MAX_PAIRS = 32, 2_000_000
 
 

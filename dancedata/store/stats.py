@@ -50,7 +50,7 @@ def compute_stats(
     """Compute statistics over every row that a train window covers.
 
     In track scope each row counts once, even if several windows cover it or several shards hold its timeline.
-    In window scope every window has rows of its own, so n is windows x rows, as in EDGE.
+    In window scope every window has its own rows, so n is windows x rows, as in EDGE.
 
     Parameters
     ----------

@@ -174,7 +174,7 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
             "hours": float(description.grid.seconds(frames) / 3600),
             "songs": len({songs[r.id] for r in clips if r.id in songs}),
         }
-        # Datasets of earlier versions count names, those of the stretched music of copies too.
+        # Earlier versions counted names, also those of the stretched music of copies.
         names = len({r.music for r in clips if r.music})
         for name, value in actual.items():
             stated = counts.get(name) if isinstance(counts, dict) else None
@@ -200,7 +200,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
     song_of = songs_of(records, description.meta)
     songs: dict[str, set[str]] = defaultdict(set)
     for record in records:
-        # A copy of a clip of another split is named above.
+        # A copy of a clip of another split is reported above.
         if record.id in song_of and split_of.get(record.source, record.split) == record.split:
             songs[record.split].add(song_of[record.id])
     for other in ("val", "test"):

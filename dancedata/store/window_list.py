@@ -44,7 +44,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindowList(Sequence[Window]):
-    """Windows as a sequence; each is made when it is asked for, so that a million of them take four arrays.
+    """Windows as a sequence; each is made on access, so that a million of them take four arrays.
 
     Attributes
     ----------
