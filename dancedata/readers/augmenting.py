@@ -1,4 +1,4 @@
-"""Augmenter: the augmentations of samples that a reader was asked for, as pure functions of (seed, epoch, index)."""
+"""Augmenter: the augmentations of a reader's samples, as pure functions of (seed, epoch, index)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _sample_field(store: Store, name: str) -> SampleField:
 
 #: Keeps these streams apart from those of order, mirroring and primitives, which may have the same seed.
 _AUGMENT_STREAM = 4
-#: Of an augmentation's streams: whether it happens, and what it does.
+#: Streams of an augmentation: whether a sample is changed, and by which numbers.
 _WHETHER, _WHAT = 0, 1
 
 
@@ -68,7 +68,7 @@ Augment = Sequence[SampleAugmentation | Chance | str | Mapping[str, Any]] | Mapp
 
 @dataclass(frozen=True)
 class _Step:
-    """An augmentation, under a name of its own, which chooses its random numbers."""
+    """An augmentation under a unique name, which chooses its random numbers."""
 
     name: str
     augmentation: SampleAugmentation
@@ -268,7 +268,7 @@ def _step(name: str, augmentation: Augmentation, chance: float) -> _Step:
 
 
 def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
-    """Give steps of equal names different ones, so that they draw different numbers."""
+    """Yield steps under different names, so that steps of one name draw different numbers."""
     counts: dict[str, int] = {}
     for step in steps:
         nth = counts[step.name] = counts.get(step.name, 0) + 1

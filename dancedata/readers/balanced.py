@@ -13,7 +13,7 @@ from dancedata.readers.sampler import EpochSampler, permutation
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
-#: What samples can be balanced by.
+#: Labels by which samples can be balanced.
 LABELS = ("genre", "dancer", "music", "clip")
 #: Apart from the stream of orders, which shuffles the drawn samples.
 _GROUP_STREAM = 6
@@ -80,16 +80,16 @@ class BalancedSampler(EpochSampler):
         self.groups = tuple(names.tolist())
         self._members = [np.flatnonzero(group == number) for number in range(len(names))]
         self.counts = tuple(len(members) for members in self._members)
-        wanted = len(labels) if n_samples is None else whole("n_samples", n_samples)
-        super().__init__(wanted, seed=seed, rank=rank, world_size=world_size, drop_last=drop_last)
+        total = len(labels) if n_samples is None else whole("n_samples", n_samples)
+        super().__init__(total, seed=seed, rank=rank, world_size=world_size, drop_last=drop_last)
         self._source = data_source
 
     @override
     def order_of_all(self, epoch: int) -> npt.NDArray[np.int64]:
-        share, rest = divmod(self.n_samples, len(self._members))
-        more = set(permutation(len(self._members), self.seed, _GROUP_STREAM, epoch)[:rest].tolist())
-        drawn = [self._drawn(number, epoch, share + (number in more)) for number in range(len(self._members))]
-        return np.concatenate(drawn)[super().order_of_all(epoch)]
+        share, remainder = divmod(self.n_samples, len(self._members))
+        larger = set(permutation(len(self._members), self.seed, _GROUP_STREAM, epoch)[:remainder].tolist())
+        by_group = [self._drawn(number, epoch, share + (number in larger)) for number in range(len(self._members))]
+        return np.concatenate(by_group)[super().order_of_all(epoch)]
 
     def _drawn(self, group: int, epoch: int, n: int) -> npt.NDArray[np.int64]:
         """Return n indices of a group: all of them, in new orders, as often as needed."""

@@ -45,7 +45,7 @@ class BatchLoader:
     dataset, sampler, batch_size, drop_last, threads, prefetch
         As given; `sampler` is the one made if none was given.
     pinned
-        Whether batches lie in pinned memory.
+        Whether batches are in pinned memory.
 
     Notes
     -----
@@ -100,13 +100,13 @@ class BatchLoader:
         prefetch
             Batches that are read ahead.
         pin_memory
-            Whether batches lie in pinned memory, for faster copies to a GPU. Without a GPU it is ignored, as in a
+            Whether batches are in pinned memory, for faster copies to a GPU. Without a GPU it is ignored, as in a
             DataLoader, and a warning is logged.
 
         Raises
         ------
         UsageError
-            For a number that is too small, or `shuffle` beside a sampler.
+            For a number that is too small, or `shuffle` together with a sampler.
         """
         self.dataset = dataset
         self.batch_size, self.threads = _at_least_1(batch_size=batch_size), _at_least_1(threads=threads)
@@ -116,9 +116,9 @@ class BatchLoader:
                 "shuffle cannot be combined with a sampler",
                 fix="leave it out, or give EpochSampler(..., shuffle=True)",
             )
-        self._own = EpochSampler(len(dataset), seed=dataset.seed) if shuffle else None
+        self._epochs = EpochSampler(len(dataset), seed=dataset.seed) if shuffle else None
         indices: Iterable[int] = SequentialSampler(dataset) if sampler is None else sampler
-        self.sampler = indices if self._own is None else self._own
+        self.sampler = indices if self._epochs is None else self._epochs
         self.drop_last = bool(drop_last)
         self.pinned = bool(pin_memory) and torch.cuda.is_available()
         if pin_memory and not self.pinned:
@@ -139,8 +139,8 @@ class BatchLoader:
         previous = self._iteration() if self._iteration is not None else None
         if previous is not None:
             previous.close()
-        if self._own is not None and self._own.position:
-            self._own.set_epoch(self._own.epoch + 1)
+        if self._epochs is not None and self._epochs.position:
+            self._epochs.set_epoch(self._epochs.epoch + 1)
         iteration = _Iteration(self)
         # Only the loop keeps an iteration alive, so that leaving the loop ends the threads.
         self._iteration = weakref.ref(iteration)
@@ -151,7 +151,7 @@ class BatchLoader:
 
     def _new_pool(self) -> MemoryPool:
         # At the end of an epoch all prefetched batches are idle: every field, primitives and labels, of each.
-        return MemoryPool(kept=(self.prefetch + 2) * (len(self.dataset.fields) + 3))
+        return MemoryPool(max_idle=(self.prefetch + 2) * (len(self.dataset.fields) + 3))
 
     def _batches(self) -> BatchSampler:
         return BatchSampler(self.sampler, self.batch_size, self.drop_last)

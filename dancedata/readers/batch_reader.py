@@ -35,18 +35,18 @@ class MemoryPool:
     Safe under threads; a forked child starts with the memory that was idle in its parent.
     """
 
-    def __init__(self, kept: int = 8) -> None:
-        """Start empty.
+    def __init__(self, max_idle: int = 8) -> None:
+        """Make an empty pool.
 
         Parameters
         ----------
-        kept
+        max_idle
             Most pieces that are kept while nothing refers to them, the latest ones. Default: two batches of four
             large fields.
         """
         # A deque, not a list with a lock: memory is returned whenever a tensor is freed, in any thread, even while
         # this object is in use.
-        self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=kept)
+        self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=max_idle)
 
     def tensor(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> torch.Tensor:
         """Return an uninitialised tensor."""
@@ -97,10 +97,10 @@ def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
     except OSError:  # not allowed here, or no descriptor is left
         return None
     try:
-        left = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-        while left.nbytes:
-            left = left[os.write(descriptor, left) :]
-        storage: torch.UntypedStorage = map_shared(descriptor, array.nbytes)  # with a descriptor of its own
+        unwritten = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+        while unwritten.nbytes:
+            unwritten = unwritten[os.write(descriptor, unwritten) :]
+        storage: torch.UntypedStorage = map_shared(descriptor, array.nbytes)  # which duplicates the descriptor
     except (OSError, RuntimeError, TypeError):
         return None
     finally:
@@ -138,7 +138,7 @@ class Request:
 
 @dataclass(frozen=True)
 class FieldReader:
-    """How one field is read.
+    """Reads one field.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class FieldReader:
         return np.dtype(np.float32) if self.scaler is not None else self.rows.dtype
 
     def read(self, place: int, shift: int, mirrored: bool, out: Array) -> None:
-        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored if asked for."""
+        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored on request."""
         image = self._image if mirrored else None
         if image is None:
             self.rows.read_into(place, out, shift)
@@ -276,7 +276,7 @@ class BatchReader:
         """
         order = sorted(range(len(request)), key=request.places.__getitem__)
         for field in self.fields:
-            # Pages around a window that is moved are those of its neighbours.
+            # A window that is moved has the pages of its neighbours.
             field.rows.read_ahead([request.places[nth] for nth in order])
         for field in self.fields:
             target = out[field.name]

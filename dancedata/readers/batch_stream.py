@@ -84,7 +84,7 @@ class BatchStream(IterableDataset[Any]):
         Raises
         ------
         UsageError
-            For invalid numbers, an epoch without a batch, or a dataset that cannot be asked for an epoch.
+            For invalid numbers, an epoch without a batch, or a dataset without `samples`.
         """
         super().__init__()
         if not callable(getattr(dataset, "samples", None)):

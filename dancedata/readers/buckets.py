@@ -17,7 +17,7 @@ _BUCKET_STREAM = 7
 
 
 class TimedSamples(Protocol):
-    """A `ClipDataset`, or any other dataset that knows how long its samples are."""
+    """A `ClipDataset`, or any other dataset that states the lengths of its samples."""
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:
@@ -137,9 +137,9 @@ class BucketSampler(Sampler[list[int]]):
         return self.order_of_batches.state_dict()
 
     def at(self, epoch: int, consumed: int) -> dict[str, int]:
-        """Return the state of a trainer that has consumed so many of this rank's batches of an epoch."""
+        """Return the state of a trainer that has consumed this many of this rank's batches of an epoch."""
         return self.order_of_batches.at(epoch, consumed)
 
     def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Go where `state_dict` or `at` said; takes effect at the next ``iter(loader)``."""
+        """Go to a state of `state_dict` or `at`; takes effect at the next ``iter(loader)``."""
         self.order_of_batches.load_state_dict(state)

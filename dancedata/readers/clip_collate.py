@@ -14,7 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.readers.music_beats import LABELS
 
 try:
-    # The way to add a type that torch documents for default_collate.
+    # As torch documents it for adding a type to default_collate.
     from torch.utils.data._utils.collate import default_collate_fn_map
 except ImportError:
     # Without it torch stacks these samples like any others: slower, with the same result.
@@ -141,7 +141,7 @@ def pad_clips(
 
 
 def pack_clips(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Make a batch of clips that lie one after another, without padding: for attention over jagged batches.
+    """Make a batch of clips that follow one another, without padding: for attention over jagged batches.
 
     Returns
     -------

@@ -51,7 +51,7 @@ class ClipDataset(SplitDataset):
     -----
     *Mirroring, augmenting, cropping* are pure functions of (seed, epoch, index): the same in every worker, on every
     rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`; while
-    none is set, each reading draws anew, from torch's generator.
+    none is set, each reading draws new numbers from torch's generator.
 
     *Normalising* is that of `WindowDataset`, with the same scalers.
 
@@ -160,9 +160,9 @@ class ClipDataset(SplitDataset):
         ]
 
     def __repr__(self) -> str:
-        what = "whole clips" if self.crop_frames is None else f"crops of {self.crop_frames} frames"
+        kind = "whole clips" if self.crop_frames is None else f"crops of {self.crop_frames} frames"
         return (
-            f"ClipDataset({str(self.store.path)!r}, split={self.split!r}, {len(self):,} {what}, "
+            f"ClipDataset({str(self.store.path)!r}, split={self.split!r}, {len(self):,} {kind}, "
             f"fields: {', '.join(self.fields)}; normalised: {', '.join(self._normalizers) or 'nothing'}; "
             f"mirror={self.mirror:g})"
         )
@@ -214,8 +214,10 @@ class ClipDataset(SplitDataset):
             n_choices = ((self.windows.length - self.lengths) // period + 1)[places]
             return self.windows.start[places] + period * crop_choices(self.seed, epoch, places, n_choices)
         beats = [self._beat_starts(self.windows[place].clip) for place in places]
-        drawn = crop_choices(self.seed, epoch, places, np.array([len(of_clip) for of_clip in beats], dtype=np.int64))
-        return np.array([of_clip[nth] for of_clip, nth in zip(beats, drawn, strict=True)], dtype=np.int64)
+        choices = crop_choices(
+            self.seed, epoch, places, np.array([len(of_clip) for of_clip in beats], dtype=np.int64)
+        )
+        return np.array([of_clip[nth] for of_clip, nth in zip(beats, choices, strict=True)], dtype=np.int64)
 
     def _labels(self, request: Request, nth: int) -> dict[str, torch.Tensor]:
         """Return the labels of beats of a sample; empty if no field has them."""

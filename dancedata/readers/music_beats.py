@@ -13,14 +13,12 @@ from dancedata.core.errors import UsageError
 from dancedata.core.registry import beat_rows_late
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
-from dancedata.store.window_list import WindowList
+from dancedata.store.window_list import IntArray, WindowList
 
-#: What a window or crop may begin with.
+#: Beats at which a window or crop may begin.
 StartAt = Literal["beat", "downbeat"]
 #: Labels of samples, and the column groups that they are from.
 LABELS: tuple[str, ...] = get_args(StartAt)
-
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
 
 
 def windows_at(
-    store: Store, windows: WindowList, chosen: Mapping[str, Any], *, at: StartAt, fields: Sequence[str], trim: bool
+    store: Store, windows: WindowList, spacing: Mapping[str, Any], *, at: StartAt, fields: Sequence[str], trim: bool
 ) -> tuple[WindowList, tuple[Reject, ...]]:
     """Return windows of clips that begin at beats, and the clips that have no such window.
 
@@ -63,12 +61,12 @@ def windows_at(
     ----------
     windows
         Windows of the clips, whatever their places; clips without any are left out.
-    chosen
+    spacing
         Length and stride as `Store.window_grid` takes them; starts are at least a stride apart.
     at, fields, trim
         As for `beat_starts`.
     """
-    grid = store.window_grid(**chosen)
+    grid = store.window_grid(**spacing)
     rejects: list[Reject] = []
     clip: list[int] = []
     start: list[int] = []
@@ -179,8 +177,8 @@ def _field_with(store: Store, group: str, fields: Sequence[str]) -> Field:
 
 def _apart(starts: IntArray, stride: int) -> list[int]:
     """Return those of ascending starts that are at least `stride` after the one kept before."""
-    kept: list[int] = []
+    spaced: list[int] = []
     for start in starts.tolist():
-        if not kept or start >= kept[-1] + stride:
-            kept.append(start)
-    return kept
+        if not spaced or start >= spaced[-1] + stride:
+            spaced.append(start)
+    return spaced

@@ -20,7 +20,7 @@ PRIMITIVES = "primitives"
 
 @dataclass(frozen=True)
 class PrimitiveSpec:
-    """How primitives are computed from the windows of a field.
+    """Computation of primitives from the windows of a field.
 
     Attributes
     ----------
@@ -200,12 +200,12 @@ def preset_fields(store: Store, preset: Preset) -> tuple[str, ...]:
     return (*preset.fields, *(field for field in preset.optional if field in store.fields))
 
 
-def preset_windows(preset: Preset | None, stated: Mapping[str, Any]) -> dict[str, Any]:
+def preset_windows(preset: Preset | None, requested: Mapping[str, Any]) -> dict[str, Any]:
     """Return length and stride as given; where they are not, those of the preset."""
-    filled = dict(stated)
+    filled = dict(requested)
     for key, value in (preset.windows if preset is not None else {}).items():
-        what = key.split("_")[0]
-        if stated[f"{what}_s"] is None and stated[f"{what}_frames"] is None:
+        size = key.split("_")[0]
+        if requested[f"{size}_s"] is None and requested[f"{size}_frames"] is None:
             filled[key] = value
     return filled
 
@@ -224,7 +224,7 @@ def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = 
 def fields_to_read(
     store: Store, preset: Preset | None, fields: Sequence[str] | None, preset_name: str | None
 ) -> tuple[tuple[str, ...], bool]:
-    """Return the stored fields to read, and whether primitives are computed beside them.
+    """Return the stored fields to read, and whether primitives are computed as well.
 
     Where neither the caller nor a preset names any: edge151 and librosa35, or all if the store lacks one of them.
     """
@@ -233,8 +233,8 @@ def fields_to_read(
     requested = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
     with_primitives = PRIMITIVES in requested and PRIMITIVES not in store.fields
     stored = tuple(name for name in requested if not (with_primitives and name == PRIMITIVES))
-    named = preset_name if fields is None or not stored else None
-    return field_names(store, stored or (preset.fields if preset is not None else stored), named), with_primitives
+    named_by = preset_name if fields is None or not stored else None
+    return field_names(store, stored or (preset.fields if preset is not None else stored), named_by), with_primitives
 
 
 def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:

@@ -1,7 +1,6 @@
 """EpochSampler: the order of an epoch as a pure function, and resuming in the middle of one."""
 
 from collections.abc import Iterator, Mapping, Sized
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,22 +25,24 @@ def set_epoch_of(source: object, epoch: int) -> None:
     So the parts of torch's ConcatDataset, Subset (random_split) and StackDataset are reached, and what other wrappers
     hold, in lists and dicts as well.
     """
-    pending, seen = [source], {id(source)}
+    pending, visited = [source], {id(source)}
     while pending:
-        held: Any = pending.pop()
-        set_epoch = getattr(held, "set_epoch", None)
+        source = pending.pop()
+        set_epoch = getattr(source, "set_epoch", None)
         if callable(set_epoch):
             set_epoch(epoch)
             continue
-        slots = [getattr(held, name, None) for kind in type(held).__mro__ for name in getattr(kind, "__slots__", ())]
-        parts = held if isinstance(held, list | tuple) else [*getattr(held, "__dict__", {}).values(), *slots]
-        for part in held.values() if isinstance(held, dict) else parts:
-            if _holds(part) and id(part) not in seen:
-                seen.add(id(part))
+        slots = [
+            getattr(source, name, None) for cls in type(source).__mro__ for name in getattr(cls, "__slots__", ())
+        ]
+        parts = source if isinstance(source, list | tuple) else [*getattr(source, "__dict__", {}).values(), *slots]
+        for part in source.values() if isinstance(source, dict) else parts:
+            if _may_be_dataset(part) and id(part) not in visited:
+                visited.add(id(part))
                 pending.append(part)
 
 
-def _holds(part: object) -> bool:
+def _may_be_dataset(part: object) -> bool:
     """Return whether an object may be a dataset, or a collection of them."""
     return hasattr(type(part), "__getitem__") and not isinstance(part, str | bytes | np.ndarray | torch.Tensor)
 
@@ -115,8 +116,8 @@ class EpochSampler(Sampler[int]):
         self.rank, self.world_size = _rank_and_world_size(rank, world_size)
         self.shuffle = shuffle
         self.drop_last = drop_last
-        share, rest = divmod(self.n_samples, self.world_size)
-        self._length = share + (1 if rest and not drop_last else 0)
+        share, remainder = divmod(self.n_samples, self.world_size)
+        self._length = share + (1 if remainder and not drop_last else 0)
         self._epoch = 0
         self._position = 0
         self._turn = 0  # which iteration may move epoch and position; an abandoned one may not
@@ -128,7 +129,7 @@ class EpochSampler(Sampler[int]):
 
     @property
     def position(self) -> int:
-        """How many of this rank's samples of `epoch` were handed out already."""
+        """Number of this rank's samples of `epoch` that were handed out already."""
         return self._position
 
     def __len__(self) -> int:
@@ -184,7 +185,7 @@ class EpochSampler(Sampler[int]):
         return self.at(self._epoch, self._position)
 
     def at(self, epoch: int, consumed: int) -> dict[str, int]:
-        """Return the state of a trainer that has consumed so many samples of an epoch; changes nothing.
+        """Return the state of a trainer that has consumed this many samples of an epoch; changes nothing.
 
         Parameters
         ----------
@@ -244,7 +245,7 @@ class EpochSampler(Sampler[int]):
         return self._length // batch_size if drop_last else -(-self._length // batch_size)
 
     def at_total(self, epoch: int, consumed: int) -> dict[str, int]:
-        """Return the state from which all ranks together have consumed so many samples of an epoch; changes nothing.
+        """Return the state from which all ranks together have consumed this many samples of an epoch.
 
         For a run that continues with another number of ranks: the order of an epoch is that of all ranks together,
         dealt to them one by one. Where `consumed` is a multiple of the new number of ranks, every remaining sample
@@ -253,7 +254,7 @@ class EpochSampler(Sampler[int]):
         return self.at(epoch, whole("consumed", consumed) // self.world_size)
 
     def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Go where `state_dict` or `at` said; takes effect at the next ``iter(loader)``.
+        """Go to a state of `state_dict` or `at`; takes effect at the next ``iter(loader)``.
 
         Raises
         ------

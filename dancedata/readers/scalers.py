@@ -19,7 +19,7 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
 
 _log = logging.getLogger(__name__)
-#: A scaler that the caller names: itself, its file, those of several fields, or a reader that has them.
+#: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
 ScalerLike = MinMax | str | Path | Mapping[str, MinMax | str | Path] | Reader | None
 
 
@@ -37,9 +37,9 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
     if isinstance(scaler, Mapping):
         by_field = scaler
     elif isinstance(scaler, MinMax | str | Path):
-        one = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
-        fitting = [name for name in fields if store.fields[name].width == one.width]
-        by_field = {one.field or (fitting[0] if len(fitting) == 1 else ""): one}
+        single = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
+        fitting = [name for name in fields if store.fields[name].width == single.width]
+        by_field = {single.field or (fitting[0] if len(fitting) == 1 else ""): single}
     elif isinstance(scaler, Store):
         raise UsageError(
             "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.normalizer(FIELD), or its file"
@@ -70,15 +70,15 @@ def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | S
     """Return the fields to normalise: motion if `normalize` is True, else those it names."""
     if isinstance(normalize, bool):
         return tuple(name for name in fields if normalize and store.field(name).kind == "motion")
-    wanted = (normalize,) if isinstance(normalize, str) else tuple(normalize)
-    for name in wanted:
+    names = (normalize,) if isinstance(normalize, str) else tuple(normalize)
+    for name in names:
         if name not in fields:
             raise UsageError(
                 f"normalize names a field that is not read: {name!r}",
                 allowed=", ".join(fields),
                 fix=did_you_mean(name, fields),
             )
-    return wanted
+    return names
 
 
 def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:

@@ -17,12 +17,12 @@ from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
-#: What to do where music has no downbeats.
+#: The fix for music without downbeats.
 _NO_DOWNBEATS = (
     "beats by librosa have no downbeats: build with audio: {beats: {source: beat_this}}, or give start_at='beat', or "
     "ask for shorter windows"
 )
-#: How the caller names a filter: a plug-in, its name and parameters as in a recipe, or False for none.
+#: A filter as callers name it: a plug-in, its name and parameters as in a recipe, or False for none.
 GivenFilter = WindowFilter | Mapping[str, Any] | Literal[False] | None
 
 
@@ -76,13 +76,13 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     clips = clips_of(store, split, choice.protocol)
     rejects = [_ignored(c, choice) for c in clips.values() if _is_ignored(c, choice)]
     rejects += _unlisted(store, split, choice.protocol)
-    kept = {clip for clip, record in clips.items() if not _is_ignored(record, choice)}
+    remaining = {clip for clip, record in clips.items() if not _is_ignored(record, choice)}
     homes = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
     lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.windows) for home in homes]
     windows = WindowList.joined(split, lists)
-    windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in kept]))
+    windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
-    rejects += [_too_short(clips[clip], choice) for clip in sorted(kept - with_window)]
+    rejects += [_too_short(clips[clip], choice) for clip in sorted(remaining - with_window)]
     if choice.start_at is not None:
         windows, beatless = windows_at(
             store, windows, choice.windows, at=choice.start_at, fields=choice.fields, trim=choice.trim
@@ -97,10 +97,10 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
 def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipView]:
     """Return the clips of a split by id: those of the protocol's lists, if the store has such lists."""
     prefix = f"{protocol}."
-    listed = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
-    if not listed:
+    on_lists = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
+    if not on_lists:
         return {c.id: c for c in store.clips if c.split == split}
-    names = {name.removeprefix(prefix) for c in listed for name in c.lists if name.startswith(prefix)}
+    names = {name.removeprefix(prefix) for c in on_lists for name in c.lists if name.startswith(prefix)}
     if split not in names:
         raise UsageError(
             f"no clip of the store is in {protocol}'s split {split!r}",
@@ -108,7 +108,7 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipVi
             fix=did_you_mean(split, sorted(names)),
         )
     # Mirrored copies are for training only, independent of the split they are stored in.
-    return {c.id: c for c in listed if prefix + split in c.lists and (split == "train" or not c.source)}
+    return {c.id: c for c in on_lists if prefix + split in c.lists and (split == "train" or not c.source)}
 
 
 def require_protocol(store: Store, protocol: str) -> None:
@@ -131,11 +131,13 @@ def require_protocol(store: Store, protocol: str) -> None:
 
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     """Return rejects for the clips of a stored split that are on none of the protocol's lists."""
-    named = {c.id for c in store.clips if any(name.startswith(f"{protocol}.") for name in c.lists)}
-    if protocol is None or not named:
+    on_lists = {c.id for c in store.clips if any(name.startswith(f"{protocol}.") for name in c.lists)}
+    if protocol is None or not on_lists:
         return []
     detail = f"on no list of {protocol}"
-    return [Reject("unassigned", c.id, detail=detail) for c in store.clips if c.split == split and c.id not in named]
+    return [
+        Reject("unassigned", c.id, detail=detail) for c in store.clips if c.split == split and c.id not in on_lists
+    ]
 
 
 def _is_ignored(record: ClipView, choice: Choice) -> bool:
@@ -157,20 +159,20 @@ def _too_short(record: ClipView, choice: Choice) -> Reject:
     return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})
 
 
-def _filtered(store: Store, windows: WindowList, chosen: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
+def _filtered(store: Store, windows: WindowList, plugin: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
     """Return which windows the filter keeps, (W,), and a reject for each of the others."""
-    filtered_field = store.field(chosen.field)
-    chosen.check(filtered_field.columns)
-    kept = np.ones(len(windows), dtype=np.bool_)
+    filtered_field = store.field(plugin.field)
+    plugin.check(filtered_field.columns)
+    passes = np.ones(len(windows), dtype=np.bool_)
     rejects: list[Reject] = []
     for k, window in enumerate(windows):
-        rows = store.read(window, chosen.field)
+        rows = store.read(window, plugin.field)
         rows.flags.writeable = False
-        reject = chosen.reject(rows, filtered_field.columns, filtered_field.grid)
+        reject = plugin.reject(rows, filtered_field.columns, filtered_field.grid)
         if reject is not None:
-            kept[k] = False
+            passes[k] = False
             rejects.append(replace(reject, clip=window.clip, window=window.start))
-    return kept, rejects
+    return passes, rejects
 
 
 def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: StartAt | None) -> UsageError:

@@ -84,14 +84,14 @@ def _raw_number(key_0: int, key_1: int, place: int) -> int:
 _64_BITS = (1 << 64) - 1
 #: In place of an epoch while none is set.
 _NOT_SET = -1
-#: Times the range of the scaler that augmentations need, above which a warning says so.
+#: A warning is logged if augmentations need more than this many times the range of the scaler.
 _FAR = 10.0
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Changes:
-    """How samples are changed on reading; see the parameters of `WindowDataset`."""
+    """Changes of samples on reading; see the parameters of `WindowDataset`."""
 
     mirror: float
     augment: Augment | None
@@ -132,11 +132,11 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
         self._reference = self._store.reference
         self.split, self.preset = split, preset
-        self._known: Preset | None = find_preset(self.store, preset)
+        self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
             require_protocol(self.store, protocol)
-        self._protocol: str | None = given_or_preset(protocol, self._known, "protocol", None)
-        self.fields, self._with_primitives = fields_to_read(self.store, self._known, fields, preset)
+        self._protocol: str | None = given_or_preset(protocol, self._preset, "protocol", None)
+        self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
         self._epoch = shared_number(_NOT_SET)
         self._tempos: dict[str, float] = {}
 
@@ -152,8 +152,8 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._choice = Choice(
             fields=self.fields,
             windows=windows,
-            trim=given_or_preset(trim, self._known, "trim", False),
-            ignore=tuple(given_or_preset(ignore, self._known, "ignore", ())),
+            trim=given_or_preset(trim, self._preset, "trim", False),
+            ignore=tuple(given_or_preset(ignore, self._preset, "ignore", ())),
             protocol=self._protocol,
             filter=window_filter(filter_),
             start_at=start_at,
@@ -178,10 +178,10 @@ class SplitDataset(Dataset[dict[str, Any]]):
         )
         self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
         changed = mirrored or bool(self._augmenter.steps)
-        self.clip = bool(given_or_preset(changes.clip, None if changed else self._known, "clip", False))
+        self.clip = bool(given_or_preset(changes.clip, None if changed else self._preset, "clip", False))
         self._random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
-        normalize = given_or_preset(changes.normalize, self._known, "normalize", True)
+        normalize = given_or_preset(changes.normalize, self._preset, "normalize", True)
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
@@ -212,7 +212,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return len(self.windows)
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
-        """Return many samples in the order asked for; torch's DataLoader calls this for a batch.
+        """Return many samples in the given order; torch's DataLoader calls this for a batch.
 
         The files are read in their own order, independent of the order of `indices`.
         """
@@ -238,14 +238,14 @@ class SplitDataset(Dataset[dict[str, Any]]):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # torch's own workers receive the shared number itself; any other copy gets a number of its own, which has to
+        # torch's own workers receive the shared number itself; any other copy gets its own number, which has to
         # be shared as well, because workers may be started from that copy.
         if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
             self._epoch = shared_number(int(self._epoch.item()))
 
     @property
     def epoch(self) -> int | None:
-        """The current epoch, which decides what happens to each sample; None: every reading draws anew."""
+        """The current epoch, which decides what happens to each sample; None: every reading draws new numbers."""
         epoch = int(self._epoch.item())
         return None if epoch == _NOT_SET else epoch
 
@@ -255,7 +255,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         Parameters
         ----------
         epoch
-            Whole number >= 0. None, as at first: every reading draws anew, from torch's generator.
+            Whole number >= 0. None, as at first: every reading draws new numbers from torch's generator.
 
         Raises
         ------
@@ -274,7 +274,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         """
         epoch = self.epoch if epoch is None else whole("epoch", epoch)
         if epoch is None:
-            # Nothing is taken from the generator where it would not be used.
+            # Without random changes the generator keeps its state.
             epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._random else 0
         return epoch
 
@@ -337,37 +337,37 @@ class SplitDataset(Dataset[dict[str, Any]]):
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:
         """The number of each genre: as the dataset numbers them, else 0, 1, ... by name, over all splits."""
-        stated: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
-        return stated or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
+        numbers: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
+        return numbers or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
 
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
-        """Return the values of samples beside their arrays, (B,) each by name, in the order of a sample's keys.
+        """Return the values of samples besides their arrays, (B,) each by name, in the order of a sample's keys.
 
         Parameters
         ----------
         windows
             Those that the places of `request` are of. Default: those of the dataset.
         changes
-            How every sample was changed, beside mirroring and augmentations.
+            Changes of every sample besides mirroring and augmentations.
         """
         windows = self.windows if windows is None else windows
-        chosen, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
-        clips = [windows.clip_ids[number] for number in windows.clip[chosen].tolist()]
-        starts = (windows.start[chosen] + np.asarray(request.shifts, dtype=np.int64)).tolist()
-        lengths = windows.length[chosen].tolist()
+        places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
+        clips = [windows.clip_ids[number] for number in windows.clip[places].tolist()]
+        starts = (windows.start[places] + np.asarray(request.shifts, dtype=np.int64)).tolist()
+        lengths = windows.length[places].tolist()
         copies = [
             (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
             for place, flag in zip(request.places, request.mirrored, strict=True)
         ]
-        drawn = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, chosen, strict=True)]
+        marks = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, places, strict=True)]
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
         clips_by_id = {clip: self.store.clip(clip) for clip in set(clips)}
         records = [clips_by_id[clip] for clip in clips]
         return {
-            "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, drawn, strict=True)],
+            "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, marks, strict=True)],
             "clip": clips,
             "start": starts,
             "length": lengths,

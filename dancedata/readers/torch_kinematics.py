@@ -9,8 +9,8 @@ number of leading axes, everything is differentiable, and nothing waits for the 
 *Precision.* float64 stays float64; everything else is computed in float32, whatever autocast and TF32 are set to. So
 half-precision input loses what it lost when it was rounded, and no more: the result is float32.
 
-*Memory.* The entries of a matrix lie apart, each contiguous over the frames of the batch, so that every operation is
-a long vector operation; joints are passed one by one, from the root to the leaves, as their parents come first.
+*Memory.* The entries of a matrix are stored apart, each contiguous over the frames of the batch, so that every
+operation is a long vector operation; joints are passed one by one, from the root to the leaves.
 """
 
 from dataclasses import dataclass
@@ -293,10 +293,10 @@ def _on_the_path(columns: Tensor, layout: Columns) -> Tensor:
     ahead = torch.cat([still.expand(*still.shape[:-1], 2), step[..., :-1, :].double()], dim=-2)
     path = _turned(ahead[..., 0], ahead[..., 1], facing[..., 0])
     x, z = (axis.cumsum(-1).to(columns.dtype)[..., None] for axis in path)
-    others = local.reshape(*local.shape[:-1], local.shape[-1] // 3, 3)
-    east, south = _turned(others[..., 0], others[..., 2], facing.to(columns.dtype))
+    relative = local.reshape(*local.shape[:-1], local.shape[-1] // 3, 3)
+    east, south = _turned(relative[..., 0], relative[..., 2], facing.to(columns.dtype))
     root = torch.stack([x, height, z], dim=-1)
-    return torch.cat([root, torch.stack([east + x, others[..., 1], south + z], dim=-1)], dim=-2)
+    return torch.cat([root, torch.stack([east + x, relative[..., 1], south + z], dim=-1)], dim=-2)
 
 
 def _turned(x: Tensor, z: Tensor, angle: Tensor) -> tuple[Tensor, Tensor]:
@@ -312,7 +312,7 @@ def _y_up(rows: Tensor) -> Tensor:
 
 def _positions(skeleton: Skeleton, local: Tensor, root: Tensor) -> Tensor:
     """Return joint positions (J, 3, n) from matrices (J, 3, 3, n) and translations (3, n)."""
-    # Bones are numbers, not tensors: nothing has to be brought to the device.
+    # Bones are numbers, not tensors: nothing is copied to the device.
     bones, parents = skeleton.offsets.tolist(), skeleton.parents
     places = [torch.stack([row + offset for row, offset in zip(root, bones[0], strict=True)])]
     world: list[Tensor] = [local[0]]
@@ -321,7 +321,7 @@ def _positions(skeleton: Skeleton, local: Tensor, root: Tensor) -> Tensor:
         for axis, offset in enumerate(bones[joint]):
             place = torch.add(place, parent[:, axis], alpha=offset)
         places.append(place)
-        # Nothing hangs on a leaf: its rotation does not move anything.
+        # The rotation of a leaf does not move anything.
         world.append(_product(parent, local[joint]) if joint in parents else local[joint])
     return torch.stack(places)
 

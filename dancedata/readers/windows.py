@@ -35,48 +35,111 @@ class WindowDataset(SplitDataset):
 
     Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
 
+    Parameters
+    ----------
+    store
+        The built dataset's folder, or a store that `dancedata.open` returned.
+    split
+        One of ``store.splits``.
+    fields
+        Names of the fields to read, and "primitives" if wanted. Default: the preset's, else edge151 and
+        librosa35, else all fields of the dataset.
+    normalize
+        True: motion fields only. A sequence of field names: those. False: none. Default: the preset's, else
+        True.
+    mirror
+        Probability in [0, 1] that a sample is mirrored.
+    augment
+        Augmentations of samples, in their order: plug-ins, names, or mappings of names to parameters as in
+        recipes, ``["yaw", {"noise": {"std_degrees": 1}}]`` or ``{"mirror": 0.5, "crop": True}``. ``"p"`` among
+        the parameters is the probability that a sample is changed; default: 1.
+    preset
+        "edge", "lodge-global", "lodge-local" or "finenet": fields, windows, trim, lists, filter and root as
+        that trainer uses them. Other arguments take precedence.
+    length_s, length_frames, stride_s, stride_frames
+        Length and stride of windows, if not as stored; at most one of each pair; only for a store of track scope.
+        Windows end where the clip ends, or the first of `fields` in it.
+    trim
+        Whether windows begin at each clip's trim_start, where the dance begins according to the source.
+    ignore
+        Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well.
+    protocol
+        Such as "cross_genre". If the store's clips are in lists of that name ("cross_genre.train"), these lists,
+        and not the stored splits, define which clips `split` has.
+    filter
+        A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False:
+        all windows are kept. Default: the preset's.
+    start_at
+        "downbeat" or "beat": windows begin there, at least a stride apart, instead of a stride after each other;
+        only for a store of track scope. Clips without any are in `rejects` ("filtered"). The beats are those of
+        the first of `fields` that has such a column, else of the first field of the store.
+    relative_root
+        Whether the translation columns are relative to the window's first frame. Such motion cannot be
+        normalised: a scaler is fitted on absolute positions.
+    primitive_n, primitive_variant
+        Frames of a local segment; "paper" takes the clip's stored key motions, "code" what Lodge's released
+        code finds in the window, shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
+    normalizer_covers_mirror, normalizer_covers
+        A wider scaler than the stored one: its range covers mirrored motion, or these augmentations, as for
+        `augment`. Every reader and command that meets the model's columns then needs that scaler by name.
+    normalizer_over
+        "train", or "all": every row of every clip, as Lodge's released scaler was fitted. It includes test
+        data, and is here to reproduce Lodge's results.
+    scaler
+        A scaler of another reader, such as one that is wider: a normaliser, the file of its ``save``, either by
+        field, or the reader itself. Default: the stored one of each field.
+    clip
+        Whether normalised values are cut to [-1, 1]. Default: as EDGE and Lodge do in their presets, unless
+        samples are mirrored or augmented; else False, and values beyond come back whole.
+    mapped
+        False: read by position, for files that may be overwritten in place, or file systems that map poorly.
+    seed
+        Whole number >= 0, for mirroring and the bias.
+
+    Raises
+    ------
+    StoreError
+        If there is no finished dataset at `store`.
+    UsageError
+        For an unknown split, field or preset, a probability outside [0, 1], a field that cannot be mirrored or
+        augmented, or windows that this store cannot give.
+
+    Attributes
+    ----------
+    windows
+        (N) the windows, in the order of the store.
+    rejects
+        Clips and windows that were left out, and why: "ignored", "too_short", "still", "filtered".
+
     Notes
     -----
-    *Normalising* is EDGE's: per column to [-1, 1] with the range of the train split, whatever the split
-    read here. `normalizer` gives the same scaler for generated motion.
+    *Pure functions.* What is mirrored, augmented or shifted is a pure function of (seed, epoch, index): the same in
+    every worker, on every rank, and after a resume. As long as no epoch is set, each reading draws a number from
+    torch's generator instead. `set_epoch` writes to shared memory, which forked, spawned and persistent workers all
+    read: call it before ``iter(loader)``, as with torch's DistributedSampler. An `EpochSampler` made with this
+    dataset does so itself. A copy made with pickle or copy.deepcopy, outside torch's workers, has its own epoch.
 
-    *Choosing windows.* `rejects` lists the clips and windows that were left out, and why: clips on an ignored list
-    ("ignored") or shorter than a window ("too_short"), windows with hardly any movement ("still").
+    *Order of changes.* A window is chosen (``crop``; "start" is then that of the window that was read) and mirrored,
+    which leaves audio as it is; its rows are augmented in the order given, the root is made relative, and columns are
+    normalised. Masked fields (``drop``) are then 0, and "<field>_dropped" says so. The scaler stays the stored one,
+    whatever the split: mirrored and turned samples are a little outside [-1, 1].
 
     *Primitives.* With "primitives" among the fields a sample also holds Lodge's primitives of the first motion field:
     ``"primitives"`` (K, 8, D), ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,) for windows
     of several local segments, and ``"primitives"`` (8, D), the 4 + 4 border frames, for windows of one. They are
     mirrored and normalised as the field is.
 
-    *Beats.* With a field that has columns "beat" and "downbeat", as `beats` has, a sample also holds the labels
-    ``"beat"`` and ``"downbeat"``, (rows,) bool each, of the first such field.
-
-    *Mirroring* comes before normalising. Whether a sample is mirrored is a pure function of (seed, epoch,
-    index): the same in every worker, on every rank, and after a resume. Audio is never changed by it. The scaler
-    stays the stored one, so mirrored and turned samples lie a little outside [-1, 1].
-
-    *Augmenting.* `augment` names the augmentations of samples. What happens to a sample is a pure function of (seed,
-    epoch, index), as for mirroring, and so is the sample. Windows are chosen first (``crop``; "start" is then that of
-    the window that was read), rows are changed in the order given, after `mirror`, before the root is made relative
-    and before normalising; masked fields (``drop``) are 0 after normalising, and "<field>_dropped" says so.
-
-    *Epochs.* As long as no epoch is set, each reading draws a number from torch's generator instead, in a worker from
-    the worker's: samples are other ones each time, and reproducible from torch's seed. `set_epoch` writes to a number
-    in shared memory, which forked, spawned and persistent workers all read: call it before ``iter(loader)``, as with
-    torch's DistributedSampler. An `EpochSampler` made with this dataset, or with a ConcatDataset or Subset of it,
-    calls it itself. Batches that were already prefetched keep the old epoch. A copy made with pickle or
-    copy.deepcopy, outside torch's own workers, has an epoch of its own.
+    *Beats.* With a field that has columns "beat" and "downbeat", a sample also holds the labels ``"beat"`` and
+    ``"downbeat"``, (rows,) bool each, of the first such field.
 
     *Names.* "id" is CLIP@START+LENGTH, and of a sample that was changed ":CHANGES:SEED.EPOCH.INDEX" after it: the
     sample is ``samples([INDEX], EPOCH)`` again.
 
-    *Batches.* A DataLoader reads a batch at once, into memory that becomes the batch: samples from
-    ``__getitems__`` are its rows, and torch's default collate, or `collate`, returns it without a copy. Samples
-    and batch then share memory. `BatchLoader` is faster still.
+    *Batches.* A DataLoader reads a batch at once, into memory that becomes the batch: samples from ``__getitems__``
+    are its rows, and torch's default collate, or `collate`, returns it without a copy. `BatchLoader` is faster.
 
-    *Mapped files.* Rows are copied from mapped shards. Where a shard cannot be mapped, they are read by position or
-    through h5py; `unmapped` says why, and a warning is logged. A mapped file must not be overwritten in place
-    while it is read; builds never do.
+    *Mapped files.* Rows are copied from mapped shards, which must not be overwritten in place while they are read;
+    builds never do. Where a shard cannot be mapped, they are read by position or through h5py: `unmapped` says why.
 
     Examples
     --------
@@ -119,87 +182,12 @@ class WindowDataset(SplitDataset):
         mapped: bool = True,
         seed: int = 0,
     ) -> None:
-        """Open a split of a built dataset.
-
-        Parameters
-        ----------
-        store
-            The built dataset's folder, or a store that `dancedata.open` returned.
-        split
-            One of ``store.splits``.
-        fields
-            Names of the fields to read, and "primitives" if wanted. Default: the preset's, else edge151 and
-            librosa35, else all fields of the dataset.
-        normalize
-            True: motion fields only. A sequence of field names: those. False: none. Default: the preset's, else
-            True.
-        mirror
-            Probability in [0, 1] that a sample is mirrored.
-        augment
-            Augmentations of samples, in their order: plug-ins, names, or mappings of names to parameters as in
-            recipes, ``["yaw", {"noise": {"std_degrees": 1}}]`` or ``{"mirror": 0.5, "crop": True}``. ``"p"`` among
-            the parameters is the probability that a sample is changed; default: 1.
-        preset
-            "edge", "lodge-global", "lodge-local" or "finenet": fields, windows, trim, lists, filter and root as
-            that trainer uses them. Other arguments take precedence.
-        length_s, length_frames, stride_s, stride_frames
-            Length and stride of windows, if not as stored; at most one of each pair; only for a store of track scope.
-            Windows end where the clip ends, or the first of `fields` in it.
-        trim
-            Whether windows begin at each clip's trim_start, where the dance begins according to the source.
-        ignore
-            Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well.
-        protocol
-            Such as "cross_genre". If the store's clips are in lists of that name ("cross_genre.train"), these lists,
-            and not the stored splits, define which clips `split` has.
-        filter
-            A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False:
-            all windows are kept. Default: the preset's.
-        start_at
-            "downbeat" or "beat": windows begin there, at least a stride apart, instead of a stride after each other;
-            only for a store of track scope. Clips without any are in `rejects` ("filtered"). The beats are those of
-            the first of `fields` that has such a column, else of the first field of the store.
-        relative_root
-            Whether the translation columns are relative to the window's first frame. Such motion cannot be
-            normalised: a scaler is fitted on absolute positions.
-        primitive_n, primitive_variant
-            Frames of a local segment; "paper" takes the clip's stored key motions, "code" what Lodge's released
-            code finds in the window, shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
-        normalizer_covers_mirror, normalizer_covers
-            A wider scaler than the stored one: its range covers mirrored motion, or these augmentations, as for
-            `augment`. Every reader and command that meets the model's columns then needs that scaler by name.
-        normalizer_over
-            "train", or "all": every row of every clip, as Lodge's released scaler was fitted. It includes test
-            data, and is here to reproduce Lodge's results.
-        scaler
-            A scaler of another reader, such as one that is wider: a normaliser, the file of its ``save``, either by
-            field, or the reader itself. Default: the stored one of each field.
-        clip
-            Whether normalised values are cut to [-1, 1]. Default: as EDGE and Lodge do in their presets, unless
-            samples are mirrored or augmented; else False, and values beyond come back whole.
-        mapped
-            False: read by position, for files that may be overwritten in place, or file systems that map poorly.
-        seed
-            Whole number >= 0, for mirroring and the bias.
-
-        Raises
-        ------
-        StoreError
-            If there is no finished dataset at `store`.
-        UsageError
-            For an unknown split, field or preset, a probability outside [0, 1], a field that cannot be mirrored or
-            augmented, or windows that this store cannot give.
-        """
         super().__init__(store, split, fields, preset, protocol)
-        requested = {
-            "length_s": length_s,
-            "length_frames": length_frames,
-            "stride_s": stride_s,
-            "stride_frames": stride_frames,
-        }
-        given_filter = given_or_preset(filter, self._known, "filter", None)
+        lengths = {"length_s": length_s, "length_frames": length_frames}
+        requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
+        filter_ = given_or_preset(filter, self._preset, "filter", None)
         start = require_start_at(start_at)
-        selection = self._select(preset_windows(self._known, requested), trim, ignore, given_filter, start)
+        selection = self._select(preset_windows(self._preset, requested), trim, ignore, filter_, start)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
             raise no_window_error(self.store, split, self.rejects, start)
@@ -208,23 +196,16 @@ class WindowDataset(SplitDataset):
         if self._with_primitives:
             self._primitives = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
         changes = Changes(
-            mirror,
-            augment,
-            normalize,
-            normalizer_covers_mirror,
-            normalizer_covers,
-            normalizer_over,
-            scaler,
-            clip,
+            mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, scaler, clip,
             seed,
-        )
+        )  # fmt: skip
         self._prepare(changes)
         if start is not None and self._augmenter.crops:
             raise UsageError("start_at and the augmentation crop both choose windows", fix="leave one of them out")
         self._random |= self._with_primitives and primitive_variant == "code"
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
-        self.relative_root = given_or_preset(relative_root, self._known, "relative_root", False)
+        self.relative_root = given_or_preset(relative_root, self._preset, "relative_root", False)
         self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
         self.mapped = mapped
         self._stride = self.store.window_grid(**self._choice.windows).stride
@@ -250,7 +231,7 @@ class WindowDataset(SplitDataset):
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
         """Return many windows, as of an epoch that is given here instead of by `set_epoch`.
 
-        Their tensors are rows of one batch, which has memory of its own.
+        Their tensors are rows of one batch, which has its own memory.
         """
         request, reader = self._request(indices, epoch), self._batch_reader()
         if not len(request):

@@ -39,7 +39,7 @@ class ClipRecord:
     n_flags
         Number of quality flags raised for the clip; `Store.quality` has them.
     trim_start
-        First frame, at the store's fps, that belongs to the dance: the source says that earlier ones should be
+        First frame, at the store's fps, that belongs to the dance: according to the source, earlier ones should be
         cut. They are stored; readers skip them when asked to trim.
     height_m
         Vertical extent of the dancer's joints, median over frames, metres; None if unknown.
@@ -66,7 +66,7 @@ class ClipRecord:
 
 @dataclass(frozen=True)
 class ColumnType:
-    """How the values of a column are stored, read and checked.
+    """Type of a column: storage, decoding and checks of its values.
 
     Attributes
     ----------
@@ -139,14 +139,14 @@ _INT64, _FLOAT64 = np.dtype("<i8"), np.dtype("<f8")
 TEXT = ColumnType(None, _text_problem, str, str)
 NAME = ColumnType(None, _name_problem, str, str)
 TEXT_LIST = ColumnType(None, _list_problem, LIST_SEPARATOR.join, _list_of)
-#: A number or None, which is stored as NaN; what is infinite in a file is not known either.
+#: A number or None, which is stored as NaN; an infinite value in a file is read as None too.
 NUMBER = ColumnType(
     _FLOAT64, _number_problem, lambda v: math.nan if v is None else v, lambda v: v if math.isfinite(v) else None
 )
 COUNT = ColumnType(_INT64, lambda v: _whole_problem(v, 0), int, int)
 POSITIVE = ColumnType(_INT64, lambda v: _whole_problem(v, 1), int, int)
 
-#: In the order in which they lie in a shard.
+#: In the order of a shard.
 CLIP_COLUMNS = (
     ClipColumn("id", NAME, "clip"),
     ClipColumn("genre", TEXT, "genre"),

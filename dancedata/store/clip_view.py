@@ -102,7 +102,7 @@ class ClipView(ClipRecord):
 
 
 class Clips(Sequence[ClipView]):
-    """The clips of a store, in stored order; each view is made when it is asked for."""
+    """The clips of a store, in stored order; each view is made on access."""
 
     def __init__(self, store: Store, records: tuple[ClipRecord, ...]) -> None:
         self._store = store

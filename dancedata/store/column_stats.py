@@ -1,4 +1,4 @@
-"""Statistics of the values of one column, in little memory beside the column.
+"""Statistics of the values of one column, in little memory besides the column.
 
 Values are sorted first, so that every number is independent of the order in which rows were stored. Sums are numpy's
 to the last bit, but computed by pieces that fit into a core's cache.
@@ -16,12 +16,11 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.typing import override
 from dancedata.store import hdf5
 
 Counts = npt.NDArray[np.int32]
 
-#: Bytes of a shard that are mapped at a time. What is mapped counts as memory of the process.
+#: Bytes of a shard that are mapped at a time: mapped pages count as memory of the process.
 _MAPPED_BYTES = 1 << 24
 #: Rows whose columns are gathered at a time: the parts of them that are read fit into a core's cache.
 _GATHERED_ROWS = 1 << 12
@@ -57,7 +56,7 @@ class CountedRows:
 
     @property
     def weights(self) -> Counts:
-        """How many times each row counts that counts at all; (n,)."""
+        """Counts above 0, in the order of the rows; (n,)."""
         return self.counts[self.counts > 0]
 
     def read_into(self, columns: slice, out: npt.NDArray[np.float32]) -> None:
@@ -99,9 +98,9 @@ def _gather(rows: npt.NDArray[Any], counted: npt.NDArray[np.bool_], out: npt.NDA
     filled = 0
     for begin in range(0, len(rows), _GATHERED_ROWS):
         part = rows[begin : begin + _GATHERED_ROWS]
-        chosen = counted[begin : begin + _GATHERED_ROWS]
-        if not chosen.all():
-            part = part[chosen]
+        counted_part = counted[begin : begin + _GATHERED_ROWS]
+        if not counted_part.all():
+            part = part[counted_part]
         out[:, filled : filled + len(part)] = part.T
         filled += len(part)
 
@@ -156,8 +155,7 @@ def column_stats(column: Float32Array, space: Workspace) -> ColumnStats:
     space
         With the column's weights.
     """
-    weights = space.weights
-    values = _Sorted.of(column, space) if weights is None else _Weighted.of_weighted(column, space, weights)
+    values = _Sorted.of(column, space)
     n = len(values)
     low, high = values.at(0), values.at(n - 1)
     # Of a column of one part, the second sum takes what was repeated for the first.
@@ -174,62 +172,53 @@ def column_stats(column: Float32Array, space: Workspace) -> ColumnStats:
 
 @dataclass(frozen=True)
 class _Sorted:
-    """Values in order, given out by parts."""
+    """Values in order, each of which may count several times, given out by parts.
+
+    Attributes
+    ----------
+    ends
+        (n,) places behind the last time of each value; None if each counts once.
+    """
 
     values: Float32Array
+    ends: npt.NDArray[np.int64] | None
     space: Workspace
 
     @classmethod
-    def of(cls, column: Float32Array, space: Workspace) -> _Sorted:
-        """Sort the column."""
-        column.sort()
-        return cls(column, space)
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def at(self, place: int) -> float:
-        return float(self.values[place])
-
-    def part(self, begin: int, end: int) -> Float32Array:
-        return self.values[begin:end]
-
-
-class _Weighted(_Sorted):
-    """Values in order, each of which counts several times; `space.ends` are the places behind the last time."""
-
-    @classmethod
-    def of_weighted(cls, column: Float32Array, space: Workspace, weights: Weights) -> _Weighted:
-        """Sort the column.
+    def of(cls, column: Float32Array, space: Workspace) -> Self:
+        """Sort a column.
 
         A float32 leaves the last 29 bits of a float64 free. A value is sorted with its weight there, which changes
         only the order of equal values.
         """
-        values, ends = space.values, space.ends
-        bits = values.view(np.int64)
-        values[...] = column
-        bits |= weights
-        values.sort()
+        if space.weights is None:
+            column.sort()
+            return cls(column, None, space)
+        bits, ends = space.values.view(np.int64), space.ends
+        space.values[...] = column
+        bits |= space.weights
+        space.values.sort()
         np.bitwise_and(bits, _WEIGHT, out=ends)
         np.cumsum(ends, out=ends)
         bits &= ~_WEIGHT
-        column[...] = values
-        return cls(column, space)
+        column[...] = space.values
+        return cls(column, ends, space)
 
     def __len__(self) -> int:
-        return int(self.space.ends[-1])
+        return len(self.values) if self.ends is None else int(self.ends[-1])
 
-    @override
     def at(self, place: int) -> float:
-        return float(self.values[np.searchsorted(self.space.ends, place, "right")])
+        return float(self.values[place if self.ends is None else np.searchsorted(self.ends, place, "right")])
 
     def part(self, begin: int, end: int) -> Float32Array:
-        """Return the values from one place to another in the space's memory, until the next call."""
-        first, last = np.searchsorted(self.space.ends, (begin, end - 1), "right").tolist()
+        """Return the values from one place to another; repeated ones in the space's memory, until the next call."""
+        if self.ends is None:
+            return self.values[begin:end]
+        first, last = np.searchsorted(self.ends, (begin, end - 1), "right").tolist()
         part = self.space.part[: end - begin]
         filled = 0
         for count in range(first, last + 1, _REPEATED):
-            ends = np.minimum(self.space.ends[count : min(count + _REPEATED, last + 1)], end)
+            ends = np.minimum(self.ends[count : min(count + _REPEATED, last + 1)], end)
             times = np.diff(ends, prepend=begin + filled)
             repeated = np.repeat(self.values[count : count + len(ends)], times)
             part[filled : filled + len(repeated)] = repeated

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -48,7 +48,7 @@ def open_store(path: str | Path) -> Store:
     Returns
     -------
     Store
-        Tables, rows and statistics are read when they are asked for.
+        Tables, rows and statistics are read on first use.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class Store:
     grid
         The same rate as a `FrameGrid`.
     scope
-        "track": windows are views of clips. "window": each window has rows of its own.
+        "track": windows are views of clips. "window": each window has its own rows.
     skeleton
         The motion's skeleton.
     meta
@@ -130,9 +130,7 @@ class Store:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -193,7 +191,7 @@ class Store:
         fields
             Fields in which these windows have to begin and end at whole rows. Default: all.
         trim
-            Begin at each clip's trim_start: skip the frames that the source says should be cut (track scope only).
+            Begin at each clip's trim_start: skip the frames that the source would cut (track scope only).
         whole
             One window per clip instead, as long as all of `fields` have whole rows (track scope only).
 
@@ -226,10 +224,10 @@ class Store:
             return whole_clips(split, shards, self._description, window_fields, trim)
         return cut_windows(split, shards, self._description, requested, window_fields, trim)
 
-    def _only_built_windows(self, found: str | None = None) -> StoreError:
+    def _only_built_windows(self, request: str | None = None) -> StoreError:
         stored = f"length {self._description.length}, stride {self._description.stride} frames"
         return StoreError(
-            "a store of window scope holds only the windows that were built", where=str(self.path), found=found,
+            "a store of window scope holds only the windows that were built", where=str(self.path), found=request,
             allowed=stored, fix="build with scope: track",
         )  # fmt: skip
 
@@ -403,8 +401,8 @@ class Store:
     @property
     def weights(self) -> dict[str, str]:
         """By field that a network computed: name, commit and hash of its weights, and their licence."""
-        stated = {name: stated_weights(self.meta, name) for name in self._fields}
-        return {name: text for name, text in stated.items() if text}
+        weights = {name: stated_weights(self.meta, name) for name in self._fields}
+        return {name: text for name, text in weights.items() if text}
 
     @property
     def stats(self) -> dict[str, Any]:

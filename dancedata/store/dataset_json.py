@@ -62,16 +62,6 @@ class Description:
         """The grid of the store's frames."""
         return FrameGrid(self.fps)
 
-    @property
-    def weights(self) -> dict[str, str]:
-        """See `Store.weights`."""
-        stated = self.meta.get("encoders", {})
-        return {
-            f.name: f"{shown(stated[f.name].get('model', ''))}, licence: {shown(stated[f.name]['licence'], 600)}"
-            for f in self.fields
-            if isinstance(stated.get(f.name), dict) and "licence" in stated[f.name]
-        }
-
     @cached_property
     def self_sha256(self) -> str:
         """The hash of the document, which its key self_sha256 states."""
@@ -123,12 +113,12 @@ def self_hash(document: Mapping[str, Any]) -> str:
 
 def require_sealed(description: Description, folder: Path) -> None:
     """Raise StoreError unless `self_sha256` is the hash of dataset.json: else it was changed after the build."""
-    stated, content = description.meta.get("self_sha256"), description.self_sha256
-    if stated != content:
+    seal, content = description.meta.get("self_sha256"), description.self_sha256
+    if seal != content:
         raise StoreError(
             "dataset.json was changed after the build: its content does not match its self_sha256",
             where=str(folder / DATASET_FILE),
-            found=f"self_sha256 {quoted(stated)}",
+            found=f"self_sha256 {quoted(seal)}",
             allowed=content,
             fix=f"copy the file again, or {REBUILD}; if the change is your own, set self_sha256 to the allowed value",
         )

@@ -23,7 +23,6 @@ class SparseFile(io.RawIOBase):
     """A seekable file of any size; unwritten parts are zero and take no memory."""
 
     def __init__(self) -> None:
-        """Start empty."""
         super().__init__()
         self._pages: dict[int, bytearray] = {}
         self._position = 0
@@ -72,13 +71,13 @@ class SparseFile(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         """Read bytes at the position."""
         view = memoryview(buffer).cast("B")
-        wanted = max(0, min(len(view), self._size - self._position))
+        size = max(0, min(len(view), self._size - self._position))
         done = 0
-        while done < wanted:
+        while done < size:
             page, begin = divmod(self._position, _PAGE)
-            n = min(wanted - done, _PAGE - begin)
-            held = self._pages.get(page)
-            view[done : done + n] = bytes(n) if held is None else held[begin : begin + n]
+            n = min(size - done, _PAGE - begin)
+            data = self._pages.get(page)
+            view[done : done + n] = bytes(n) if data is None else data[begin : begin + n]
             self._position += n
             done += n
         return done
@@ -146,16 +145,16 @@ def find_dataset(file: Any, name: str) -> Any:
     Raises
     ------
     StoreError
-        If it is missing or not a dataset, is reached by a link, lies in another file, holds anything except numbers
-        and fixed-length text, or is larger than the file.
+        If it is missing or not a dataset, is a link or in another file, holds anything except numbers and
+        fixed-length text, or is larger than the file.
     """
     where = f"{file.filename}, /{name.strip('/')}"
     at = file
     for part in name.strip("/").split("/"):
         link = at.get(part, getlink=True) if isinstance(at, h5py.Group) else None
         if not isinstance(link, h5py.HardLink):
-            found = "nothing" if link is None else type(link).__name__
-            raise _refused("a shard lacks a dataset", where, found, "a dataset, not a link to one")
+            kind = "nothing" if link is None else type(link).__name__
+            raise _refused("a shard lacks a dataset", where, kind, "a dataset, not a link to one")
         at = at[part]
     if not isinstance(at, h5py.Dataset) or at.shape is None:
         raise _refused("a shard lacks a dataset", where, type(at).__name__, "a dataset")
@@ -173,9 +172,9 @@ def _check_size(dataset: Any, where: str) -> None:
     if dataset.chunks is None:
         # Data in the object's header, which has no offset, are at most 64 KiB.
         offset = dataset.id.get_offset()
-        held = os.path.getsize(dataset.file.filename) - offset if offset is not None else 1 << 16
-        if n_bytes > max(held, 0):
-            raise _refused("a dataset is larger than its file", where, f"{n_bytes:,} bytes", f"{max(held, 0):,}")
+        n_left = os.path.getsize(dataset.file.filename) - offset if offset is not None else 1 << 16
+        if n_bytes > max(n_left, 0):
+            raise _refused("a dataset is larger than its file", where, f"{n_bytes:,} bytes", f"{max(n_left, 0):,}")
         return
     chunk = math.prod(dataset.chunks) * dataset.dtype.itemsize
     if max(n_bytes, chunk) > max(BOMB_BYTES, BOMB_RATIO * stored):

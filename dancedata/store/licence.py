@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dancedata.store.dataset import Store
 
 
-#: The option that takes the responsibility.
+#: The option by which a user states the right to share music.
 OVERRIDE = "--i-may-share-this-music"
 #: Most characters of a licence in a message or notice.
 _LICENCE = 600

@@ -70,14 +70,14 @@ class SideFiles:
             state = self.stats["fields"][f.name]["scaler"]
             scaler = MinMax.from_state(state, dtype=f.dtype, field=f.name, columns=f.columns.labels)
             scaler.dataset = scaler.sha256
-            found = f"{scaler.width} columns"
+            problem = f"{scaler.width} columns"
         except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
-            scaler, found = None, shown(error)
+            scaler, problem = None, shown(error)
         if scaler is None or scaler.width != f.columns.width:
             raise StoreError(
                 f"the scaler of field {f.name} cannot be used",
                 where=str(self._folder / STATS_FILE),
-                found=found,
+                found=problem,
                 allowed=f"data_min and data_max of {f.columns.width} columns",
                 fix=REBUILD,
             )
@@ -130,11 +130,10 @@ class ListedFile:
         Where it is.
     """
 
-    def __init__(self, path: Path, size: int, sha256: str, seen: os.stat_result) -> None:
-        """Make it; `seen` is the result of os.stat for the file."""
+    def __init__(self, path: Path, size: int, sha256: str, status: os.stat_result) -> None:
         self.path = path
         self._size, self._sha256 = size, sha256
-        self._known = FileId.of(seen)
+        self._id = FileId.of(status)
 
     def require(self, descriptor: int) -> None:
         """Raise StoreError unless an open file is the one listed.
@@ -143,14 +142,14 @@ class ListedFile:
         SHA-256 for it.
         """
         opened = FileId.of(os.fstat(descriptor))
-        if opened == self._known:
+        if opened == self._id:
             return
         if not self._is_still_listed() or _identity(self.path) != opened:
             raise self._rebuilt_error()
         # A file that was truncated in place is an error later, where bytes are missing.
-        if opened.size != self._size and not opened.same_file(self._known):
+        if opened.size != self._size and not opened.same_file(self._id):
             raise _another_size(self.path, opened.size, self._size)
-        self._known = opened
+        self._id = opened
 
     def open(self) -> int:
         """Open the file for reading and return its descriptor; StoreError unless it is the one listed."""
@@ -199,9 +198,9 @@ class ListedFile:
 
 def lists_file(description: Description, name: str, size: int, sha256: str) -> bool:
     """Whether a dataset lists a file of this name, size and hash."""
-    listed = {shard.file: (shard.size, shard.sha256) for shard in description.shards}
-    listed |= {file: (entry["size"], entry["sha256"]) for file, entry in description.files.items()}
-    return listed.get(name) == (size, sha256)
+    entries = {shard.file: (shard.size, shard.sha256) for shard in description.shards}
+    entries |= {file: (entry["size"], entry["sha256"]) for file, entry in description.files.items()}
+    return entries.get(name) == (size, sha256)
 
 
 def read_listed(folder: Path, description: Description, name: str, limit: int) -> str:
@@ -235,13 +234,13 @@ def read_listed(folder: Path, description: Description, name: str, limit: int) -
     return data.decode("utf-8")
 
 
-def rebuilt_error(folder: Path, found: str) -> StoreError:
+def rebuilt_error(folder: Path, detail: str) -> StoreError:
     """Return the error of a reader whose dataset was replaced."""
     gone = "" if (folder / DATASET_FILE).exists() else "removed, or "
     return StoreError(
         f"the dataset was {gone}built again since it was opened",
         where=str(folder),
-        found=found,
+        found=detail,
         fix="open it again; values that were read before belong to the old dataset",
     )
 
@@ -289,13 +288,13 @@ def _shard(path: Path, size: int, sha256: str) -> ListedFile:
     return ListedFile(path, size, sha256, status)
 
 
-def other_bytes(path: Path, found: str, listed: str) -> StoreError:
+def other_bytes(path: Path, actual: str, expected: str) -> StoreError:
     """Return the error of a file whose SHA-256 is not that of dataset.json."""
     return StoreError(
         f"the bytes of {path.name} are not those that the build wrote",
         where=str(path),
-        found=f"sha256 {found[:12]}...",
-        allowed=f"{listed[:12]}..., as in dataset.json",
+        found=f"sha256 {actual[:12]}...",
+        allowed=f"{expected[:12]}..., as in dataset.json",
         fix=_DAMAGED,
     )
 
@@ -310,11 +309,11 @@ def _missing(path: Path, size: int) -> StoreError:
     )
 
 
-def _another_size(path: Path, found: int, size: int) -> StoreError:
+def _another_size(path: Path, actual: int, size: int) -> StoreError:
     return StoreError(
         "the size of a shard differs from dataset.json",
         where=str(path),
-        found=f"{found} bytes",
+        found=f"{actual} bytes",
         allowed=f"{size} bytes",
         fix=_DAMAGED,
     )

@@ -70,7 +70,7 @@ def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid:
 
 
 def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, grid: FrameGrid) -> RowSpan:
-    """Find a window's rows in window scope, where each stored window has rows of its own.
+    """Find a window's rows in window scope, where each stored window has its own rows.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def _views(
 def _stored(
     reader: ShardReader, row: IntArray, start: IntArray, length: IntArray, f: Field, grid: FrameGrid
 ) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Find windows that have rows of their own."""
+    """Find windows that have their own rows."""
     table = reader.windows
     if not len(table.clip):
         return np.zeros_like(start), np.ones(len(start), dtype=np.bool_)

@@ -29,7 +29,7 @@ from dancedata.store.scaling import Scaling
 _POSITION = "position"
 _AS_STORED = Scaling()
 
-#: Names of the joints of arrays (T, J, 3), by what they are called, and whether the pelvis is the body's own.
+#: By the name of a body: names of its joints in arrays (T, J, 3), and whether the pelvis is that of the body.
 BODIES: dict[str, tuple[tuple[str, ...], bool]] = {
     "smpl24": (SMPL24.joints, True),
     "smpl24-edge": (SMPL24.joints, False),
@@ -38,7 +38,7 @@ BODIES: dict[str, tuple[tuple[str, ...], bool]] = {
     "smplx52": (SMPLX52.joints, True),
     "smplx55": (SMPLX55.joints, True),
 }
-#: What an array is taken for by its number of joints where nothing is declared. Of 24 joints the pelvis is unknown.
+#: Body of an array without a declared one, by its number of joints. Of 24 joints the pelvis is unknown.
 BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
 
 
@@ -116,7 +116,7 @@ class Pose:
     grid
         Rate of the frames.
     true_pelvis
-        Whether the pelvis lies where the body has it.
+        Whether the pelvis is where the body has it.
     motion
         Root and rotations, where they are known.
     """
@@ -149,17 +149,17 @@ class Pose:
         """
         positions = checked_joints(joints)
         name = body or BODY_OF.get(positions.shape[1], "")
-        known = BODIES.get(name)
-        if known is None or len(known[0]) != positions.shape[1]:
-            wanted = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())
+        joints_of_body = BODIES.get(name)
+        if joints_of_body is None or len(joints_of_body[0]) != positions.shape[1]:
+            bodies = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())
             raise DataError(
                 "the joints of an array are unknown",
                 reason="missing_joints",
                 found=f"{positions.shape[1]} joints" + (f", declared as {body}" if body else ""),
-                allowed=wanted,
+                allowed=bodies,
                 fix="declare the body: --body NAME",
             )
-        return cls(positions, known[0], grid, known[1])
+        return cls(positions, joints_of_body[0], grid, joints_of_body[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,5 +216,5 @@ def motion_readers(store: Store) -> dict[str, ColumnsReader]:
         try:
             readers[name] = motion_reader(store, name)
         except UsageError:
-            continue  # whoever asks for this field by name gets the reason
+            continue  # `motion_reader` of this field raises the reason
     return readers

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,19 @@ _KEYS = ("scaler", "field", "columns", "dataset", "dtype", "data_min", "data_max
 _MAX_BYTES = 1 << 24
 
 
+class _Array(Protocol):
+    """A numpy array or a torch tensor."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def clip(self, low: Any, high: Any, /) -> Any: ...
+
+
+#: Values (..., D) of numpy or torch; results are of the same kind.
+Values = TypeVar("Values", bound=_Array)
+
+
 class MinMax:
     """Scale columns to [-1, 1] by their minimum and maximum in training (EDGE, Tseng et al. 2023).
 
@@ -39,8 +52,8 @@ class MinMax:
         Type that the data are stored in. Columns of float16 count as constant below 10 of its steps at their
         magnitude, those of float32 below 10 eps, as in EDGE.
     field, columns, dataset
-        What the scaler is of: name of the field, names of its columns, and the hash of the dataset's own scaler of
-        that field; "" and () where that is unknown.
+        Name of the field, names of its columns, and the hash of the dataset's own scaler of that field; "" and ()
+        where that is unknown.
     """
 
     def __init__(
@@ -91,21 +104,22 @@ class MinMax:
     def __repr__(self) -> str:
         return f"MinMax({self.width} columns, {int(self._constant.sum())} of them constant)"
 
-    def normalize(self, x: Any, clip: bool = False) -> Any:
+    def normalize(self, x: Values, clip: bool = False) -> Values:
         """Map x, (..., D) numpy or torch, to [-1, 1].
 
         Values outside the range in training go beyond, and come back whole; with `clip` they are cut to [-1, 1], as
         EDGE and Lodge do. Arithmetic and result are float32 for half precision (float16, bfloat16), float64 for
         integers, else of x's type.
         """
-        x, scale, offset = self._like(x)
-        y = x * scale + offset
-        return y.clip(-1, 1) if clip else y
+        values, scale, offset = self._like(x)
+        scaled: Values = values * scale + offset
+        return scaled.clip(-1, 1) if clip else scaled
 
-    def unnormalize(self, x: Any, clip: bool = False) -> Any:
+    def unnormalize(self, x: Values, clip: bool = False) -> Values:
         """Invert `normalize`, in its types; with `clip`, x is first clipped to [-1, 1], as EDGE does."""
-        x, scale, offset = self._like(x)
-        return ((x.clip(-1, 1) if clip else x) - offset) / scale
+        values, scale, offset = self._like(x)
+        unscaled: Values = ((values.clip(-1, 1) if clip else values) - offset) / scale
+        return unscaled
 
     def with_mirror(self, mirror: Mirror) -> MinMax:
         """Return the scaler with the joint range of x and mirror(x)."""
@@ -127,7 +141,7 @@ class MinMax:
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any], **properties: Any) -> Self:
-        """Read the result of `state_dict`; `about` are further arguments of `MinMax`."""
+        """Read the result of `state_dict`; `properties` are further arguments of `MinMax`."""
         return cls(state["data_min"], state["data_max"], **{"dtype": state.get("dtype", np.float32), **properties})
 
     def save(self, path: str | Path) -> None:
@@ -156,7 +170,7 @@ class MinMax:
         """
         try:
             state = read_json(Path(path).expanduser(), _MAX_BYTES)
-            normalizer = cls.from_state(state, **_about(state))
+            normalizer = cls.from_state(state, **_properties(state))
             if normalizer.sha256 != state["sha256"]:
                 raise ValueError("the numbers are not those of its hash")
         except (OSError, ValueError, TypeError, OverflowError, UsageError) as error:
@@ -179,14 +193,14 @@ class MinMax:
                 "the scaler has a different width", where=f"field {field}", found=f"{self.width} columns",
                 allowed=len(columns), fix=fix,
             )  # fmt: skip
-        for what, actual, wanted in (
+        for property_, actual, expected in (
             ("field", self.field, field),
             ("columns", ", ".join(self.columns), ", ".join(columns)),
             ("dataset", self.dataset, dataset),
         ):
-            if actual and wanted and actual != wanted:
+            if actual and expected and actual != expected:
                 raise UsageError(
-                    f"the scaler is of another {what}", where=f"field {field}", found=shown(actual), fix=fix
+                    f"the scaler is of another {property_}", where=f"field {field}", found=shown(actual), fix=fix
                 )
         return self
 
@@ -201,8 +215,8 @@ class MinMax:
         return x.astype(dtype, copy=False), self.scale.astype(dtype), self.offset.astype(dtype)
 
 
-def _about(state: Any) -> dict[str, Any]:
-    """Return what a scaler file says its numbers are of; ValueError for anything but the document of `save`."""
+def _properties(state: Any) -> dict[str, Any]:
+    """Return field, columns and dataset of a scaler file; ValueError for anything but the document of `save`."""
     if not isinstance(state, dict) or set(state) != set(_KEYS):
         raise ValueError(f"its keys are not {', '.join(_KEYS)}")
     if state["scaler"] != _FORMAT or type(state["scaler"]) is not int:

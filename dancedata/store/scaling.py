@@ -25,9 +25,9 @@ _ENTRY = "normalized"
 _STATE = "state it: normalized=True or normalized=False, in a command --normalized or --not-normalized"
 #: Mean distance from unit length, and relative one from a bone's length, of motion that a good model generates.
 _UNIT, _BONE = 0.03, 0.15
-#: What is stated is wrong if its distance is above this plus 3 times that of the other choice.
+#: The stated choice is wrong if its distance is above this plus 3 times that of the other choice.
 _WORSE = 0.02
-#: A warning says so where what is stated is off by more than this, and 3 times the other choice if there is one.
+#: A stated choice that is off by more than this, and by 3 times the other choice if there is one, gives a warning.
 _DOUBT = 0.1
 #: Mean distance from [-1, 1] of motion in its own units, after normalising; and of values that no scaler gave.
 _INSIDE, _FAR = 0.05, 10.0
@@ -96,7 +96,7 @@ def stated_in(arrays: ArrayFile) -> bool | None:
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """How columns of a field are scaled.
+    """Scaling of the columns of a field.
 
     Attributes
     ----------

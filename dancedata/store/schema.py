@@ -48,7 +48,7 @@ class Field:
     name
         Name of the dataset in a shard: /<kind>/<name>.
     kind
-        "motion" and "keymotion": clips one after another. "audio": timelines of their own, shared by clips.
+        "motion" and "keymotion": clips one after another. "audio": separate timelines, shared by clips.
     columns
         Name, width and unit of the columns, and how mirroring permutes them.
     rate
@@ -65,7 +65,7 @@ class Field:
 
     @property
     def per_clip(self) -> bool:
-        """Whether every clip has rows of its own; otherwise clips share timelines."""
+        """Whether every clip has its own rows; otherwise clips share timelines."""
         return self.kind != "audio"
 
     @property
@@ -121,7 +121,7 @@ class Field:
 
 @dataclass(frozen=True)
 class StoreHeader:
-    """What holds for the whole store.
+    """Properties of the whole store.
 
     Attributes
     ----------

@@ -86,7 +86,7 @@ class WindowRows:
     def view(self, place: int, shift: int = 0) -> npt.NDArray[Any] | None:
         """Return a window's rows in the mapped file, read-only; None if the shard is not mapped.
 
-        `shift` moves the window by so many rows; the caller sees to it that the clip has them.
+        `shift` moves the window by this many rows; the caller makes sure that the clip has them.
         """
         rows = self._maps[self._shard[place]]
         if rows is None:
@@ -118,7 +118,7 @@ class WindowRows:
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """Where a field's rows lie in a shard: first byte, number of rows, columns, dtype, name in the file.
+    """Place of a field's rows in a shard: first byte, number of rows, columns, dtype, name in the file.
 
     The first byte is None where rows are not one piece of the file: chunked or compressed.
     """
@@ -142,7 +142,6 @@ class ShardReader:
     """
 
     def __init__(self, file: ListedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
-        """Remember where the shard is; nothing is opened."""
         self.path = file.path
         self._listed = file
         self.split = split
@@ -156,7 +155,7 @@ class ShardReader:
 
     @property
     def clips(self) -> ClipTable:
-        """The table of clips, read when first asked for."""
+        """The table of clips, read on first use."""
         if self._clips is None:
             with self._opened() as file:
                 self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
@@ -166,7 +165,7 @@ class ShardReader:
 
     @property
     def windows(self) -> StoredWindows:
-        """The table of windows, read when first asked for."""
+        """The table of windows, read on first use."""
         if self._windows is None:
             n_clips = len(self.clips.records)
             with self._opened() as file:
@@ -174,7 +173,7 @@ class ShardReader:
         return self._windows
 
     def layout(self, field: str) -> FieldLayout:
-        """Return where a field's rows lie in the file."""
+        """Return the place of a field's rows in the file."""
         if not self._layout:
             _ = self.clips
         return self._layout[field]

@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS, ClipColumn, ClipRecord
 from dancedata.store.schema import Field
-
-IntArray = npt.NDArray[np.int64]
+from dancedata.store.window_list import IntArray
 
 
 @dataclass(frozen=True)
@@ -117,8 +115,8 @@ class ShardTables:
         names = ("clip", "start", "length", "index")
         clip, start, length, index = (self._whole(f"windows/{name}") for name in names)
         if ((clip < 0) | (clip >= n_clips)).any():
-            found = f"{clip.min()} to {clip.max()}"
-            raise self._broken("windows/clip", "windows of clips that do not exist", found, f"0 to {n_clips - 1}")
+            actual = f"{clip.min()} to {clip.max()}"
+            raise self._broken("windows/clip", "windows of clips that do not exist", actual, f"0 to {n_clips - 1}")
         by_start = np.lexsort((start, clip))
         clip_begin = np.searchsorted(clip[by_start], np.arange(n_clips + 1))
         rows = {f.name: self._whole(f"windows/rows/{f.name}") for f in fields}
@@ -150,9 +148,9 @@ class ShardTables:
         bad |= available > n_rows - np.where(bad, 0, first)
         if bad.any():
             k = int(np.argmax(bad))
-            found = f"clip {k} from row {first[k]} on, {available[k]} rows"
-            raise self._broken(f"clips/{f.path}", "spans outside the rows of a field", found, f"{n_rows} rows")
+            actual = f"clip {k} from row {first[k]} on, {available[k]} rows"
+            raise self._broken(f"clips/{f.path}", "spans outside the rows of a field", actual, f"{n_rows} rows")
 
-    def _broken(self, name: str, problem: str, found: object, allowed: str | None = None) -> StoreError:
+    def _broken(self, name: str, problem: str, actual: object, allowed: str | None = None) -> StoreError:
         fix = "run dancedata check on the dataset"
-        return StoreError(problem, where=f"{self._path}, /{name}", found=found, allowed=allowed, fix=fix)
+        return StoreError(problem, where=f"{self._path}, /{name}", found=actual, allowed=allowed, fix=fix)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,13 @@ from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.hdf5 import SparseFile
-from dancedata.store.overlaps import BoolArray, SameColumns, same_columns
 from dancedata.store.schema import FORMAT, Field
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import LazyArray
 
+BoolArray = npt.NDArray[np.bool_]
+#: Per field of motion in window scope: which columns have the same value in all windows that cover a frame; (D,).
+SameColumns = Mapping[str, BoolArray]
 #: Values converted and checked at a time.
 _CHUNK_VALUES = 1 << 18
 
@@ -158,8 +161,31 @@ def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
                     yield _Piece(number, f, plan.blocks[f.name][block.key][0], block.array, where)
 
 
+def same_columns(windows: npt.NDArray[Any], starts: npt.NDArray[np.int64]) -> BoolArray:
+    """Return which columns have the same values where consecutive windows overlap, in every pair of them.
+
+    Parameters
+    ----------
+    windows
+        (W, L, D), by start.
+    starts
+        (W,) row at which each window begins, ascending.
+
+    Returns
+    -------
+    (D,) bool
+    """
+    length = windows.shape[1]
+    same = np.ones(windows.shape[2], dtype=np.bool_)
+    for (window, start), (next_window, later) in pairwise(zip(windows, starts.tolist(), strict=True)):
+        step = later - start
+        if step < length:
+            same &= (window[step:] == next_window[: length - step]).all(axis=0)
+    return same
+
+
 def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, npt.NDArray[Any]]]:
-    """Yield pieces with their arrays, and load the next one meanwhile."""
+    """Yield pieces with their arrays, and load the next one in the meantime."""
     each = ((piece, loading.submit(np.asarray, piece.array)) for piece in pieces)
     begun = next(each, None)
     while begun is not None:
@@ -168,7 +194,7 @@ def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple
             array = begun[1].result()
         except OSError as error:
             raise StoreError("an array cannot be read", where=piece.where, found=str(error)) from error
-        # Without the future, nothing but the caller has the array.
+        # Drop the future: only the caller then refers to the array.
         begun = None
         begun = next(each, None)
         yield piece, array

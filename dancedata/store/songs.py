@@ -1,4 +1,4 @@
-"""Which clips of a dataset share a song: by its name, by its samples, and by features of its sound."""
+"""Songs that clips of a dataset share: by name, by samples, and by features of their sound."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ _OVERLAP_S, _SLOW_S = 5, 2
 _PIECE_S, _WEAKEST = 0.5, 0.1
 #: Rows per second that are compared, about; pieces with less than this share of the mean energy are silence.
 _RATE, _SILENT = 30, 0.01
-#: Songs whose spectra are held at once, and the most pairs that are compared: some minutes.
+#: Songs whose spectra are in memory at once, and the most pairs that are compared, which takes some minutes.
 _BLOCK, MAX_PAIRS = 32, 2_000_000
 
 
@@ -257,7 +257,7 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
 
 
 def _are_compared(one: _Recording, other: _Recording) -> bool:
-    """Tell whether two recordings are of different songs, and not both in one split alone."""
+    """Whether two recordings are of different songs and not both in one split alone."""
     return one.song != other.song and len(one.splits | other.splits) > 1
 
 

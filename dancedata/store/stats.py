@@ -22,9 +22,9 @@ from dancedata.store.column_stats import (
     column_stats,
 )
 from dancedata.store.normalize import MinMax
-from dancedata.store.overlaps import SameColumns, rows_once
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan
+from dancedata.store.shard_writer import SameColumns
 
 #: Memory and the disk are shared: more threads do not write faster.
 _MOST = 4
@@ -50,7 +50,7 @@ def compute_stats(
     """Compute statistics over every row that a train window covers.
 
     In track scope each row counts once, even if several windows cover it or several shards hold its timeline.
-    In window scope every window has rows of its own, so n is windows x rows, as in EDGE.
+    In window scope every window has its own rows, so n is windows x rows, as in EDGE.
 
     Parameters
     ----------
@@ -112,6 +112,27 @@ def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Fi
             replace(source, counts=np.concatenate([once_by_starts[begins.tobytes()] for begins in starts]))
         )
     return counted
+
+
+def rows_once(starts: npt.NDArray[np.int64], length: int) -> Counts:
+    """Count the windows of a clip that cover each row, at the first window that does; 0 at the others.
+
+    Parameters
+    ----------
+    starts
+        (W,) row at which each window begins, ascending.
+    length
+        Rows L of a window.
+
+    Returns
+    -------
+    (W, L) int32
+    """
+    numbers = np.arange(len(starts))[:, None]
+    rows = starts[:, None] + np.arange(length)
+    first_new = np.r_[starts[:1], starts[:-1] + length][:, None]
+    counts = np.where(rows >= first_new, np.searchsorted(starts, rows, "right") - numbers, 0)
+    return counts.astype(np.int32)
 
 
 def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan]) -> list[CountedRows]:

@@ -1,4 +1,4 @@
-"""What the writer is given: clips with their arrays."""
+"""Clips with their arrays, as input of the writer."""
 
 from __future__ import annotations
 

@@ -96,12 +96,12 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
     for entry in description.shards:
         by_split[entry.split].append(entry.file)
     for split, files in by_split.items():
-        wanted = [shard_name(split, i, len(files)) for i in range(len(files))]
-        if files != wanted:
+        names = [shard_name(split, i, len(files)) for i in range(len(files))]
+        if files != names:
             yield Problem(
                 "error",
                 where,
-                f"shards of {split} are not {_list(wanted)}, in this order, but {_list(files)}",
+                f"shards of {split} are not {_list(names)}, in this order, but {_list(files)}",
             )
     counts = description.meta.get("counts")
     if not isinstance(counts, dict) or set(counts) != set(by_split):
@@ -129,9 +129,9 @@ def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
     except (ValueError, KeyError, OSError) as error:
         yield Problem("error", str(path), f"it cannot be read: {shown(error)}")
         return
-    wanted = [f.name for f in description.fields] if n_windows else []
-    if sorted(fields) != sorted(wanted):
-        yield Problem("error", str(path), f"it has fields {_list(fields)}, not {_list(wanted)}")
+    expected = [f.name for f in description.fields] if n_windows else []
+    if sorted(fields) != sorted(expected):
+        yield Problem("error", str(path), f"it has fields {_list(fields)}, not {_list(expected)}")
 
 
 def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
@@ -174,7 +174,7 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
             "hours": float(description.grid.seconds(frames) / 3600),
             "songs": len({songs[r.id] for r in clips if r.id in songs}),
         }
-        # Datasets of earlier versions count names, those of the stretched music of copies too.
+        # Earlier versions counted names, also those of the stretched music of copies.
         names = len({r.music for r in clips if r.music})
         for name, value in actual.items():
             stated = counts.get(name) if isinstance(counts, dict) else None
@@ -200,7 +200,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
     song_of = songs_of(records, description.meta)
     songs: dict[str, set[str]] = defaultdict(set)
     for record in records:
-        # A copy of a clip of another split is named above.
+        # A copy of a clip of another split is reported above.
         if record.id in song_of and split_of.get(record.source, record.split) == record.split:
             songs[record.split].add(song_of[record.id])
     for other in ("val", "test"):
@@ -225,9 +225,9 @@ def _find_alike_songs(folder: Path) -> Iterator[Problem]:
 
 
 def _find_unlisted_files(folder: Path, description: Description) -> Iterator[Problem]:
-    listed = {s.file for s in description.shards}
+    shards = {s.file for s in description.shards}
     for path in sorted(folder.iterdir()):
-        if path.name in listed:
+        if path.name in shards:
             continue
         if is_shard_name(path.name) or path.name.startswith(PREFIX) or _LEFTOVER.search(path.name):
             yield Problem("note", str(path), "a file that dataset.json does not list; readers ignore it")

@@ -44,7 +44,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindowList(Sequence[Window]):
-    """Windows as a sequence; each is made when it is asked for, so that a million of them take four arrays.
+    """Windows as a sequence; each is made on access, so that a million of them take four arrays.
 
     Attributes
     ----------
@@ -94,16 +94,16 @@ class WindowList(Sequence[Window]):
 
     def take(self, positions: npt.ArrayLike) -> WindowList:
         """Return the windows at `positions`, or where a mask of booleans is true, in that order."""
-        chosen = np.asarray(positions)
-        if chosen.dtype != np.bool_:
-            chosen = chosen.astype(np.int64)
+        places = np.asarray(positions)
+        if places.dtype != np.bool_:
+            places = places.astype(np.int64)
         return WindowList(
             self.split,
             self.clip_ids,
-            self.clip[chosen],
-            self.start[chosen],
-            self.length[chosen],
-            self.number[chosen],
+            self.clip[places],
+            self.start[places],
+            self.length[places],
+            self.number[places],
         )
 
     def __eq__(self, other: object) -> bool:

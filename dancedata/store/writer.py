@@ -14,7 +14,6 @@ from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
 from dancedata.files.atomic import write_text
 from dancedata.files.regular_file import sha256_file
-from dancedata.store.overlaps import SameColumns
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -25,7 +24,7 @@ from dancedata.store.schema import (
     StoreHeader,
 )
 from dancedata.store.shard_plan import ShardPlan, plan_shards
-from dancedata.store.shard_writer import written_shard
+from dancedata.store.shard_writer import SameColumns, written_shard
 from dancedata.store.songs import songs_of
 from dancedata.store.stats import compute_stats
 from dancedata.store.stored_clip import StoredClip
@@ -170,9 +169,9 @@ def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[st
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
     """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
     reserved = {*document, "shards", "files", "self_sha256"}
-    taken = sorted(reserved & set(header.meta))
-    if taken:
-        raise StoreError("meta has keys that the format uses itself", found=", ".join(taken))
+    clashing = sorted(reserved & set(header.meta))
+    if clashing:
+        raise StoreError("meta has keys that the format uses itself", found=", ".join(clashing))
     try:
         meta = json.loads(json.dumps(dict(header.meta), allow_nan=False))
     except (TypeError, ValueError) as error:

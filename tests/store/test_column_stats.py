@@ -9,9 +9,9 @@ import pytest
 
 from dancedata.store import open_store, write_store
 from dancedata.store.column_stats import QUANTILES, ColumnStats, Workspace, column_stats
-from dancedata.store.overlaps import rows_once, same_columns
 from dancedata.store.shard_plan import plan_shards
-from dancedata.store.stats import compute_stats
+from dancedata.store.shard_writer import same_columns
+from dancedata.store.stats import compute_stats, rows_once
 
 #: Around the sizes at which numpy's sum changes its way, and those of the pieces.
 SIZES = (1, 2, 7, 8, 9, 127, 128, 129, 1000, 8191, 8193, 32767, 32768, 32769, 65536, 65537, 100_003, 300_001)
