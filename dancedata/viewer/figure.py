@@ -49,11 +49,11 @@ class Movement:
     stored: str = ""
 
     @classmethod
-    def of(cls, found: KeyMotion, grid: FrameGrid, stored: str = "") -> Movement:
+    def of(cls, key: KeyMotion, grid: FrameGrid, stored: str = "") -> Movement:
         """Convert the curve and the minima of a key motion finder, metres per frame."""
         rate = float(grid.rate)
-        times = np.asarray((found.minima + 0.5) / rate, dtype=np.float64)
-        return cls(np.asarray(found.curve * rate), grid, times, np.asarray(found.prominence * rate), stored)
+        times = np.asarray((key.minima + 0.5) / rate, dtype=np.float64)
+        return cls(np.asarray(key.curve * rate), grid, times, np.asarray(key.prominence * rate), stored)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,7 @@ _WINDOWS = 24
 def clip_html(clip: ClipView) -> str:
     """Return an element that plays a clip, in window scope its first windows; it needs no server and no network.
 
-    The page lies in a frame of its own, without access to the notebook: its scripts run there only, and names in the
-    dataset are text.
+    The page is in a frame without access to the notebook; names in the dataset are text.
     """
     scenes = Scenes(clip.store)
     items = [item for item in scenes.items if item.clip.id == clip.id][:_WINDOWS]

@@ -22,7 +22,7 @@ _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Parts:
-    """What a page needs to hold the viewer.
+    """The viewer's part of a page.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def page_data(
     clips: Mapping[int, Json] | None = None,
     side: Mapping[int, str] | None = None,
     sound: PageSound | bool = False,
-    takes: Sequence[str] = (),
+    comparisons: Sequence[str] = (),
     server: bool = False,
     single: bool = False,
 ) -> Json:
@@ -101,14 +101,14 @@ def page_data(
     Parameters
     ----------
     items
-        Entries of its list; they are numbered anew, from 0.
+        Entries of its list; they are numbered from 0.
     clips
         Payloads by number in that list. Default: none.
     side
         Addresses of scripts that call ``dancedataClip(number, payload)``, by number.
     sound
         Music inside the page, or whether its server has music.
-    takes
+    comparisons
         Names of what the clips can be compared with.
     server
         Whether clips are fetched from the server of the page.
@@ -119,7 +119,7 @@ def page_data(
     inside = sound if isinstance(sound, PageSound) else PageSound()
     head = about_store(scenes.store, tuple(scenes.readers) if server else ())
     document: dict[str, Any] = {
-        "head": {**head, "takes": list(takes), "sound": bool(sound), "notice": inside.notice},
+        "head": {**head, "takes": list(comparisons), "sound": bool(sound), "notice": inside.notice},
         "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,
         "single": single, "audio": {k: base64.b64encode(data).decode() for k, data in inside.files.items()},
     }  # fmt: skip

@@ -29,7 +29,7 @@ _TOP = 65535
 
 
 def scene_payload(scene: Scene) -> Json:
-    """Return what the page needs of a scene. Times are in seconds, windows in frames at the store's rate."""
+    """Return a scene for the page. Times are in seconds, windows in frames at the store's rate."""
     clip, item = scene.item.clip, scene.item
     payload: Json = {
         "id": item.id, "clip": clip.id, "start": item.start, "n": item.n_frames, "number": item.number,

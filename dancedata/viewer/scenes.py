@@ -28,7 +28,7 @@ _ONSET = "onset_envelope"
 
 @dataclass(frozen=True, eq=False)
 class Rhythm:
-    """What the dataset knows of a clip's music.
+    """Beats and onsets of a clip's music, as the dataset stores them.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Rhythm:
 def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
     """Return the motion fields that have joint positions, those first that give back the motion as it was.
 
-    A field whose plug-in is not installed is left out: `field_to_draw` names the reason.
+    A field whose plug-in is not installed is left out: `Scenes` names the reason for one that is asked for.
     """
     kept = {
         name: reader
@@ -66,26 +66,6 @@ def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
     # First whole motions, then positions, then motions that `decode` fits to the columns.
     rank = {name: (r.representation.positions_only, not r.representation.decodes) for name, r in kept.items()}
     return dict(sorted(kept.items(), key=lambda item: rank[item[0]]))
-
-
-def field_to_draw(store: Store, name: str | None) -> str | None:
-    """Return the field to draw: the given one, else the best one; None if the dataset has none.
-
-    Raises
-    ------
-    UsageError
-        If the given field is unknown, or its columns have no joint positions.
-    """
-    fields = drawable_fields(store)
-    if name is None:
-        return next(iter(fields), None)
-    if name not in fields:
-        if name in store.fields and store.field(name).kind == "motion":
-            motion_reader(store, name)
-        raise UsageError(
-            "this field cannot be drawn", where=str(store.path), found=name, fix=did_you_mean(name, list(fields))
-        )
-    return name
 
 
 def rhythm_fields(store: Store) -> tuple[str, ...]:
@@ -206,7 +186,8 @@ class Scenes:
     def __init__(self, store: Store, field: str | None = None) -> None:
         self.store = store
         self.readers = drawable_fields(store)
-        self.field = field_to_draw(store, field)
+        self.field = next(iter(self.readers), None) if field is None else self._drawable(field)
+        self._rhythm_field = next(iter(rhythm_fields(store)), None)
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
@@ -247,7 +228,7 @@ class Scenes:
         StoreError
             If the dataset cannot be read, or was built again in the meantime.
         """
-        name = self.field if field is None else field_to_draw(self.store, field)
+        name = self.field if field is None else self._drawable(field)
         figure, problem = self._figure(item, name)
         rhythm = self._rhythm(item)
         return Scene(
@@ -258,6 +239,15 @@ class Scenes:
     def flag_count(self, item: Item) -> int:
         """Return the number of flags of an item, those of the whole clip included."""
         return len(self._flags_of(item))
+
+    def _drawable(self, field: str) -> str:
+        """Return the name of a field that can be drawn; UsageError for another one."""
+        if field not in self.readers:
+            if field in self.store.fields and self.store.field(field).kind == "motion":
+                motion_reader(self.store, field)  # raises the reason
+            fix = did_you_mean(field, list(self.readers))
+            raise UsageError("this field cannot be drawn", where=str(self.store.path), found=field, fix=fix)
+        return field
 
     def _rows(self, item: Item, field: str) -> npt.NDArray[Any]:
         if item.window is None:
@@ -281,9 +271,8 @@ class Scenes:
         return None if figure is None or figure.n_frames < 2 else figure.movement
 
     def _rhythm(self, item: Item) -> Rhythm:
-        for name in rhythm_fields(self.store):
-            return rhythm_of(self._rows(item, name), self.store, name)
-        return Rhythm.none()
+        name = self._rhythm_field
+        return Rhythm.none() if name is None else rhythm_of(self._rows(item, name), self.store, name)
 
     def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
         """Return first frame and length of the windows of an item, frames from the item's first."""

@@ -1,16 +1,33 @@
 """The server of `dancedata view`: 127.0.0.1 only, one secret, and no file names from requests."""
 
+from __future__ import annotations
+
 import hmac
+import json
+import os
 import secrets
 import sys
+import threading
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from urllib.parse import parse_qs, urlsplit
+from typing import Any, TypeVar
+from urllib.parse import parse_qs, quote, urlsplit
 
-from dancedata.core.errors import UsageError
-from dancedata.viewer.site import HTML, Answer, Site
+from dancedata.core.errors import DanceDataError, StoreError, UsageError
+from dancedata.store.dataset import reopen
+from dancedata.store.schema import DATASET_FILE
+from dancedata.viewer.comparisons import Comparison, comparison_payload
+from dancedata.viewer.page import page_data, page_parts, whole_page
+from dancedata.viewer.payload import scene_payload
+from dancedata.viewer.scenes import Item, Scenes
+from dancedata.viewer.source import ClipSource, flac
 
-#: Names of this machine; a page elsewhere whose name was made to point here has another one (DNS rebinding).
+T = TypeVar("T")
+
+#: Names of this machine: another host name that points to it (DNS rebinding) is refused.
 _HOSTS = ("127.0.0.1", "localhost", "[::1]")
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -108,7 +125,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, answer: Answer, more: dict[str, str] | None = None) -> None:
         policy = {"Content-Security-Policy": self.server.site.policy} if answer.kind == HTML else {}
-        with suppress(ConnectionError):  # the page was closed meanwhile
+        with suppress(ConnectionError):  # the page was closed
             self.send_response(answer.status)
             headers = {"Content-Type": answer.kind, "Content-Length": str(len(answer.body))}
             for name, value in {**headers, **_HEADERS, **policy, **answer.headers, **(more or {})}.items():
@@ -119,3 +136,164 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Print nothing."""
+
+
+HTML, JSON, FLAC, TEXT = "text/html; charset=utf-8", "application/json", "audio/flac", "text/plain; charset=utf-8"
+#: Header with a sentence about the music, percent-encoded.
+NOTE = "Dancedata-Note"
+#: Most characters of an answer in words: names in it are from files, and from the address.
+MAX_TEXT = 1_000
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer: status, body, the type of the body, and further headers."""
+
+    status: int
+    body: bytes
+    kind: str = TEXT
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, status: int, text: str) -> Answer:
+        """Make an answer of one sentence; a text of more than `MAX_TEXT` characters is cut."""
+        cut = text if len(text) <= MAX_TEXT else f"{text[:MAX_TEXT]}..."
+        return cls(status, cut.encode("utf-8", "backslashreplace"))
+
+
+class Site:
+    """Pages, clips, music and comparisons by number in the list of clips; no part of a path is a file name.
+
+    Parameters
+    ----------
+    scenes
+        The dataset.
+    source
+        Its source, for music; None without one.
+    comparisons
+        Other motions of its clips.
+    """
+
+    def __init__(
+        self, scenes: Scenes, source: ClipSource | None = None, comparisons: Sequence[Comparison] = ()
+    ) -> None:
+        self.scenes, self.source, self.comparisons = scenes, source, tuple(comparisons)
+        self._identity_before = self._identity()
+        self._sliding: list[float | None] | None = None
+        self._measured = 0
+        self._lock, self._decoding = threading.Lock(), threading.Lock()
+        self._last_music: tuple[Item, Answer] | None = None
+
+    @property
+    def policy(self) -> str:
+        """Content security policy of the page: it may fetch from its own server, and nothing frames it."""
+        return f"{page_parts().policy}; connect-src 'self'; frame-ancestors 'none'"
+
+    def answer(self, path: str, name: str | None) -> Answer:
+        """Answer a path.
+
+        Parameters
+        ----------
+        path
+            Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/sliding".
+        name
+            Motion field to draw; None: the default.
+        """
+        parts = path.removeprefix("/").split("/")
+        try:
+            if self._was_rebuilt():
+                return Answer.of(409, "the dataset was rebuilt")
+            if parts == [""]:
+                return Answer(200, self._page, HTML)
+            if parts == ["sliding"]:
+                return _json(self._sliding_so_far())
+            if parts[0] == "clip" and len(parts) in (2, 3, 4):
+                return self._clip(parts[1:], name)
+        except StoreError as error:
+            return Answer.of(409 if self._was_rebuilt() else 500, str(error))
+        except DanceDataError as error:
+            return Answer.of(400, str(error))
+        return _NOT_FOUND
+
+    def _clip(self, parts: Sequence[str], name: str | None) -> Answer:
+        item = _numbered(parts[0], self.scenes.items)
+        if item is None:
+            return _NOT_FOUND
+        if len(parts) == 1:
+            return _json(scene_payload(self.scenes.scene(item, name)))
+        if parts[1:] == ["music"]:
+            return self._music(item)
+        comparison = _numbered(parts[2], self.comparisons) if len(parts) == 3 and parts[1] == "with" else None
+        if comparison is None:
+            return _NOT_FOUND
+        return _json(comparison_payload(comparison, self.scenes.scene(item, name)))
+
+    def _music(self, item: Item) -> Answer:
+        """Answer with the music of an item; songs are decoded whole, so one after the other, and the last is kept."""
+        if self.source is None:
+            return _NO_MUSIC
+        with self._decoding:
+            if self._last_music is None or self._last_music[0] != item:
+                self._last_music = None
+                sound = self.source.sound(item)
+                if sound is None:
+                    return _NO_MUSIC
+                notes = {NOTE: quote("; ".join(sound.notes))} if sound.notes else {}
+                self._last_music = item, Answer(200, flac(sound.signal), FLAC, notes)
+            return self._last_music[1]
+
+    @cached_property
+    def _page(self) -> bytes:
+        names = [comparison.name for comparison in self.comparisons]
+        data = page_data(
+            self.scenes, self.scenes.items, comparisons=names, server=True, sound=self.source is not None
+        )
+        return whole_page(data, data["head"]["name"], meta_policy=False).encode()
+
+    def _identity(self) -> tuple[int, ...]:
+        status = os.stat(self.scenes.store.path / DATASET_FILE)
+        return status.st_ino, status.st_size, status.st_mtime_ns
+
+    def _was_rebuilt(self) -> bool:
+        """Whether another dataset is at the path now."""
+        try:
+            if self._identity() == self._identity_before:
+                return False
+            reopen(*self.scenes.store.reference)
+        except (OSError, StoreError):
+            return True
+        self._identity_before = self._identity()
+        return False
+
+    def _sliding_so_far(self) -> dict[str, Any]:
+        with self._lock:
+            if self._sliding is None:
+                self._sliding = [None] * len(self.scenes.items)
+                threading.Thread(target=self._measure, daemon=True, name="sliding").start()
+        done = self._measured == len(self.scenes.items)
+        return {"done": done, "count": self._measured, "values": self._sliding}
+
+    def _measure(self) -> None:
+        values = self._sliding or []
+        for item in self.scenes.items:
+            try:
+                figure = self.scenes.scene(item).figure
+                values[item.number] = None if figure is None else round(figure.sliding, 4)
+            except DanceDataError:
+                values[item.number] = None
+            self._measured += 1
+
+
+_NOT_FOUND = Answer.of(404, "no such page")
+_NO_MUSIC = Answer.of(404, "the source has no music of this clip")
+
+
+def _json(document: Any) -> Answer:
+    return Answer(200, json.dumps(document, separators=(",", ":"), allow_nan=False).encode(), JSON)
+
+
+def _numbered(text: str, entries: Sequence[T]) -> T | None:
+    """Return the entry of a number in a path; None if the text is not such a number."""
+    if not (text.isascii() and text.isdigit()) or len(text) > 9 or int(text) >= len(entries):
+        return None
+    return entries[int(text)]

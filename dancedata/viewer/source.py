@@ -1,4 +1,4 @@
-"""The source of a dataset, found again: the music of its clips, and their original motion."""
+"""The source of a dataset: the music of its clips, and their original motion."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ClipSound:
     signal
         Mono, exactly as long as the item; silent where the music has ended.
     notes
-        What a listener should know, such as that the file has changed since the build.
+        Notes for listeners, such as that the file has changed since the build.
     """
 
     signal: AudioSignal

@@ -1,4 +1,4 @@
-"""`dancedata view`: opens a dataset, serves its page until Ctrl-C, or writes one clip as a page."""
+"""`dancedata view`: the page of a dataset, served until Ctrl-C, or of one clip, written to a file."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from dancedata.files.atomic import require_free
 from dancedata.store import open_store
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Item, Scenes
+from dancedata.viewer.comparisons import Comparison, OriginalComparison, comparison_of, file_format
 from dancedata.viewer.page import PageSound, clip_page
 from dancedata.viewer.payload import link
-from dancedata.viewer.server import ViewServer
-from dancedata.viewer.site import Site
+from dancedata.viewer.server import Site, ViewServer
 from dancedata.viewer.source import ClipSource, flac
-from dancedata.viewer.takes import OriginalTake, Take, file_format, take_of
 
 if TYPE_CHECKING:
     from dancedata.store import Store
@@ -76,7 +75,7 @@ class ViewRequest:
             raise UsageError("this dataset has no clips to show", where=str(self.path))
         return scenes
 
-    def takes(self, store: Store, source: ClipSource | None) -> tuple[Take, ...]:
+    def comparisons(self, store: Store, source: ClipSource | None) -> tuple[Comparison, ...]:
         """Return all that clips are compared with; names that two of them share get a number."""
         if (self.normalized is not None or self.scaler is not None) and self.compare_as is None:
             named = "--scaler" if self.normalized is None else "--normalized"
@@ -91,12 +90,12 @@ class ViewRequest:
             up=self.up,
             unit=self.unit,
         )
-        comparisons: list[Take] = [] if source is None else [OriginalTake(source=source)]
-        comparisons += [take_of(path, store, form) for path in self.compare]
-        names = [take.name for take in comparisons]
+        comparisons: list[Comparison] = [] if source is None else [OriginalComparison(source=source)]
+        comparisons += [comparison_of(path, store, form) for path in self.compare]
+        names = [comparison.name for comparison in comparisons]
         return tuple(
-            replace(take, name=f"{take.name} ({number})") if take.name in names[:number] else take
-            for number, take in enumerate(comparisons)
+            replace(comparison, name=f"{comparison.name} ({n})") if comparison.name in names[:n] else comparison
+            for n, comparison in enumerate(comparisons)
         )
 
     def first(self, scenes: Scenes) -> tuple[Item, tuple[int, int] | None]:
@@ -104,14 +103,14 @@ class ViewRequest:
         item = scenes.find(self.clip) if self.clip else scenes.items[0]
         if self.window is None:
             return item, None
-        same = [other for other in scenes.items if other.clip.id == item.clip.id]
+        of_clip = [entry for entry in scenes.items if entry.clip.id == item.clip.id]
         windows = scenes.windows_of(item) if item.window is None else ()
-        count = len(windows) if item.window is None else len(same)
+        count = len(windows) if item.window is None else len(of_clip)
         if not 0 <= self.window < count:
             allowed = f"0 to {count - 1}" if count else "no windows"
             raise UsageError("the clip has no such window", where=item.clip.id, found=self.window, allowed=allowed)
         if item.window is not None:
-            return same[self.window], None
+            return of_clip[self.window], None
         start, length = windows[self.window]
         return item, (start, start + length)
 
@@ -145,8 +144,8 @@ def serve(
     scenes = request.scenes()
     source = None if request.source is None else ClipSource(scenes.store, request.source)
     item, loop = request.first(scenes)
-    site = Site(scenes, source, request.takes(scenes.store, source))
-    over = until or _interrupt()
+    site = Site(scenes, source, request.comparisons(scenes.store, source))
+    end = until or _interrupt()
     with ViewServer(site, port) as server:
         start = request.at or (0.0 if loop is None else float(scenes.store.grid.seconds(loop[0])))
         where = link(item, at=start, loop=loop, field=request.field or "")
@@ -160,7 +159,7 @@ def serve(
         threading.Thread(target=_warm_up, args=(site, item, request.field), name="warm-up", daemon=True).start()
         if browser and _has_display():
             webbrowser.open(address)
-        over.wait()
+        end.wait()
         server.shutdown()
         thread.join()
 
@@ -189,8 +188,8 @@ def export_page(
     to = require_free(to, [request.path], "page", overwrite=overwrite)
     item, loop = request.first(scenes)
     if request.compare or loop is not None:
-        what = "motion to compare with" if request.compare else "a window to loop"
-        raise UsageError(f"a page of one clip does not show {what}", fix="leave it out, or look at the page served")
+        extra = "motion to compare with" if request.compare else "a window to loop"
+        raise UsageError(f"a page of one clip does not show {extra}", fix="leave it out, or look at the page served")
     sound = None
     if audio:
         notice = require_shareable(scenes.store, allowed_by_caller=shared)

@@ -24,7 +24,7 @@ from dancedata.readers import ClipDataset, WindowDataset
 from dancedata.store import Store
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Scaling, _warn_once
-from dancedata.viewer.takes import file_format, take_of
+from dancedata.viewer.comparisons import comparison_of, file_format
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {
@@ -173,7 +173,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
         with pytest.raises(UsageError, match=STATED):
             dancedata.evaluate(tmp_path, like=store, field=FIELD, bootstrap=0)
         with pytest.raises(UsageError, match=STATED):
-            take_of(tmp_path, store, file_format(store, representation=FIELD))
+            comparison_of(tmp_path, store, file_format(store, representation=FIELD))
     with pytest.raises(UsageError, match=STATED):
         Evaluator.of(store, FIELD)
     # A file may state it; then nobody has to.

@@ -17,10 +17,10 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from dancedata.viewer import Figure, Scenes
+from dancedata.viewer.comparisons import comparison_of, comparison_payload, file_format
 from dancedata.viewer.payload import curve, figure_payload, link, scene_payload
 from dancedata.viewer.scenes import rhythm_fields
 from dancedata.viewer.source import ClipSource, cut, flac
-from dancedata.viewer.takes import file_format, take_of, take_payload
 
 
 def unpacked(packed: dict) -> np.ndarray:
@@ -241,11 +241,11 @@ def test_files_are_compared_with_their_clips(scenes, tmp_path: Path) -> None:
     item = every.items[0]
     scene = every.scene(item)
     np.save(tmp_path / f"{item.id}.npy", scene.figure.joints + np.array((0.003, 0.0, 0.004)))
-    take = take_of(tmp_path, every.store, file_format(every.store))
-    payload = take_payload(take, scene)
+    comparison = comparison_of(tmp_path, every.store, file_format(every.store))
+    payload = comparison_payload(comparison, scene)
     assert payload["mean"] == pytest.approx(5.0, abs=1e-3)
-    assert "no file for this clip" in take_payload(take, every.scene(every.items[1]))["note"]
-    single = take_of(tmp_path / f"{item.id}.npy", every.store, file_format(every.store))
+    assert "no file for this clip" in comparison_payload(comparison, every.scene(every.items[1]))["note"]
+    single = comparison_of(tmp_path / f"{item.id}.npy", every.store, file_format(every.store))
     assert single.figure(scene).n_frames == scene.figure.n_frames
 
 
@@ -255,22 +255,25 @@ def test_generated_columns_are_compared(scenes, tmp_path: Path) -> None:
     rows = every.store.read_clip(item.id, "edge151")
     np.savez(tmp_path / "generated.npz", columns=every.store.normalizer("edge151").normalize(rows))
     form = file_format(every.store, representation="edge151", normalized=True)
-    assert take_payload(take_of(tmp_path / "generated.npz", every.store, form), every.scene(item))["mean"] < 0.01
+    assert (
+        comparison_payload(comparison_of(tmp_path / "generated.npz", every.store, form), every.scene(item))["mean"]
+        < 0.01
+    )
 
 
 def test_another_dataset_is_compared(scenes) -> None:
     every, other = scenes("thirty"), scenes("sixty")
-    take = take_of(other.store.path, every.store, file_format(every.store))
-    assert take_payload(take, every.scene(every.items[0]))["mean"] < 1
+    comparison = comparison_of(other.store.path, every.store, file_format(every.store))
+    assert comparison_payload(comparison, every.scene(every.items[0]))["mean"] < 1
     copy = next(item for item in every.items if item.clip.source)
-    assert "no clip of this name" in take_payload(take, every.scene(copy))["note"]
+    assert "no clip of this name" in comparison_payload(comparison, every.scene(copy))["note"]
 
 
 def test_nothing_to_compare_with_is_an_error(scenes, tmp_path: Path) -> None:
     store = scenes("thirty").store
     for path, problem in ((tmp_path / "gone", "nothing to compare with"), (tmp_path, "no motion files")):
         with pytest.raises(UsageError, match=problem):
-            take_of(path, store, file_format(store))
+            comparison_of(path, store, file_format(store))
 
 
 def test_distance_is_taken_at_equal_instants() -> None:

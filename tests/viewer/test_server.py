@@ -22,8 +22,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.pipeline.source_music import SourceMusic
-from dancedata.viewer.server import ViewServer
-from dancedata.viewer.site import Site
+from dancedata.viewer.server import Site, ViewServer
 from dancedata.viewer.source import ClipSource
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.viewer.helpers import serving
@@ -275,7 +274,7 @@ def test_a_comparison_of_any_numbers_is_answered(odd: Path, tmp_path: Path) -> N
     scenes = ViewRequest(odd).scenes()
     for number, value in enumerate((1e308, -1e9, 1e6)):
         np.save(tmp_path / f"{scenes.items[number].clip.id}.npy", np.full((60, 24, 3), value))
-    site = Site(scenes, None, ViewRequest(odd, compare=(tmp_path,)).takes(scenes.store, None))
+    site = Site(scenes, None, ViewRequest(odd, compare=(tmp_path,)).comparisons(scenes.store, None))
     notes = [json.loads(site.answer(f"/clip/{n}/with/0", None).body).get("note", "drawn") for n in range(3)]
     assert ["too far away" in note for note in notes] == [True, True, False]
 
@@ -285,4 +284,4 @@ def test_two_files_of_one_clip_are_not_compared(odd: Path, tmp_path: Path) -> No
     np.save(tmp_path / f"{clip}.npy", np.zeros((60, 24, 3)))
     np.savez(tmp_path / f"{clip}.npz", poses=np.zeros((60, 72)), trans=np.zeros((60, 3)))
     with pytest.raises(UsageError, match="two files have one name"):
-        ViewRequest(odd, compare=(tmp_path,)).takes(dancedata.open(odd), None)
+        ViewRequest(odd, compare=(tmp_path,)).comparisons(dancedata.open(odd), None)

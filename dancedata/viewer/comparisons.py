@@ -1,4 +1,4 @@
-"""Takes: other motions of a dataset's clips, to lie over or beside them."""
+"""Other motions of a dataset's clips, drawn over or beside them."""
 
 from abc import ABC, abstractmethod
 from contextlib import suppress
@@ -32,14 +32,8 @@ _FARTHEST = 1e7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Take(ABC):
-    """Another motion of clips.
-
-    Attributes
-    ----------
-    name
-        What the page calls it.
-    """
+class Comparison(ABC):
+    """Another motion of clips, by a name for the page."""
 
     name: str
 
@@ -49,7 +43,7 @@ class Take(ABC):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OriginalTake(Take):
+class OriginalComparison(Comparison):
     """The motion that a clip was built from."""
 
     source: ClipSource
@@ -61,7 +55,7 @@ class OriginalTake(Take):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StoreTake(Take):
+class StoreComparison(Comparison):
     """Clips of the same ids in another dataset."""
 
     scenes: Scenes
@@ -70,20 +64,20 @@ class StoreTake(Take):
     def figure(self, scene: Scene) -> Figure:
         item = scene.item
         try:
-            other = self.scenes.find(item.clip.id, item.start)
+            compared = self.scenes.find(item.clip.id, item.start)
         except UsageError as error:
             raise DataError(f"{self.name} has no clip of this name", reason="missing_file") from error
-        figure = self.scenes.scene(other).figure
+        figure = self.scenes.scene(compared).figure
         if figure is None:
             raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
-        begin = float(scene.grid.seconds(item.start)) - float(self.scenes.store.grid.seconds(other.start))
+        begin = float(scene.grid.seconds(item.start)) - float(self.scenes.store.grid.seconds(compared.start))
         if begin < 0:
             raise DataError(f"{self.name} has no window that begins here", reason="too_short")
         return figure.part(begin, scene.seconds)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FilesTake(Take):
+class FilesComparison(Comparison):
     """Motion files that are named as clips, or a single file for any clip."""
 
     paths: dict[str, Path]
@@ -125,7 +119,7 @@ def file_format(
     up: str = "y",
     unit: str = "m",
 ) -> FileFormat:
-    """Return how the files of a comparison are read.
+    """Return the format in which files of a comparison are read.
 
     Parameters
     ----------
@@ -160,8 +154,8 @@ def file_format(
     return FileFormat(fps=str(grid), up=up, unit=unit, columns=ColumnsReader(plugin, grid, scaling))
 
 
-def take_of(path: Path, store: Store, form: FileFormat) -> Take:
-    """Return the take of a path: another dataset, a folder of motion files, or one file.
+def comparison_of(path: Path, store: Store, form: FileFormat) -> Comparison:
+    """Return the comparison with a path: another dataset, a folder of motion files, or one file.
 
     Raises
     ------
@@ -171,12 +165,14 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
         If the dataset cannot be opened.
     """
     if (path / "dataset.json").is_file():
-        return StoreTake(scenes=Scenes(open_store(path)), name=path.name)
+        return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)
     if path.is_file() and path.suffix.lower() in MOTION_SUFFIXES:
-        named = any(path.stem == clip.id for clip in store.clips)
-        any_clip = None if named else path
+        any_clip = None if any(path.stem == clip.id for clip in store.clips) else path
         _require_stated(path, form)
-        return FilesTake(paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name)
+        paths = {path.stem: path}
+        return FilesComparison(
+            paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name
+        )
     if not path.is_dir():
         allowed = f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}"
         raise UsageError("there is nothing to compare with", where=path, allowed=allowed)
@@ -188,29 +184,29 @@ def take_of(path: Path, store: Store, form: FileFormat) -> Take:
         twice = [p.name for p in files if paths[p.stem] != p]
         raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
     _require_stated(files[0], form)
-    return FilesTake(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
+    return FilesComparison(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
 
 
 def _require_stated(path: Path, form: FileFormat) -> None:
-    """Raise UsageError if nothing states how the columns of a file are scaled, or they are clearly not so."""
+    """Raise UsageError if the scaling of a file's columns is not stated, or they clearly have another one."""
     if form.columns is not None:
         with suppress(DataError):  # which is a note on the page
             FileClip(id=path.stem, path=path, format=form).load()
 
 
-def take_payload(take: Take, scene: Scene) -> Json:
-    """Return what the page needs of a take: its figure and the distance, or a note on why there is none."""
+def comparison_payload(comparison: Comparison, scene: Scene) -> Json:
+    """Return a comparison for the page: its figure and the distance, or a note that says why there is none."""
     if scene.figure is None:
-        return {"note": f"{take.name}: this clip has no figure to compare with"}
+        return {"note": f"{comparison.name}: this clip has no figure to compare with"}
     try:
-        figure = take.figure(scene)
+        figure = comparison.figure(scene)
     except DanceDataError as error:
-        return {"note": f"{take.name}: {error}"}
+        return {"note": f"{comparison.name}: {error}"}
     payload: dict[str, Any] = {"figure": figure_payload(figure)}
     distance = scene.figure.distance_mm(figure)
     is_known = np.isfinite(distance)
     if not is_known.any():
-        return {**payload, "note": f"{take.name}: no joint has a name of both, so there is no distance"}
+        return {**payload, "note": f"{comparison.name}: no joint has a name of both, so there is no distance"}
     payload["distance"] = curve(distance, float(scene.figure.grid.rate))
     payload["mean"] = round(float(distance[is_known].mean()), 4)
     return payload
