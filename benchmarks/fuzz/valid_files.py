@@ -147,14 +147,14 @@ def bvh() -> list[bytes]:
     from tempfile import TemporaryDirectory
 
     from dancedata.core.skeleton import SMPL24
-    from dancedata.datasets.folder.example import _NAMES
+    from dancedata.datasets.examples import MIXAMO_NAMES
     from dancedata.formats.bvh.write import write_bvh
 
     turns = np.tile(np.eye(3), (3, 24, 1, 1))
     offsets = np.array(SMPL24.offsets) * 100
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.bvh"
-        write_bvh(path, _NAMES.split(), SMPL24.parents, offsets, turns, np.zeros((3, 3)), "0.0333333")
+        write_bvh(path, MIXAMO_NAMES.split(), SMPL24.parents, offsets, turns, np.zeros((3, 3)), "0.0333333")
         text = path.read_text()
     return [text.encode(), text.replace("\t", " ").replace("\n", "\r\n").encode()]
 

@@ -46,10 +46,14 @@ def require_rotations(path: Path, what: str, rotations: Floats, translation: Flo
 
     Parameters
     ----------
-    what : name of the array, for messages.
-    rotations : (T, J, 3), finite.
-    translation : (T, 3) in the file's unit.
-    parents : of the J joints, the first 22 of which are SMPL's; -1 for the first.
+    what
+        Name of the array, for messages.
+    rotations
+        (T, J, 3), finite.
+    translation
+        (T, 3) in the file's unit.
+    parents
+        Of the J joints, the first 22 of which are SMPL's; -1 for the first.
 
     Raises
     ------

@@ -93,11 +93,16 @@ def find_root(
 
     Parameters
     ----------
-    dataset, title : name of the dataset for recipes, and its published name.
-    motions : name of the motion folder.
-    looked_for : the expected files, for messages.
-    is_known : accepts the folder names under which the dataset is published; decides between several folders.
-    advice : returns the fix for a source without a motion folder.
+    dataset, title
+        Name of the dataset for recipes, and its published name.
+    motions
+        Name of the motion folder.
+    looked_for
+        The expected files, for messages.
+    is_known
+        Accepts the folder names under which the dataset is published; decides between several folders.
+    advice
+        Returns the fix for a source without a motion folder.
 
     Returns
     -------
@@ -161,7 +166,8 @@ def file_problem(path: Path, suffixes: Sequence[str], otherwise: str = "") -> st
 
     Parameters
     ----------
-    otherwise : the answer for a file with another suffix, in place of a list of the suffixes.
+    otherwise
+        The answer for a file with another suffix, in place of a list of the suffixes.
     """
     if path.is_dir():
         return "a folder; subfolders are not searched"
@@ -183,8 +189,10 @@ def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callabl
 
     Parameters
     ----------
-    folder : need not exist.
-    name_problem : returns why a stem is not a valid name, "" for a valid one.
+    folder
+        Need not exist.
+    name_problem
+        Returns why a stem is not a valid name, "" for a valid one.
     """
     files: dict[str, Path] = {}
     rejects = []
@@ -221,8 +229,10 @@ def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reje
 
     Parameters
     ----------
-    candidates : audio files, of equal stems the preferred folder first.
-    rejects : of other entries, placed before the new ones.
+    candidates
+        Audio files, of equal stems the preferred folder first.
+    rejects
+        Of other entries, placed before the new ones.
     """
     by_stem: dict[str, list[Path]] = {}
     for path in candidates:

@@ -39,11 +39,16 @@ class Synthetic(Dataset):
 
     Attributes
     ----------
-    seed : determines all files; equal seeds give equal bytes.
-    songs : number of songs, 2 to 60. The first eleven cover all genres; three of them are test music.
-    clips_per_song : number of clips per song, 2 to 40.
-    clip_s : length of the clips in seconds. One clip is slightly shorter: 29 (mod 30) frames.
-    split : "crossmodal", or "all" for every clip in one split, as for the dataset aist++.
+    seed
+        Determines all files; equal seeds give equal bytes.
+    songs
+        Number of songs, 2 to 60. The first eleven cover all genres; three of them are test music.
+    clips_per_song
+        Number of clips per song, 2 to 40.
+    clip_s
+        Length of the clips in seconds. One clip is slightly shorter: 29 (mod 30) frames.
+    split
+        "crossmodal", or "all" for every clip in one split, as for the dataset aist++.
     """
 
     seed: int = field(default=0, metadata=_SCAN)

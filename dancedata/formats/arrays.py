@@ -37,7 +37,8 @@ class ArrayFile:
 
     Attributes
     ----------
-    names : all names in the file, whether or not they hold numbers.
+    names
+        All names in the file, whether or not they hold numbers.
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
@@ -239,8 +240,10 @@ class _Header:
 
     Attributes
     ----------
-    start : first byte of the values.
-    n_bytes : size of the values that shape and dtype announce.
+    start
+        First byte of the values.
+    n_bytes
+        Size of the values that shape and dtype announce.
     """
 
     shape: tuple[int, ...]
@@ -288,7 +291,8 @@ def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compresse
 
     Parameters
     ----------
-    size, compressed : stored bytes of header and values, and their compressed size.
+    size, compressed
+        Stored bytes of header and values, and their compressed size.
     """
     header = _read_header(path, file)
     if header.dtype.hasobject:
@@ -363,7 +367,8 @@ class ValueArrays(ArrayFile):
 
     Parameters
     ----------
-    content : of the file, or of a part of it.
+    content
+        Of the file, or of a part of it.
     """
 
     def __init__(self, path: Path, content: object) -> None:

@@ -30,8 +30,6 @@ from dancedata.formats.checked_unpickler import ClassName, StandIn, make
 from dancedata.formats.numpy_pickle import is_shape
 from dancedata.formats.safe_pickle import ARRAY_NAMES, Names, as_array, load_pickle
 
-__all__ = ["GENDERS", "SMPLH52", "body_model_skeleton", "find_model", "gender_of"]
-
 GENDERS = ("neutral", "male", "female")
 #: SMPL-X files with at least this many shapes hold 300 of the body, then those of the face; older ones 10 and 10.
 _SHAPES = 300

@@ -160,8 +160,10 @@ class ClassName:
 
     Attributes
     ----------
-    name : module and name, for messages.
-    makes : whether objects of it may be made.
+    name
+        Module and name, for messages.
+    makes
+        Whether objects of it may be made.
     """
 
     def __init__(self, name: str, makes: bool = False) -> None:
@@ -174,7 +176,8 @@ class StandIn:
 
     Attributes
     ----------
-    state : attributes by name; None until they are set, which happens once.
+    state
+        Attributes by name; None until they are set, which happens once.
     """
 
     def __init__(self, name: str) -> None:

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import SMPLX55, carried_over
+from dancedata.core.bodies import SMPLH52, SMPLX55, carried_over
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
-from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.bvh.write import motion_bvh
 
 Arrays = dict[str, npt.NDArray[Any]]

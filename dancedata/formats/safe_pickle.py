@@ -54,20 +54,6 @@ from dancedata.formats.numpy_pickle import (
     reconstruct,
 )
 
-__all__ = [
-    "ARRAY_NAMES",
-    "BOMB_BYTES",
-    "BOMB_RATIO",
-    "MAX_DEPTH",
-    "MAX_PICKLE_BYTES",
-    "ArrayUnpickler",
-    "Names",
-    "as_array",
-    "load_pickle",
-    "read_unpacked",
-    "require_shallow",
-]
-
 #: Something above this size with a higher compression ratio than this is not a motion.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 100

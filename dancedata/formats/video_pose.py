@@ -47,9 +47,12 @@ class PersonArrays(ValueArrays):
 
     Attributes
     ----------
-    person : the file's own name for the person, such as "1"; "" for a file that is not divided by people.
-    tool : one of TOOLS, or "" for any other layout.
-    frames : (T,) the frames of the video in which the person was seen; None where the file does not have them.
+    person
+        The file's own name for the person, such as "1"; "" for a file that is not divided by people.
+    tool
+        One of TOOLS, or "" for any other layout.
+    frames
+        (T,) the frames of the video in which the person was seen; None where the file does not have them.
     """
 
     def __init__(self, path: Path, values: object, person: str = "", tool: str = "") -> None:

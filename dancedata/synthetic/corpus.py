@@ -6,7 +6,6 @@ import dataclasses
 import io
 import json
 import pickle
-import wave
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from dancedata.synthetic.motion import MotionTruth
     from dancedata.synthetic.music import SyntheticSong
 
-
 #: Incremented whenever the bytes for equal parameters change.
 VERSION = 1
 MARKER = "synthetic.json"
@@ -43,8 +41,10 @@ def write_synthetic(
 
     Parameters
     ----------
-    folder : created if missing; otherwise it must be empty or contain this corpus.
-    seed, songs, clips_per_song, clip_s : as in the dataset `synthetic`.
+    folder
+        Created if missing; otherwise it must be empty or contain this corpus.
+    seed, songs, clips_per_song, clip_s
+        As in the dataset `synthetic`.
 
     Returns
     -------
@@ -95,8 +95,10 @@ def synthesise_song(
 
     Parameters
     ----------
-    music : AIST++ music id, which encodes the tempo: ``mBR0`` or ``BR0``.
-    length_s : seconds. The beats do not depend on it.
+    music
+        AIST++ music id, which encodes the tempo: ``mBR0`` or ``BR0``.
+    length_s
+        Seconds. The beats do not depend on it.
 
     Returns
     -------
@@ -125,8 +127,10 @@ def synthesise_motion(name: str, *, seed: int = 0, n_frames: int = 810) -> tuple
 
     Parameters
     ----------
-    name : AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song defines the beats.
-    n_frames : length in frames at 60 per second.
+    name
+        AIST++ clip name, such as ``gBR_sBM_cAll_d04_mBR0_ch01``; its song defines the beats.
+    n_frames
+        Length in frames at 60 per second.
 
     Returns
     -------
@@ -251,16 +255,10 @@ def _write_lists(folder: Path, plan: Plan) -> None:
 
 def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
     """Write one wav, PCM 16, and its ground truth."""
-    from dancedata.synthetic.music import make_song
+    from dancedata.synthetic.music import make_song, wav_bytes
 
     song = make_song(plan, seed)
-    stream = io.BytesIO()
-    with wave.open(stream, "wb") as file:
-        file.setnchannels(plan.n_channels)
-        file.setsampwidth(2)
-        file.setframerate(plan.sample_rate)
-        file.writeframes(song.pcm.astype("<i2").tobytes())
-    atomic.write_bytes(folder / "wavs" / f"m{plan.music}.wav", stream.getvalue())
+    atomic.write_bytes(folder / "wavs" / f"m{plan.music}.wav", wav_bytes(song.pcm, plan.sample_rate))
     names = ("beat_times_s", "downbeat_times_s", "chord_roots", "tempo_bpm")
     truth = {name: np.asarray(getattr(song, name)) for name in names}
     _write_npz(folder / "truth" / f"m{plan.music}.npz", truth)

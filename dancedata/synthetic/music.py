@@ -1,5 +1,7 @@
 """The synthetic music: drums on the beat grid, bass and chords that change every bar, a melody, some noise."""
 
+import io
+import wave
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,12 +27,18 @@ class SyntheticSong:
 
     Attributes
     ----------
-    signal : mono AudioSignal: the mean of the channels of `pcm`.
-    pcm : (n, channels) int16, the samples of the wav file.
-    beat_times_s : (B,) seconds of the beats, kick or snare on each.
-    downbeat_times_s : (M,) the first beats of the bars, where the chord changes.
-    chord_roots : (M,) pitch class 0..11 of each bar's chord (0 = C).
-    tempo_bpm : beats per minute, exact.
+    signal
+        Mono AudioSignal: the mean of the channels of `pcm`.
+    pcm
+        (n, channels) int16, the samples of the wav file.
+    beat_times_s
+        (B,) seconds of the beats, kick or snare on each.
+    downbeat_times_s
+        (M,) the first beats of the bars, where the chord changes.
+    chord_roots
+        (M,) pitch class 0..11 of each bar's chord (0 = C).
+    tempo_bpm
+        Beats per minute, exact.
     """
 
     signal: AudioSignal
@@ -39,6 +47,17 @@ class SyntheticSong:
     downbeat_times_s: Floats
     chord_roots: NDArray[np.int64]
     tempo_bpm: float
+
+
+def wav_bytes(pcm: NDArray[np.int16], sample_rate: int) -> bytes:
+    """Return samples (n, channels) as the bytes of a wav file, PCM 16."""
+    stream = io.BytesIO()
+    with wave.open(stream, "wb") as file:
+        file.setnchannels(pcm.shape[1])
+        file.setsampwidth(2)
+        file.setframerate(sample_rate)
+        file.writeframes(pcm.astype("<i2").tobytes())
+    return stream.getvalue()
 
 
 def make_song(plan: SongPlan, seed: int) -> SyntheticSong:

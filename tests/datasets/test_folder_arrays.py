@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dancedata.core.bodies import SMPLX52, SMPLX55
+from dancedata.core.bodies import SMPLH52, SMPLX52, SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion, forward_kinematics
@@ -25,7 +25,6 @@ from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.formats import arrays as _folder_arrays
-from dancedata.formats.body_model import SMPLH52
 from tests.messages import raises_message
 
 Floats = NDArray[np.float64]

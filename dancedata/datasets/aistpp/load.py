@@ -29,8 +29,10 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
 
     Parameters
     ----------
-    path : the pickle; read with the allow-list unpickler, so nothing in it is executed.
-    frame_rate : frames per second, 60 for AIST++.
+    path
+        The pickle; read with the allow-list unpickler, so nothing in it is executed.
+    frame_rate
+        Frames per second, 60 for AIST++.
 
     Returns
     -------

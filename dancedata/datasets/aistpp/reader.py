@@ -110,13 +110,17 @@ class AistPP(Dataset):
 
     Attributes
     ----------
-    split : name of the split. ``SOURCE/splits/<split>_train.txt``, ``_val.txt``, ``_test.txt`` are read; if
+    split
+        Name of the split. ``SOURCE/splits/<split>_train.txt``, ``_val.txt``, ``_test.txt`` are read; if
         any of them exists only the files decide, and a missing one is an empty split. Without files
         ``crossmodal`` follows the rule over the names. ``all`` puts every clip into one split of that name.
-    split_dir : folder with your own split files, relative to the source or absolute; no other one is searched.
-    ignore : ``list`` leaves out the sequences on the ignore list: the source's ``ignore_list.txt`` (even an
+    split_dir
+        Folder with your own split files, relative to the source or absolute; no other one is searched.
+    ignore
+        ``list`` leaves out the sequences on the ignore list: the source's ``ignore_list.txt`` (even an
         empty one), else the official list, which is shipped. ``none`` keeps them.
-    music : ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio
+    music
+        ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio
         features. With audio features it is an error if there are such sequences.
     """
 

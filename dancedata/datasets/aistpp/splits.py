@@ -21,10 +21,14 @@ class Splits:
 
     Attributes
     ----------
-    name : the parameter in the recipe.
-    of : sequence name -> split, from the files; None if the rule decides.
-    expected : names that should have a pickle, from the split files or from ``cameras/mapping.txt``.
-    notes : the files that were read.
+    name
+        The parameter in the recipe.
+    of
+        Sequence name -> split, from the files; None if the rule decides.
+    expected
+        Names that should have a pickle, from the split files or from ``cameras/mapping.txt``.
+    notes
+        The files that were read.
     """
 
     name: str

@@ -55,10 +55,14 @@ def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int
 
     Parameters
     ----------
-    path : .npy file. Nothing in it is executed; its header is checked before memory is allocated.
-    frame_rate : frames per second, 30 for FineDance.
-    skeleton : SMPL-X's 55 joints with the bones to use.
-    trim_start : first frame of the dance.
+    path
+        .npy file. Nothing in it is executed; its header is checked before memory is allocated.
+    frame_rate
+        Frames per second, 30 for FineDance.
+    skeleton
+        SMPL-X's 55 joints with the bones to use.
+    trim_start
+        First frame of the dance.
 
     Returns
     -------

@@ -135,14 +135,19 @@ class FineDance(Dataset):
 
     Attributes
     ----------
-    split : ``cross_genre`` (every genre in train and test; it has no val) or ``cross_dancer`` (no dancer in two
+    split
+        ``cross_genre`` (every genre in train and test; it has no val) or ``cross_dancer`` (no dancer in two
         splits). Ids on no list are train.
-    keep : ids that stay in their split although the split's ignore list contains them, as text (``["120"]``), or
+    keep
+        Ids that stay in their split although the split's ignore list contains them, as text (``["120"]``), or
         ``all``. Without it the ignore list takes precedence, as in Lodge and FineDance.
-    trim : set the clips' ``trim_start`` to the first frame that Lodge keeps. The frames are stored either way.
-    labels : ``required`` leaves out sequences whose label is missing or not one of the 16 genres; ``optional`` keeps
+    trim
+        Set the clips' ``trim_start`` to the first frame that Lodge keeps. The frames are stored either way.
+    labels
+        ``required`` leaves out sequences whose label is missing or not one of the 16 genres; ``optional`` keeps
         them, without a genre.
-    body_model : SMPL-X model file (.npz) with the bones to use; default: those published by Lodge and FineDance.
+    body_model
+        SMPL-X model file (.npz) with the bones to use; default: those published by Lodge and FineDance.
         FineDance has no betas: all motion is on the neutral body.
     """
 
@@ -244,9 +249,9 @@ class FineDance(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.finedance.example import write_example
+        from dancedata.datasets.examples import write_finedance
 
-        write_example(Path(folder))
+        write_finedance(Path(folder))
 
     def _kept(self) -> frozenset[str]:
         """Return the ids on the split's ignore lists that are kept."""

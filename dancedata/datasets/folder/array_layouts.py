@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core.bodies import SMPLX55
+from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24, Skeleton
@@ -39,7 +39,6 @@ from dancedata.datasets.folder.array_values import (
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.arrays import ArrayFile
-from dancedata.formats.body_model import SMPLH52
 from dancedata.formats.six_d import check_rows, rotations_of
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
 
@@ -86,14 +85,22 @@ class Layout:
 
     Attributes
     ----------
-    name : "amass" or another layout.
-    body : "smpl", "smplh", "smplx" or "finedance": how the columns are read.
-    poses : name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
-    translation : name of its array; None if it is in the same array.
-    up, unit : as defined by the layout, None where it defines nothing.
-    scaling : name of the array that divides the translation.
-    matrices : whether the rotations are matrices, row by row, in place of axis-angle.
-    keyed : whether the recipe names the arrays.
+    name
+        "amass" or another layout.
+    body
+        "smpl", "smplh", "smplx" or "finedance": how the columns are read.
+    poses
+        Name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
+    translation
+        Name of its array; None if it is in the same array.
+    up, unit
+        As defined by the layout, None where it defines nothing.
+    scaling
+        Name of the array that divides the translation.
+    matrices
+        Whether the rotations are matrices, row by row, in place of axis-angle.
+    keyed
+        Whether the recipe names the arrays.
     """
 
     name: str

@@ -129,9 +129,12 @@ class Declared:
 
     Attributes
     ----------
-    fps : as text, such as "30" or "30000/1001".
-    unit : a name in UNITS, "guess", or metres per unit as text.
-    person : the file's own name for one of its people.
+    fps
+        As text, such as "30" or "30000/1001".
+    unit
+        A name in UNITS, "guess", or metres per unit as text.
+    person
+        The file's own name for one of its people.
     """
 
     fps: str | None = None

@@ -52,11 +52,16 @@ class Reading:
 
     Attributes
     ----------
-    manifest : declarations for this file.
-    recipe : declarations for all files.
-    joint_map : SMPL joint -> name in BVH files.
-    body_model : file or folder; None for the mean body.
-    keys : the recipe's names of arrays, as in `Folder`.
+    manifest
+        Declarations for this file.
+    recipe
+        Declarations for all files.
+    joint_map
+        SMPL joint -> name in BVH files.
+    body_model
+        File or folder; None for the mean body.
+    keys
+        The recipe's names of arrays, as in `Folder`.
     """
 
     manifest: Declared

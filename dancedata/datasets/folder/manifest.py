@@ -34,9 +34,12 @@ class Row:
 
     Attributes
     ----------
-    line : its number, for messages.
-    values : the cells that are not empty, by column.
-    declared : the declarations for the motion file.
+    line
+        Its number, for messages.
+    values
+        The cells that are not empty, by column.
+    declared
+        The declarations for the motion file.
     """
 
     line: int

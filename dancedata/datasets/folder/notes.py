@@ -73,8 +73,10 @@ def split_note(clips: Sequence[ClipRef], default: str, assigned: bool) -> str:
 
     Parameters
     ----------
-    default : split of clips without one in the manifest.
-    given : whether the manifest assigns any split.
+    default
+        Split of clips without one in the manifest.
+    given
+        Whether the manifest assigns any split.
     """
     splits = Counter(clip.split for clip in clips)
     if set(splits) == {default} and not assigned:

@@ -101,8 +101,10 @@ class Seen:
 
     Attributes
     ----------
-    first, stop : the first frame in which it is seen, and the one after the last.
-    missing : frames between them in which it is not.
+    first, stop
+        The first frame in which it is seen, and the one after the last.
+    missing
+        Frames between them in which it is not.
     """
 
     first: int

@@ -36,28 +36,39 @@ class Folder(Dataset):
 
     Attributes
     ----------
-    fps : frames per second of files without a frame rate: 30, 59.94 or "30000/1001".
-    up : "y" or "z", the up axis of files whose format does not define it; "-y" for a camera's axes (+Y down, +Z
+    fps
+        Frames per second of files without a frame rate: 30, 59.94 or "30000/1001".
+    up
+        "y" or "z", the up axis of files whose format does not define it; "-y" for a camera's axes (+Y down, +Z
         away from it). BVH is +Y unless declared.
-    unit : unit of lengths in files that do not define it (BVH never does): "m", "cm", "mm", "inch", "cmu" (the CMU
+    unit
+        Unit of lengths in files that do not define it (BVH never does): "m", "cm", "mm", "inch", "cmu" (the CMU
         database: inch / 0.45), metres per unit such as 0.0254, or "guess": the unit in which the skeleton of a
         BVH is 1.2 to 2.2 m tall.
-    layout : "auto", or the layout of arrays: "amass", "smpl", "smplh", "smplx", "finedance",
+    layout
+        "auto", or the layout of arrays: "amass", "smpl", "smplh", "smplx", "finedance",
         "wham", "phalp", "gvhmr".
-    joint_map : SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint.
-    body_model : SMPL-X, SMPL-H or SMPL model (.npz, .pkl), or a folder of them, for the bones of arrays, with the
+    joint_map
+        SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint.
+    body_model
+        SMPL-X, SMPL-H or SMPL model (.npz, .pkl), or a folder of them, for the bones of arrays, with the
         betas and the gender in the file. Without it they are those of the mean body.
-    gender : "neutral", "male" or "female", for a body model, of files without a gender.
-    split : split of clips without one in the manifest: a name, or a rule such as
+    gender
+        "neutral", "male" or "female", for a body model, of files without a gender.
+    split
+        Split of clips without one in the manifest: a name, or a rule such as
         ``{val: 0.1, test: 0.1, by: music, seed: 0}`` that keeps clips of one music (dancer, genre) together, see
         `_split_rule`.
-    keys : names of the arrays in files of other layouts, ``{rotation: pred_thetas, translation: transl}``. Rotations
+    keys
+        Names of the arrays in files of other layouts, ``{rotation: pred_thetas, translation: transl}``. Rotations
         are axis-angle, 3 columns per joint, or matrices, 9 row by row, of SMPL's 24, SMPL-H's 52 or SMPL-X's 55
         joints. ``scale`` names what divides the translation: one number, one per frame, or a weak-perspective camera
         (T, 3) with the scale first. Files without the array of the rotation are read as if there were no keys.
-    people : "split" makes a clip of each person in files that are divided by people, ``NAME-personID``; "one" reads
+    people
+        "split" makes a clip of each person in files that are divided by people, ``NAME-personID``; "one" reads
         files of one person, and sets others aside.
-    music : "required" leaves out clips without music; "optional" keeps them, for recipes without audio features. With
+    music
+        "required" leaves out clips without music; "optional" keeps them, for recipes without audio features. With
         audio features it is an error if there are such clips.
     """
 
@@ -160,9 +171,9 @@ class Folder(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.folder.example import write_example
+        from dancedata.datasets.examples import write_folder
 
-        write_example(Path(folder))
+        write_folder(Path(folder))
 
     @property
     def _declared(self) -> Declared:

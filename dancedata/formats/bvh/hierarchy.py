@@ -25,11 +25,16 @@ class BvhJoint:
 
     Attributes
     ----------
-    parent : index among the joints, -1 for the root. Parents come first.
-    offset : (3,) from the parent, in the file's unit.
-    channels : names, in the file's order.
-    first : column of the first channel.
-    line : where it is declared.
+    parent
+        Index among the joints, -1 for the root. Parents come first.
+    offset
+        (3,) from the parent, in the file's unit.
+    channels
+        Names, in the file's order.
+    first
+        Column of the first channel.
+    line
+        Where it is declared.
     """
 
     name: str

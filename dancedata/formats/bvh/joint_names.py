@@ -102,8 +102,10 @@ class JointMap:
 
     Attributes
     ----------
-    style : name of the matching style, "" if all names were given.
-    of : index in SMPL24 -> index in the file.
+    style
+        Name of the matching style, "" if all names were given.
+    of
+        Index in SMPL24 -> index in the file.
     """
 
     style: str

@@ -30,8 +30,10 @@ def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
 
     Parameters
     ----------
-    root : joint whose channels move the body; those of the joints below it change bones.
-    indices : joints that are used.
+    root
+        Joint whose channels move the body; those of the joints below it change bones.
+    indices
+        Joints that are used.
     """
     needed = set(_with_ancestors(bvh.joints, indices)) - set(_with_ancestors(bvh.joints, [root]))
     bones = bone_offsets(bvh)
@@ -56,8 +58,10 @@ def world(bvh: Bvh, indices: Sequence[int], rows: slice) -> tuple[Floats, Floats
 
     Parameters
     ----------
-    indices : K joints.
-    rows : frames.
+    indices
+        K joints.
+    rows
+        Frames.
 
     Returns
     -------

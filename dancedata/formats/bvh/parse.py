@@ -54,8 +54,10 @@ class Bvh:
 
     Attributes
     ----------
-    frame_time : seconds as written; a decimal number above 0.
-    values : (T, C) channels as in the file; (0, C) if only the header was read.
+    frame_time
+        Seconds as written; a decimal number above 0.
+    values
+        (T, C) channels as in the file; (0, C) if only the header was read.
     """
 
     path: Path

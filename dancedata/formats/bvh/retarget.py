@@ -62,10 +62,14 @@ class Rig:
 
     Attributes
     ----------
-    joints : the joint map.
-    align : (24, 3, 3); identity for joints without a counterpart.
-    child_of : the next mapped joint below each joint that has bending unmapped joints in between.
-    offsets : (24, 3) bones in SMPL's rest pose, in the file's unit; the root's is 0.
+    joints
+        The joint map.
+    align
+        (24, 3, 3); identity for joints without a counterpart.
+    child_of
+        The next mapped joint below each joint that has bending unmapped joints in between.
+    offsets
+        (24, 3) bones in SMPL's rest pose, in the file's unit; the root's is 0.
     """
 
     joints: JointMap
@@ -87,9 +91,11 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
 
     Parameters
     ----------
-    bvh : with frames, or only the header: then the rest pose is assumed to be a pose of a body, which affects
+    bvh
+        With frames, or only the header: then the rest pose is assumed to be a pose of a body, which affects
         rotations but not lengths.
-    up : (3,) the file's up axis.
+    up
+        (3,) the file's up axis.
 
     Raises
     ------
@@ -121,7 +127,8 @@ def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
 
     Parameters
     ----------
-    upright : (3, 3) from the file's axes to +Y up.
+    upright
+        (3, 3) from the file's axes to +Y up.
 
     Returns
     -------

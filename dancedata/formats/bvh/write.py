@@ -69,12 +69,18 @@ def bvh_text(
 
     Parameters
     ----------
-    offsets : (J, 3) from the parents, in the file's unit.
-    rotations : (T, J, 3, 3) relative to the parents.
-    root : (T, 3) positions of the root.
-    frame_time : seconds, as text for the file.
-    orders : order of the rotation channels, for all joints or for each.
-    ends : (J, 3) offsets of the ends of joints without children; None: 0.
+    offsets
+        (J, 3) from the parents, in the file's unit.
+    rotations
+        (T, J, 3, 3) relative to the parents.
+    root
+        (T, 3) positions of the root.
+    frame_time
+        Seconds, as text for the file.
+    orders
+        Order of the rotation channels, for all joints or for each.
+    ends
+        (J, 3) offsets of the ends of joints without children; None: 0.
     """
     from scipy.spatial.transform import Rotation
 
