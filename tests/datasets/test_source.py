@@ -8,9 +8,8 @@ import pytest
 import dancedata
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, SourceError, UsageError
-from dancedata.datasets.files import audio_files, files_by_stem, require_choice
+from dancedata.datasets.files import Layout, audio_files, files_by_stem, require_choice
 from dancedata.datasets.finedance.load import load_motion, motion_length
-from dancedata.datasets.published import Layout
 from dancedata.formats import arrays
 from tests.messages import raises_message
 

@@ -86,9 +86,15 @@ def parse_name(stem: str) -> SequenceName | None:
     return None if match is None else SequenceName(stem, *match.groups())
 
 
-def is_music_id(stem: str) -> bool:
-    """Return whether `stem` has the form of a music id of AIST, such as ``mBR2``."""
-    return _MUSIC.fullmatch(stem) is not None
+def sequence_problem(stem: str) -> str:
+    """Return why `stem` is not a sequence name, "" if it is one."""
+    return "" if parse_name(stem) else "not named as an AIST++ sequence (gBR_sBM_cAll_d04_mBR2_ch08)"
+
+
+def music_problem(stem: str) -> str:
+    """Return why `stem` is not the name of an audio file, "" if it is: that of a sequence or of a song."""
+    named = _MUSIC.fullmatch(stem) or parse_name(stem)
+    return "" if named else "named neither as an AIST++ sequence nor as a song (mBR2)"
 
 
 def tempo_bpm(music: str) -> float | None:

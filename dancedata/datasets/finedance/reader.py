@@ -14,7 +14,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, Files, clips_note, relative, require_choice
+from dancedata.datasets.files import ALL, Files, Folders, clips_note, relative, require_choice
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE, facts
 from dancedata.datasets.finedance.layout import (
     LABELS,
@@ -27,7 +27,6 @@ from dancedata.datasets.finedance.layout import (
     not_read_notes,
     read_label,
 )
-from dancedata.datasets.published import Folders
 
 
 def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) -> list[str]:
@@ -206,8 +205,8 @@ class FineDance(Dataset):
         SourceError
             If the folder is not a FineDance copy.
         """
-        folders = LAYOUT.find(Path(source))
-        motions, music, labels = LAYOUT.list_motions(folders), list_music(folders), list_labels(folders)
+        folders, motions = LAYOUT.list_motions(Path(source))
+        music, labels = list_music(folders), list_labels(folders)
         kept = self._kept()
         clips, left_out = self._clips(folders, motions, music, labels)
         lengths = _lengths(clips)
