@@ -144,6 +144,11 @@ class Declared:
     gender: str | None = None
     person: str | None = None
 
+    @property
+    def rate(self) -> Fraction | None:
+        """The frame rate."""
+        return None if self.fps is None else rate_of_text(self.fps)
+
     def problem(self) -> tuple[str, str, str] | None:
         """Return (name, value, allowed values) of the first invalid value; None if all are valid."""
         if self.fps is not None and rate_of_text(self.fps) is None:
@@ -177,15 +182,6 @@ def decide(manifest: T | None, file: Fact[T] | None, recipe: T | None) -> Fact[T
     if file is not None:
         return file
     return None if recipe is None else Fact(recipe, IN_RECIPE)
-
-
-def decide_rate(manifest: Declared, file: Fact[Fraction] | None, recipe: Declared) -> Fact[Fraction] | None:
-    """Return the frame rate as `decide` does."""
-    return decide(_rate(manifest), file, _rate(recipe))
-
-
-def _rate(declared: Declared) -> Fraction | None:
-    return None if declared.fps is None else rate_of_text(declared.fps)
 
 
 def undeclared(path: Path, key: str, what: str, allowed: str, found: str, also: Sequence[str] = ()) -> DataError:

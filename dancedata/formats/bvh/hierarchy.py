@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from dancedata.core.errors import DataError, did_you_mean
@@ -66,9 +67,9 @@ def bvh_error(
     problem: str,
     found: object = None,
     allowed: object = None,
+    fix: str = "export the file again",
     *,
     reason: str = "broken_file",
-    fix: str = "export the file again",
 ) -> DataError:
     """Return a DataError about a line of a file."""
     return DataError(problem, reason=reason, where=f"{path}, line {line}", found=found, allowed=allowed, fix=fix)
@@ -128,6 +129,7 @@ class _Hierarchy:
         self._open: list[_Draft] = []
         self._next: _Draft | None = None
         self._lines: dict[str, int] = {}
+        self._bad = partial(bvh_error, path)
 
     def take(self, line: int, text: str) -> bool:
         """Parse a statement; return True for MOTION."""
@@ -275,15 +277,3 @@ class _Hierarchy:
                 "three positions and three rotations",
                 reason="missing_channels",
             )
-
-    def _bad(
-        self,
-        line: int,
-        problem: str,
-        found: object = None,
-        allowed: object = None,
-        fix: str = "export the file again",
-        *,
-        reason: str = "broken_file",
-    ) -> DataError:
-        return bvh_error(self.path, line, problem, found, allowed, reason=reason, fix=fix)
