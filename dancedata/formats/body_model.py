@@ -11,8 +11,7 @@ elements of another one; a sparse matrix has data, indices and indptr.
 """
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
-from dancedata.formats.arrays import ArrayFile, ValueArrays, open_arrays
+from dancedata.formats.arrays import ValueArrays, open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 from dancedata.formats.checked_unpickler import ClassName, StandIn, make
 from dancedata.formats.numpy_pickle import is_shape
@@ -38,8 +37,6 @@ _MAX_BETA = 1000.0
 _SUFFIXES = (".npz", ".pkl")
 #: Beginnings of the names of SMPL's first published files, such as basicModel_f_lbs_10_207_0_v1.0.0.pkl.
 _BASIC = {"neutral": "basicmodel_neutral_", "male": "basicmodel_m_", "female": "basicmodel_f_"}
-
-
 _BODIES = {55: SMPLX55, 52: SMPLH52, 24: SMPL24}
 _KINDS = {"smplx": 55, "smplh": 52, "smpl": 24}
 
@@ -118,8 +115,8 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
             name, model = f"{kind.upper()}_{gender.upper()}{suffix}", f"model{suffix}"
             tried += [path / name, path / kind / name, path / gender / model, path / kind / gender / model]
         tried += [] if kind != "smpl" else _basic_models(path, gender)
-    found_file = next((file for file in tried if file.is_file()), None)
-    if found_file is None:
+    model_file = next((file for file in tried if file.is_file()), None)
+    if model_file is None:
         raise UsageError(
             f"the folder has no {gender} body model for {joints.name}",
             where=str(path),
@@ -128,7 +125,7 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
             + " (or .pkl)",
             fix="set body_model to a folder with the models, or to the model's file",
         )
-    return found_file
+    return model_file
 
 
 def _basic_models(path: Path, gender: str) -> list[Path]:
@@ -147,15 +144,6 @@ def gender_of(file: Path) -> str | None:
     return basic or next((gender for gender in ("female", "male", "neutral") if gender in stem), None)
 
 
-@contextmanager
-def _open(file: Path) -> Iterator[ArrayFile]:
-    if file.suffix.lower() == ".pkl":
-        yield _open_pickle(file)
-        return
-    with open_arrays(file) as arrays:
-        yield arrays
-
-
 @lru_cache(maxsize=8)
 def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
     """Return the rest joints of the mean body (J, 3) and their change with each shape (J, 3, B)."""
@@ -168,7 +156,8 @@ def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
             fix="set body_model to the model's file as published, or to the folder with it",
         )
     try:
-        with _open(file) as arrays:
+        pickled = file.suffix.lower() == ".pkl"
+        with nullcontext(_open_pickle(file)) if pickled else open_arrays(file) as arrays:
             missing = [name for name in ("v_template", "shapedirs", "J_regressor") if name not in arrays.names]
             if missing:
                 raise _not_a_model(file, f"no {' and no '.join(missing)}", "v_template, shapedirs and J_regressor")
@@ -290,19 +279,15 @@ def _array(value: StandIn) -> Array:
     if value.name == _CH:
         return _numbers(state["x"])
     if value.name == _SELECT:
-        taken = _numbers(_inner(state["a"])).reshape(-1)[_indices(state["idxs"])]
+        source = state["a"]
+        if isinstance(source, StandIn) and source.name == _CH:
+            source = (source.state or {})["x"]
+        taken = _numbers(source).reshape(-1)[_indices(state["idxs"])]
         shape = state.get("preferred_shape", taken.shape)
         if not is_shape(shape):
             raise ValueError(f"a shape {shown(shape)}")
         return taken.reshape(shape)
     return _dense(value.name, state)
-
-
-def _inner(value: object) -> object:
-    """Return the array in a chumpy array, or the value itself."""
-    if isinstance(value, StandIn) and value.name == _CH:
-        return (value.state or {})["x"]
-    return value
 
 
 def _numbers(value: object) -> Array:

@@ -112,15 +112,13 @@ def facts() -> Facts:
             name: IgnoreList(frozenset(entry["ids"]), tuple(entry["applies_to"]), entry["source"])
             for name, entry in raw["ignore_lists"].items()
         },
-        trims={t["id"]: _trim(t, grid) for t in raw["trims"]},
+        trims={
+            t["id"]: Trim(t["frames"] if "frames" in t else grid.frames(t["seconds"]), t["reason"], t["source"])
+            for t in raw["trims"]
+        },
         genre_ids={genre: entry["id"] for genre, entry in raw["genres"].items()},
         genre_names=names,
     )
-
-
-def _trim(raw: Mapping[str, Any], grid: FrameGrid) -> Trim:
-    frames = raw["frames"] if "frames" in raw else grid.frames(raw["seconds"])
-    return Trim(frames, raw["reason"], raw["source"])
 
 
 def _fold(style: str) -> str:

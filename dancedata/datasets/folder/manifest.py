@@ -209,7 +209,11 @@ def _row(path: Path, line: int, values: dict[str, str]) -> Row:
             "the path of its motion file",
         )
     tempo = values.get("tempo_bpm")
-    if tempo is not None and not _is_tempo(tempo):
+    try:
+        valid = tempo is None or 0 < float(tempo) < MAX_TEMPO
+    except ValueError:
+        valid = False
+    if not valid:
         raise _bad(
             path,
             line,
@@ -251,13 +255,6 @@ def check_row(manifest: Path, row: Row, split: str) -> None:
         if row.get(column) and suffix not in suffixes:
             problem = f"folder: {column} has an unsupported file format"
             raise SourceError(problem, where=where, found=row.get(column)[:100], allowed=", ".join(suffixes))
-
-
-def _is_tempo(text: str) -> bool:
-    try:
-        return 0 < float(text) < MAX_TEMPO
-    except ValueError:
-        return False
 
 
 def _check_unique(path: Path, rows: list[Row]) -> None:
