@@ -11,9 +11,8 @@ import pytest
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.datasets.aistpp import AistPP
+from tests.datasets.scans import TRAIN
 from tests.messages import raises_message
-
-TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
 
 
 def load(path: Path) -> Any:

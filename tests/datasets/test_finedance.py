@@ -15,24 +15,13 @@ from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.files import SPLITS
 from dancedata.datasets.finedance import FineDance
 from dancedata.datasets.finedance.facts import facts
+from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
-
-
-def splits(scan: Scan) -> dict[str, str]:
-    return {clip.id: clip.split for clip in scan.clips}
-
-
-def rejects(scan: Scan, reason: str) -> list[str]:
-    return sorted(r.clip or r.file for r in scan.rejects if r.reason == reason)
 
 
 def detail(scan: Scan, clip: str) -> str:
     (found,) = (r.detail for r in scan.rejects if r.clip == clip)
     return found
-
-
-def notes(scan: Scan) -> str:
-    return "\n".join(scan.notes)
 
 
 # ---- layout
