@@ -312,7 +312,6 @@ def test_plain_arrays_of_other_widths(tmp_path: Path, width: int) -> None:
     with raises_message(DataError) as error:
         load(tmp_path / "a.npy", fps=30)
     assert error.value.reason == "bad_shape"
-    assert str((5, width)) in str(error.value)
 
 
 def test_columns_that_are_no_rotations(tmp_path: Path) -> None:

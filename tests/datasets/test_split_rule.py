@@ -219,9 +219,8 @@ def test_the_manifest_goes_first(source: Path) -> None:
     assert made == {**free, f"take{k}": "dev", f"take{k + 1}": "dev"}
     assert "dev 16.7% (from the manifest; 2 clips of 1 song)" in "\n".join(reader.scan(source).notes)
     write_manifest(source, ["train", "test", *lines[2:]])
-    with raises_message(SourceError) as caught:
+    with raises_message(SourceError):
         reader.scan(source)
-    assert "take0 in train, take1 in test" in str(caught.value)
 
 
 def test_without_a_manifest_every_pair_is_a_song(source: Path) -> None:
