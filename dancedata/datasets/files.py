@@ -92,10 +92,7 @@ def describe(folder: Path) -> str:
 
 
 def relative(path: Path, source: Path) -> str:
-    """Return the path below the source with forward slashes; of a file elsewhere, its folder's name and its own.
-
-    Absolute paths of a machine do not belong into a dataset.
-    """
+    """Return the path below the source with forward slashes; of another file, FOLDER/NAME: no absolute paths."""
     try:
         return path.relative_to(source).as_posix()
     except ValueError:

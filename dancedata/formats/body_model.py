@@ -1,13 +1,8 @@
 """Skeletons from the user's body model: SMPL-X, SMPL-H or SMPL, as .npz or .pkl.
 
-The rest joints of a SMPL body are J_regressor @ (v_template + shapedirs @ betas) (Loper et al. 2015, eq. 10;
-Pavlakos et al. 2019). Only these three arrays of the published file are needed, so they are read here. The smplx
-library gives the same joints (a test compares the two), but it runs the code in the file (allow_pickle=True), and
-needs torch, for a .pkl also chumpy.
-
-Published .pkl files, with chumpy arrays and scipy's sparse matrices, were written by Python 2. Their classes are
-neither imported nor called: a chumpy array is a stand-in whose attribute x is the array; chumpy's Select takes
-elements of another one; a sparse matrix has data, indices and indptr.
+The rest joints are J_regressor @ (v_template + shapedirs @ betas) (Loper et al. 2015, eq. 10; Pavlakos et al. 2019).
+The smplx library gives the same joints (a test compares the two), but runs the code in the file (allow_pickle=True).
+In published .pkl files chumpy arrays and scipy's sparse matrices are read as stand-ins; no class is imported.
 """
 
 import hashlib
@@ -246,13 +241,7 @@ _NAMES: Names = {
 
 
 def _open_pickle(path: Path) -> ValueArrays:
-    """Return the arrays of a body model by name; those of classes that are not arrays are not numbers.
-
-    Raises
-    ------
-    DataError
-        As `load_pickle` does, and for sparse matrices and chumpy arrays that contradict themselves.
-    """
+    """Return the arrays of a body model; DataError also for contradictory sparse matrices and chumpy arrays."""
     content = load_pickle(path, _NAMES)
     if not isinstance(content, dict):
         content = {}

@@ -1,7 +1,4 @@
-"""Facts about AIST++, and what its names encode: genre, dancer, music, tempo, split.
-
-The facts are in ``manifests/aistpp.yaml``.
-"""
+"""Facts about AIST++, from ``manifests/aistpp.yaml``, and the genre, dancer, music, tempo and split in its names."""
 
 import functools
 import re

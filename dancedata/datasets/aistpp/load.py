@@ -1,4 +1,4 @@
-"""One AIST++ motion pickle -> canonical motion; every defect has a reason code of its own."""
+"""One AIST++ motion pickle -> canonical motion; each defect has a reason code."""
 
 from collections.abc import Mapping
 from pathlib import Path

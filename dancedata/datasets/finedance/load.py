@@ -1,4 +1,4 @@
-"""One FineDance motion file -> canonical motion; every defect has a reason code of its own."""
+"""One FineDance motion file -> canonical motion; each defect has a reason code."""
 
 from pathlib import Path
 

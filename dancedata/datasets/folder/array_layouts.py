@@ -9,9 +9,6 @@
     smplh      poses (T, 156) trans (T, 3), or global_orient body_pose (T, 63) transl [hands]
     smplx      poses (T, 165) trans (T, 3), or global_orient body_pose (T, 63) transl [hands jaw eyes]
     finedance  one array (T, 315): translation 3, then 52 joints x 6D, two rows of each matrix    +Y up, metres
-    wham, phalp, gvhmr: see `formats.video_pose`
-
-Names of arrays in other layouts are given by the recipe (`keys`).
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,6 @@
 """Facts about a motion file: frame rate, up axis, unit, layout, gender.
 
-The first of these that states a fact decides: the manifest (one file), the file itself, the recipe (all files that
-do not state it). A fact that none of them states is an error with the declaration to add.
+The manifest decides (one file), else the file, else the recipe (files that do not state the fact), else an error.
 """
 
 import re

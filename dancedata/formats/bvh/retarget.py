@@ -1,26 +1,23 @@
-"""Retargets a BVH's skeleton to SMPL's 24 joints: constant rotations, bones with the file's own lengths.
+"""Retargets a BVH's skeleton to SMPL's 24 joints: constant rotations, bones with the file's lengths.
 
 Each mapped joint keeps the file's world rotation, up to a constant that rotates SMPL's rest pose into the file's:
 world rotation = file's world rotation @ align. `align` follows from the file's rest pose (all angles 0):
 
 - A joint of the back or of a limb: the shortest rotation, applied after its parent's `align`, that maps SMPL's rest
   direction of its bone to the file's.
-- The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the
-  hips (the arms) and comes closest to up. Up is the neck for the chest; for the pelvis it is the file's up axis, or
-  the spine if that is more than 60 degrees away from it.
-- Head and neck, whose joints have no standard position: the head as the pelvis, the neck as the chest. Other leaf
-  joints: as their parent.
+- The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the hips
+  (the arms) and comes closest to up: the neck for the chest; for the pelvis the file's up axis, or the spine if that
+  is more than 60 degrees away from it.
+- Head and neck, whose joints have no standard position: as the pelvis and the chest. Other leaf joints: as their
+  parent.
 
-The bones are the file's: an offset is the file's bone in SMPL's rest pose, so where nothing moves between two
-mapped joints, positions agree up to rounding. Where unmapped joints bend in between (four joints of a spine on
-SMPL's three), the upper joint is rotated in every frame to point at the lower one, and the positions agree except
-for the change of length.
+So where nothing moves between two mapped joints, positions agree up to rounding. Where unmapped joints bend in
+between (four joints of a spine on SMPL's three), the upper joint is rotated in each frame to point at the lower one.
 
-The rest pose of some files is not a pose of a body: Rokoko's puts both legs and the spine along +X. The directions
-of the bones then do not determine the rotations about them. Therefore the mean rotation of every joint relative to
-its parent is checked: no dance has a foot or the head rotated by more than 60 degrees on average (120 for hips and
-arms). Where it seems so, `align` is rotated back by the nearest multiple of 90 degrees (180 for hips and arms). This
-has no effect on positions, and none on files whose rest pose is a T-pose or an A-pose.
+The rest pose of some files is not a pose of a body (Rokoko's puts both legs and the spine along +X), and directions
+of bones do not determine the rotations about them. If a joint's mean rotation relative to its parent exceeds 60
+degrees (120 for hips and arms), which no dance has, `align` is rotated back by the nearest multiple of 90 degrees
+(180).
 """
 
 import hashlib
