@@ -81,7 +81,7 @@ def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, v
             found=f"windows of {length} frames, primitive_n={n}",
             fix="choose a primitive_n that divides the window's length",
         )
-    names = [f.name for f in map(store.field, store.fields) if f.kind == "keymotion"]
+    names = [f.name for f in store.fields_with(kind="keymotion")]
     if variant == "paper" and length != n and not names:
         raise UsageError(
             "the store does not hold key motions",

@@ -7,6 +7,7 @@ them: evaluation, drawing, exports and augmentations of samples all see stored c
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,24 +43,15 @@ BODIES: dict[str, tuple[tuple[str, ...], bool]] = {
 BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
 
 
-@dataclass(frozen=True, eq=False)
-class StoredMotion:
-    """The plug-ins that made a motion field.
-
-    Attributes
-    ----------
-    representation
-        Plug-in of the columns, with the parameters of the dataset's recipe.
-    contacts
-        Rule of the contact columns; None where the recipe names none, or none that is installed.
-    """
-
-    representation: Representation
-    contacts: ContactRule | None = None
+def _entry(recipe: object, field: str) -> dict[str, Any]:
+    """Return what a recipe states of a motion field; empty for anything else."""
+    motion = recipe.get("motion") if isinstance(recipe, Mapping) else None
+    entry = motion.get(field) if isinstance(motion, Mapping) else None
+    return dict(entry) if isinstance(entry, Mapping) else {}
 
 
-def stored_motion(recipe: object, field: str, columns: Columns) -> StoredMotion:
-    """Return the plug-ins that made a motion field.
+def stored_representation(recipe: object, field: str, columns: Columns) -> Representation:
+    """Return the plug-in that made the columns of a motion field, with the parameters of the dataset's recipe.
 
     Parameters
     ----------
@@ -76,10 +68,7 @@ def stored_motion(recipe: object, field: str, columns: Columns) -> StoredMotion:
     UsageError
         If no installed plug-in makes these columns, with the reason.
     """
-    motion = recipe.get("motion") if isinstance(recipe, Mapping) else None
-    entry = motion.get(field) if isinstance(motion, Mapping) else None
-    parameters = dict(entry) if isinstance(entry, Mapping) else {}
-    rules = parameters.pop("contacts", None)
+    parameters = {key: value for key, value in _entry(recipe, field).items() if key != "contacts"}
     plugin, _ = REPRESENTATIONS.split(field)
     try:
         representation = REPRESENTATIONS.make(plugin, parameters)
@@ -90,10 +79,12 @@ def stored_motion(recipe: object, field: str, columns: Columns) -> StoredMotion:
             f"the columns of {field} cannot be read", found=str(error),
             fix="install the version of the plug-in that the dataset was built with",
         ) from error  # fmt: skip
-    return StoredMotion(representation, _contact_rule(rules))
+    return representation
 
 
-def _contact_rule(rules: object) -> ContactRule | None:
+def stored_contacts(recipe: object, field: str) -> ContactRule | None:
+    """Return the rule of a field's contact columns; None where the recipe names none, or none that is installed."""
+    rules = _entry(recipe, field).get("contacts")
     if not isinstance(rules, Mapping) or len(rules) != 1:
         return None
     ((name, parameters),) = rules.items()
@@ -202,19 +193,15 @@ class ColumnsReader:
 
 
 def motion_reader(store: Store, name: str) -> ColumnsReader:
-    """Return the reader of a motion field; UsageError as `stored_motion`."""
+    """Return the reader of a motion field; UsageError as `stored_representation`."""
     field = store.field(name)
-    return ColumnsReader(stored_motion(store.meta.get("recipe"), name, field.columns).representation, field.grid)
+    return ColumnsReader(stored_representation(store.meta.get("recipe"), name, field.columns), field.grid)
 
 
 def motion_readers(store: Store) -> dict[str, ColumnsReader]:
     """Return a reader of each motion field whose plug-in is installed, in the order of the dataset."""
     readers = {}
-    for name in store.fields:
-        if store.field(name).kind != "motion":
-            continue
-        try:
-            readers[name] = motion_reader(store, name)
-        except UsageError:
-            continue  # `motion_reader` of this field raises the reason
+    for field in store.fields_with(kind="motion"):
+        with suppress(UsageError):  # `motion_reader` of this field raises the reason
+            readers[field.name] = motion_reader(store, field.name)
     return readers

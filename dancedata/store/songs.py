@@ -133,8 +133,7 @@ class _Recording:
 
 def sound_field(store: Store) -> Field | None:
     """Return the audio field whose columns show how a song sounds, MFCC and chroma; None without one."""
-    fields = [store.field(name) for name in store.fields if store.field(name).kind == "audio"]
-    return next((f for f in fields if len(_sound_columns(f)) > 12), None)
+    return next((f for f in store.fields_with() if len(_sound_columns(f)) > 12), None)
 
 
 def _sound_columns(field: Field) -> list[int]:
