@@ -132,9 +132,7 @@ class Augmenter:
                 raise UsageError(
                     "samples are mirrored twice", fix="give mirror= or augment={'mirror': ...}, not both"
                 )
-        droppable = tuple(
-            dict.fromkeys(name for step in steps for name in step.augmentation.droppable(read))
-        )
+        droppable = tuple(dict.fromkeys(name for step in steps for name in step.augmentation.droppable(read)))
         return cls(read, steps, seed, droppable)
 
     @classmethod

@@ -38,18 +38,10 @@ class BatchStream(IterableDataset[Any]):
 
     The checkpoint's state of the data is the step, nothing else.
 
-    Notes
-    -----
-    *Workers.* Each takes every n-th step, and a DataLoader takes their batches in turns: the batches are the same, in
-    the same order, with any number of workers. `batch_size=None` is the DataLoader's, for batches are made here.
-
-    *Ranks.* The sampler deals the samples of each step to the ranks: `rank` and `world_size`, or torch.distributed's.
-    Do not let another library deal them again (Accelerate: use the loader as it is, without `prepare`). After a
-    change of the number of ranks, a step has the same samples, on all ranks together, if batch size times ranks is
-    the same; what an epoch's last step repeats, so that ranks have equally many, depends on the number of ranks.
-
-    *Epochs.* Each worker passes the epoch of a step to the dataset, whatever `set_epoch` was called with. A trainer
-    that does something between epochs, as Lightning validates, takes them from `by_epoch`.
+    Notes ----- The batches and their order are the same with any number of workers. The sampler deals the samples of
+    a step to the ranks, so that no other library should (Accelerate: no `prepare`); with other ranks a step has the
+    same samples, on all of them together, if batch size times ranks is the same. The dataset's epoch is that of the
+    step, whatever `set_epoch` was called with. docs/training.md.
     """
 
     def __init__(

@@ -229,11 +229,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the open store; subclasses leave out what a process makes again when it needs it.
-
-        A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on; it does
-        not end the worker.
-        """
+        # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
         return {**self.__dict__, "_store": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -250,12 +246,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return None if epoch == _NOT_SET else epoch
 
     def set_epoch(self, epoch: int | None) -> None:
-        """Set the current epoch, here and in all workers; see the notes of `WindowDataset`.
-
-        Parameters
-        ----------
-        epoch
-            Whole number >= 0. None, as at first: every reading draws new numbers from torch's generator.
+        """Set the current epoch, here and in all workers; None: each reading draws from torch's generator.
 
         Raises
         ------
@@ -281,8 +272,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
 
-        It is the stored one, whatever is mirrored or augmented, unless another one was named. For a field that is not
-        normalised, it is the scaler that ``normalize=(field,)`` would use.
+        For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
 
         Raises
         ------
@@ -306,7 +296,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def state_dict(self) -> dict[str, Any]:
         """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint.
 
-        Of the fields that are normalised, and of those whose scaler a caller names for normalising elsewhere.
+        They are those of the fields that are normalised, or whose scaler was named.
         """
         motion = [name for name in self.fields if self._widened and self.store.field(name).kind == "motion"]
         names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))

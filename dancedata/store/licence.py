@@ -1,16 +1,9 @@
 """Whether music may be copied into a page or a video: its licence decides, not the person at the keyboard."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import quoted, shown
-
-if TYPE_CHECKING:
-    from dancedata.store.dataset import Store
-
+from dancedata.store.dataset import Store
 
 #: The option by which a user states the right to share music.
 OVERRIDE = "--i-may-share-this-music"

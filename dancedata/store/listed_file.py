@@ -288,32 +288,20 @@ def _shard(path: Path, size: int, sha256: str) -> ListedFile:
     return ListedFile(path, size, sha256, status)
 
 
+def _damaged(problem: str, path: Path, actual: str, expected: str) -> StoreError:
+    return StoreError(problem, where=str(path), found=actual, allowed=expected, fix=_DAMAGED)
+
+
 def other_bytes(path: Path, actual: str, expected: str) -> StoreError:
     """Return the error of a file whose SHA-256 is not that of dataset.json."""
-    return StoreError(
-        f"the bytes of {path.name} are not those that the build wrote",
-        where=str(path),
-        found=f"sha256 {actual[:12]}...",
-        allowed=f"{expected[:12]}..., as in dataset.json",
-        fix=_DAMAGED,
-    )
+    problem = f"the bytes of {path.name} are not those that the build wrote"
+    return _damaged(problem, path, f"sha256 {actual[:12]}...", f"{expected[:12]}..., as in dataset.json")
 
 
 def _missing(path: Path, size: int) -> StoreError:
-    return StoreError(
-        "a shard is missing",
-        where=str(path),
-        found="not a regular file" if path.exists() else "no such file",
-        allowed=f"{size} bytes",
-        fix=_DAMAGED,
-    )
+    actual = "not a regular file" if path.exists() else "no such file"
+    return _damaged("a shard is missing", path, actual, f"{size} bytes")
 
 
 def _another_size(path: Path, actual: int, size: int) -> StoreError:
-    return StoreError(
-        "the size of a shard differs from dataset.json",
-        where=str(path),
-        found=f"{actual} bytes",
-        allowed=f"{size} bytes",
-        fix=_DAMAGED,
-    )
+    return _damaged("the size of a shard differs from dataset.json", path, f"{actual} bytes", f"{size} bytes")

@@ -26,6 +26,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.store.dataset import Store
 from dancedata.store.scaling import Scaling
+from dancedata.store.schema import Field
 
 _POSITION = "position"
 _AS_STORED = Scaling()
@@ -69,11 +70,10 @@ def stored_representation(recipe: object, field: str, columns: Columns) -> Repre
         If no installed plug-in makes these columns, with the reason.
     """
     parameters = {key: value for key, value in _entry(recipe, field).items() if key != "contacts"}
-    plugin, _ = REPRESENTATIONS.split(field)
     try:
-        representation = REPRESENTATIONS.make(plugin, parameters)
+        representation = REPRESENTATIONS.make(REPRESENTATIONS.split(field)[0], parameters)
         if representation.columns.to_json() != columns.to_json():
-            raise UsageError(f"the installed {plugin} makes other columns")
+            raise UsageError(f"the installed {representation.name} makes other columns")
     except (DanceDataError, TypeError, ValueError, LookupError, ArithmeticError, AttributeError) as error:
         raise UsageError(
             f"the columns of {field} cannot be read", found=str(error),
@@ -194,8 +194,11 @@ class ColumnsReader:
 
 def motion_reader(store: Store, name: str) -> ColumnsReader:
     """Return the reader of a motion field; UsageError as `stored_representation`."""
-    field = store.field(name)
-    return ColumnsReader(stored_representation(store.meta.get("recipe"), name, field.columns), field.grid)
+    return _reader(store, store.field(name))
+
+
+def _reader(store: Store, field: Field) -> ColumnsReader:
+    return ColumnsReader(stored_representation(store.meta.get("recipe"), field.name, field.columns), field.grid)
 
 
 def motion_readers(store: Store) -> dict[str, ColumnsReader]:
@@ -203,5 +206,5 @@ def motion_readers(store: Store) -> dict[str, ColumnsReader]:
     readers = {}
     for field in store.fields_with(kind="motion"):
         with suppress(UsageError):  # `motion_reader` of this field raises the reason
-            readers[field.name] = motion_reader(store, field.name)
+            readers[field.name] = _reader(store, field)
     return readers

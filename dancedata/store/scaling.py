@@ -149,7 +149,8 @@ class Scaling:
                 )
             read = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
             stored = None if store is None else _stored(store, field)
-            return cls(read.require(field=field, columns=columns, dataset=_hash(stored)), True, clip)
+            dataset = "" if stored is None else stored.sha256
+            return cls(read.require(field=field, columns=columns, dataset=dataset), True, clip)
         if like is None or store is None:
             if normalized:
                 raise UsageError(
@@ -223,10 +224,6 @@ class Scaling:
 
 def _stored(store: Store, field: str) -> MinMax | None:
     return store.normalizer(field) if field in store.fields and field in store.stats["fields"] else None
-
-
-def _hash(stored: MinMax | None) -> str:
-    return "" if stored is None else stored.sha256
 
 
 def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

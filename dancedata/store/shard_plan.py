@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store.schema import (
@@ -19,9 +18,7 @@ from dancedata.store.schema import (
     sort_splits,
 )
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip, check_clip
-from dancedata.store.window_list import window_order
-
-IntArray = npt.NDArray[np.int64]
+from dancedata.store.window_list import IntArray, window_order
 
 
 @dataclass(frozen=True)

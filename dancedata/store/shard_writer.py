@@ -61,7 +61,9 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
     """
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
-        _write_attributes(file, plan)
+        file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
+        for name, text in (("split", plan.split), ("scope", plan.header.scope), ("fps", str(plan.header.fps))):
+            hdf5.write_text_attribute(file, name, text)
         _write_clips(file.create_group("clips"), plan)
         _write_windows(file.create_group("windows"), plan)
         offsets = {f.name: _make_field(file, plan, f) for f in plan.header.fields}
@@ -71,13 +73,6 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
             target.flush()
             same = _write_fields(target.fileno(), plan, offsets, progress)
         yield same
-
-
-def _write_attributes(file: Any, plan: ShardPlan) -> None:
-    file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
-    hdf5.write_text_attribute(file, "split", plan.split)
-    hdf5.write_text_attribute(file, "scope", plan.header.scope)
-    hdf5.write_text_attribute(file, "fps", str(plan.header.fps))
 
 
 def _write_clips(group: Any, plan: ShardPlan) -> None:

@@ -242,7 +242,12 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
         n = fft.next_fast_len(2 * len(block[-1].rows), real=True)
         spectra = np.stack([r.spectrum(n) for r in block])
         for place, one in enumerate(ordered[: end - 1]):
-            others = [k for k, r in enumerate(block) if begin + k > place and _are_compared(one, r)]
+            # Recordings of different songs that are not both in one split alone.
+            others = [
+                k
+                for k, r in enumerate(block)
+                if begin + k > place and one.song != r.song and len(one.splits | r.splits) > 1
+            ]
             if others:
                 x, y = one.spectrum(n).conj(), spectra[others]
                 both = np.einsum("fd,bfd->bf", x[:, :-2], y[..., :-2])
@@ -253,11 +258,6 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
                         turned = place_of[id(one)] > place_of[id(block[k])]
                         a, b, shift = (block[k], one, -shift) if turned else (one, block[k], shift)
                         yield AlikeSongs((a.song, b.song), (a.splits, b.splits), likeness, shift / rate)
-
-
-def _are_compared(one: _Recording, other: _Recording) -> bool:
-    """Whether two recordings are of different songs and not both in one split alone."""
-    return one.song != other.song and len(one.splits | other.splits) > 1
 
 
 def _likeness(a: _Recording, b: _Recording, sums: npt.NDArray[Any], rate: float) -> tuple[float, int]:

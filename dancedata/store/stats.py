@@ -200,17 +200,7 @@ def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: 
 def _summary(n: int, stats: Sequence[ColumnStats]) -> dict[str, Any]:
     summary = {name: [getattr(column, name) for column in stats] for name in ("mean", "std", "min", "max")}
     quantiles = {str(q): [column.quantiles[k] for column in stats] for k, q in enumerate(QUANTILES)}
-    minimum, maximum = (np.asarray(summary[k], dtype=np.float32) for k in ("min", "max"))
-    return {"n": n, **summary, "quantiles": quantiles, "scaler": _scaler(minimum, maximum)}
-
-
-def _scaler(minimum: npt.NDArray[np.float32], maximum: npt.NDArray[np.float32]) -> dict[str, list[float]]:
-    scaler = MinMax(minimum, maximum)
-    values = {
-        "data_min": scaler.data_min,
-        "data_max": scaler.data_max,
-        "data_range": scaler.data_range,
-        "scale": scaler.scale,
-        "offset": scaler.offset,
-    }
-    return {name: [float(v) for v in np.asarray(array)] for name, array in values.items()}
+    scaler = MinMax(*(np.asarray(summary[k], dtype=np.float32) for k in ("min", "max")))
+    names = ("data_min", "data_max", "data_range", "scale", "offset")
+    scaler_values = {name: getattr(scaler, name).tolist() for name in names}
+    return {"n": n, **summary, "quantiles": quantiles, "scaler": scaler_values}

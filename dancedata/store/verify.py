@@ -15,7 +15,6 @@ from dancedata.store.dataset import open_store
 from dancedata.store.dataset_json import (
     MAX_BYTES,
     Description,
-    ShardEntry,
     json_stats,
     load_description,
     require_sealed,
@@ -70,7 +69,12 @@ def verify_store(path: str | Path) -> list[Problem]:
     problems = [*_check_document(folder, description), *_check_side_files(folder, description)]
     records: list[ClipRecord] = []
     for entry in description.shards:
-        shard_problems, clips = _check_shard(folder, description, entry)
+        shard = folder / entry.file
+        message = _compare_file(shard, {"size": entry.size, "sha256": entry.sha256})
+        if message:
+            problems.append(Problem("error", str(shard), message))
+            continue
+        shard_problems, clips = verify_shard(shard, description, entry)
         problems += shard_problems
         records += clips
     # In a damaged dataset, counts would only repeat the same problems.
@@ -149,16 +153,6 @@ def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
         listed_sha256 = str(entry["sha256"])
         return f"its sha256 is {sha256[:12]}..., in dataset.json {listed_sha256[:12]}...: bytes have changed"
     return ""
-
-
-def _check_shard(
-    folder: Path, description: Description, entry: ShardEntry
-) -> tuple[list[Problem], Sequence[ClipRecord]]:
-    path = folder / entry.file
-    message = _compare_file(path, {"size": entry.size, "sha256": entry.sha256})
-    if message:
-        return [Problem("error", str(path), message)], ()
-    return verify_shard(path, description, entry)
 
 
 def _check_counts(folder: Path, description: Description, records: Sequence[ClipRecord]) -> Iterator[Problem]:

@@ -199,18 +199,15 @@ def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[s
         finite = np.isfinite(rows)
         if not finite.all():
             row, column = (int(i) for i in np.argwhere(~finite)[0])
+            clip = ""
+            if f.per_clip:
+                number = int(np.searchsorted(clips.first[f.name], begin + row, side="right")) - 1
+                clip = f" (clip {clips.records[number].id})"
             yield (
                 f"/{f.path}: {int((~finite).sum())} values are not finite, first row {begin + row}"
-                f"{_clip_of(clips, f, begin + row)}, column {f.columns.labels[column]}"
+                f"{clip}, column {f.columns.labels[column]}"
             )
             return
-
-
-def _clip_of(clips: ClipTable, f: Field, row: int) -> str:
-    if f.kind == "audio":
-        return ""
-    number = int(np.searchsorted(clips.first[f.name], row, side="right")) - 1
-    return f" (clip {clips.records[number].id})"
 
 
 def _some(bad: Any) -> str:
