@@ -1,7 +1,6 @@
 """CLIP_COLUMNS: the columns of the table /clips, which writer, reader, check, diff and reports loop over.
 
-Another attribute of clips takes two entries, both in this file: a field of `ClipRecord` and a row of `CLIP_COLUMNS`.
-It changes the layout of shards, so `FORMAT` goes up with it (docs/store-format.md).
+Another attribute takes a field of `ClipRecord` and a row of `CLIP_COLUMNS`; `FORMAT` goes up with it.
 """
 
 import math

@@ -257,10 +257,7 @@ class Store:
     ) -> range:
         """Return every first frame that a window of `length` frames can have in a clip (track scope only).
 
-        Parameters
-        ----------
-        fields, trim
-            As for `windows`: fields in which it has to begin and end at whole rows; default: all.
+        `fields` and `trim` are those of `windows`.
 
         Raises
         ------
@@ -283,8 +280,6 @@ class Store:
         ----------
         window
             One of `windows`; in track scope any window within its clip.
-        field
-            Name of a field.
 
         Returns
         -------
@@ -419,14 +414,7 @@ class Store:
         return self._side_files.quality
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
-        """Return EDGE's min-max scaler of a field, fitted on train.
-
-        Parameters
-        ----------
-        field
-            Name of a field.
-        mirror
-            Whether its range covers mirrored motion too.
+        """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.
 
         Raises
         ------

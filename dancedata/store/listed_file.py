@@ -1,8 +1,4 @@
-"""Files that dataset.json lists, recognised when they are opened later.
-
-A reader opens shards late, by path, and uses tables and offsets that it has read before. In the meantime the dataset
-may have been built again in the same place; then opening a file is an error.
-"""
+"""Files that dataset.json lists, recognised when they are opened later: a dataset may be built again meanwhile."""
 
 from __future__ import annotations
 
@@ -100,10 +96,7 @@ _TRIES = 3
 
 @dataclass(frozen=True)
 class FileId:
-    """Identity of a file and its content.
-
-    Times of change are a part of it: the system may reuse the inode of a removed file.
-    """
+    """Identity of a file and its content; with times of change, as the inode of a removed file may be reused."""
 
     device: int
     inode: int
@@ -122,13 +115,7 @@ class FileId:
 
 
 class ListedFile:
-    """A file that dataset.json lists, as it was when the dataset was opened.
-
-    Attributes
-    ----------
-    path
-        Where it is.
-    """
+    """A file that dataset.json lists, as it was when the dataset was opened."""
 
     def __init__(self, path: Path, size: int, sha256: str, status: os.stat_result) -> None:
         self.path = path

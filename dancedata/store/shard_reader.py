@@ -1,9 +1,7 @@
-"""Reads one shard: its tables once, through h5py; its rows directly from the file, by position.
+"""Reads one shard: its tables once, through h5py; its rows by position, or from the mapped file.
 
-Fields are contiguous and uncompressed, so rows [a, b) are one piece of the file. Reading that piece by
-position, or from the mapped file, needs no HDF5 handle in the process, shares no file offset between
-processes, and allows threads to read at the same time. A field that another tool has chunked or compressed is
-read through h5py, which opens the file for every read.
+Rows of a field are one piece of the file: threads and processes read them at the same time, without an HDF5 handle.
+A field that another tool has chunked or compressed is read through h5py, which opens the file for every read.
 """
 
 from __future__ import annotations
@@ -42,19 +40,9 @@ class WindowRows:
     def __init__(
         self, field: str, shards: Sequence[ShardReader], shard: IntArray, first: IntArray, n_rows: int, mapped: bool
     ) -> None:
-        """Map the shards.
+        """Map the shards, or read by position; `shard` (W,) are the numbers of the windows' shards in `shards`.
 
-        Parameters
-        ----------
-        shard, first
-            (W,) number of each window's shard in `shards`, and its first row there.
-        mapped
-            False: read by position.
-
-        Raises
-        ------
-        StoreError
-            If a window's rows lie outside its shard.
+        StoreError if a window's rows lie outside its shard.
         """
         self._field, self._shards = field, shards
         self._shard, self._first, self._n_rows = shard, first, n_rows
@@ -104,10 +92,7 @@ class WindowRows:
             np.copyto(out, rows, casting="same_kind")
 
     def read_ahead(self, places: Sequence[int]) -> None:
-        """Ask the system to read windows from the disk that will be used next, all at once instead of page by page.
-
-        Windows that this process has read before are skipped if the field fits into memory twice.
-        """
+        """Ask the system to read the next windows from the disk; once, if the field fits into memory twice."""
         for place in places:
             number = self._shard[place]
             if self._maps[number] is None or (self._fits and self._seen[place]):
@@ -199,11 +184,7 @@ class ShardReader:
             out[...] = target
 
     def mapped_rows(self, field: str) -> npt.NDArray[Any] | str:
-        """Return all rows of a field, (n_rows, D), as a view of the mapped file that cannot be written to.
-
-        Where that is impossible, return why: rows that are not one piece of the file, or a file system that
-        cannot map files. `read_rows` works in either case.
-        """
+        """Return all rows of a field, (n_rows, D), as a read-only view of the mapped file; else why it cannot be."""
         layout = self.layout(field)
         if layout.offset is None:
             return f"{layout.name} of {self.path.name} is chunked or compressed"

@@ -1,7 +1,4 @@
-"""Writes one shard: clip by clip, so that memory holds two clips or timelines at a time.
-
-A thread loads the next array while one is checked and written.
-"""
+"""Writes one shard, clip by clip; a thread loads the next array while one is checked and written."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -36,28 +33,14 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
     """Write the shard that `plan` describes, and put it at ``out / plan.file`` at the end of the context.
 
     Leaving the context flushes it to the disk and renames it, which another thread may do. On any exception nothing
-    of the shard is left.
-
-    Parameters
-    ----------
-    out
-        Folder, which exists.
-    plan
-        What goes where.
-    progress
-        Called after each clip.
-
-    Returns
-    -------
-    context manager of SameColumns
-        Of all clips together; empty in track scope.
+    of the shard is left. `progress` is called after each clip; the context's value is empty in track scope.
 
     Raises
     ------
     StoreError
         For values that are not finite or do not fit the field's dtype, naming clip and field.
     OSError
-        Where the disk is full or cannot be written.
+        If the disk is full or cannot be written.
     """
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
@@ -157,19 +140,7 @@ def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
 
 
 def same_columns(windows: npt.NDArray[Any], starts: npt.NDArray[np.int64]) -> BoolArray:
-    """Return which columns have the same values where consecutive windows overlap, in every pair of them.
-
-    Parameters
-    ----------
-    windows
-        (W, L, D), by start.
-    starts
-        (W,) row at which each window begins, ascending.
-
-    Returns
-    -------
-    (D,) bool
-    """
+    """Return which columns (D,) of windows (W, L, D), by start, are equal where consecutive windows overlap."""
     length = windows.shape[1]
     same = np.ones(windows.shape[2], dtype=np.bool_)
     for (window, start), (next_window, later) in pairwise(zip(windows, starts.tolist(), strict=True)):

@@ -38,19 +38,10 @@ def music_hashes(meta: Mapping[str, Any]) -> dict[str, str]:
 
 
 def songs_of(clips: Sequence[ClipRecord], meta: Mapping[str, Any]) -> dict[str, str]:
-    """Return the song of each clip with music, by the clip's id.
+    """Return the name of the song of each clip with music, by the clip's id.
 
-    Clips have one song if its names or its samples are equal. Copies of a clip have the clip's song, at any speed.
-
-    Parameters
-    ----------
-    meta
-        dataset.json, with the hashes of the samples.
-
-    Returns
-    -------
-    dict
-        The song's name; of several names of one song the first by the alphabet, with the others: "blue (also sky)".
+    Clips have one song if its names or its samples, whose hashes dataset.json (`meta`) has, are equal. Copies of a
+    clip have the clip's song, at any speed. Of several names the first by the alphabet leads: "blue (also sky)".
     """
     from scipy.cluster.hierarchy import DisjointSet
 

@@ -54,22 +54,16 @@ def compute_stats(
 
     Parameters
     ----------
-    out
-        Folder with the shards, written.
-    header, plans
-        Of the store.
     same
-        What writing each shard found out. It saves reading the rows that windows have in common more than once, and
-        changes no number.
+        Equal columns by shard: rows that windows have in common are then read once. Changes no number.
     block_values
         Values held in memory at a time.
 
     Returns
     -------
     dict
-        stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear
-        interpolation) and EDGE's min-max scaler. Without train windows: no fields, and a
-        note.
+        stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear interpolation) and
+        EDGE's min-max scaler. Without train windows: no fields, and a note.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     result: dict[str, Any] = {
@@ -115,18 +109,9 @@ def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Fi
 
 
 def rows_once(starts: npt.NDArray[np.int64], length: int) -> Counts:
-    """Count the windows of a clip that cover each row, at the first window that does; 0 at the others.
+    """Count the windows that cover each row, (W, L) int32, at the first window that does; 0 at the others.
 
-    Parameters
-    ----------
-    starts
-        (W,) row at which each window begins, ascending.
-    length
-        Rows L of a window.
-
-    Returns
-    -------
-    (W, L) int32
+    `starts` (W,) are the rows at which the windows of a clip begin, ascending; `length` is the number of rows L.
     """
     numbers = np.arange(len(starts))[:, None]
     rows = starts[:, None] + np.arange(length)

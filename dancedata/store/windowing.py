@@ -59,11 +59,7 @@ def cut_windows(
     """Return windows of any length and stride, which end where the clip ends, or the first of `fields`.
 
     With `trim` they begin at the clip's trim_start, or at the next frame that is a whole row of every field.
-
-    Raises
-    ------
-    UsageError
-        If length or stride is not a whole number of rows of a field.
+    UsageError if length or stride is not a whole number of rows of a field.
     """
     for f in fields:
         for what, frames in (("length", windows.length), ("stride", windows.stride)):
