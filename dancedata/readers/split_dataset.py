@@ -335,12 +335,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     ) -> dict[str, list[Any]]:
         """Return the values of samples besides their arrays, (B,) each by name, in the order of a sample's keys.
 
-        Parameters
-        ----------
-        windows
-            Those that the places of `request` are of. Default: those of the dataset.
-        changes
-            Changes of every sample besides mirroring and augmentations.
+        Places are of `windows`, by default the dataset's; `changes` are those of every sample besides augmentations.
         """
         windows = self.windows if windows is None else windows
         places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch

@@ -135,11 +135,8 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
 def find_dataset(file: Any, name: str) -> Any:
     """Return a dataset of a shard, if its size is plausible for the size of the file.
 
-    Raises
-    ------
-    StoreError
-        If it is missing or not a dataset, is a link or in another file, holds anything except numbers and
-        fixed-length text, or is larger than the file.
+    StoreError if it is missing or not a dataset, is a link or in another file, holds anything except numbers and
+    fixed-length text, or is larger than the file.
     """
     where = f"{file.filename}, /{name.strip('/')}"
     at = file

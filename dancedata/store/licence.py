@@ -18,22 +18,9 @@ def may_share_audio(store: Store) -> bool:
 
 
 def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
-    """Return the notice that goes with a copy of the music.
+    """Return the notice that goes with a copy of the music: one sentence with the licence as the dataset states it.
 
-    Parameters
-    ----------
-    allowed_by_caller
-        The caller states to have the right to pass the music on.
-
-    Returns
-    -------
-    str
-        One sentence with the licence as the dataset states it.
-
-    Raises
-    ------
-    UsageError
-        If the licence does not allow it, and the caller does not state the right.
+    UsageError if the licence does not allow to pass the music on, and the caller does not state the right to do so.
     """
     licence = shown(store.meta.get("licence", "unknown"), _LICENCE)
     if may_share_audio(store):

@@ -193,13 +193,8 @@ def lists_file(description: Description, name: str, size: int, sha256: str) -> b
 def read_listed(folder: Path, description: Description, name: str, limit: int) -> str:
     """Read a side file of an open dataset, such as stats.json, of at most `limit` bytes.
 
-    Raises
-    ------
-    StoreError
-        If its bytes are not those that the build wrote, or the dataset was built again, so that the file belongs to
-        another one.
-    OSError, UnicodeDecodeError
-        If it cannot be read.
+    StoreError if its bytes are not those that the build wrote, or the dataset was built again, so that the file
+    belongs to another one. OSError or UnicodeDecodeError if it cannot be read.
     """
     entry = description.files.get(name)
     try:
@@ -235,11 +230,8 @@ def rebuilt_error(folder: Path, detail: str) -> StoreError:
 def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
     """Read dataset.json and find the shards, by name, all of the same dataset.
 
-    Raises
-    ------
-    StoreError
-        If there is no finished dataset, its dataset.json was changed after the build, or a shard is missing or of
-        another size.
+    StoreError if there is no finished dataset, its dataset.json was changed after the build, or a shard is missing or
+    of another size.
     """
     for _ in range(_TRIES):
         before = _identity(folder / DATASET_FILE)

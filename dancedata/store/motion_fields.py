@@ -1,8 +1,4 @@
-"""Columns of a dataset's motion fields back to poses, by the plug-ins that made them.
-
-The recipe that a dataset records names the plug-in and the parameters of each field. This is the one place that reads
-them: evaluation, drawing, exports and augmentations of samples all see stored columns through it.
-"""
+"""Columns of a dataset's motion fields back to poses, by the plug-ins that its recipe names."""
 
 from __future__ import annotations
 
@@ -54,20 +50,9 @@ def _entry(recipe: object, field: str) -> dict[str, Any]:
 def stored_representation(recipe: object, field: str, columns: Columns) -> Representation:
     """Return the plug-in that made the columns of a motion field, with the parameters of the dataset's recipe.
 
-    Parameters
-    ----------
-    recipe
-        JSON data of the recipe that the dataset records. Without an entry for the field, the plug-in of the field's
-        name is taken with its default parameters.
-    field
-        Name of the field, PLUGIN or PLUGIN.NAME.
-    columns
-        Columns that are stored: a dataset may come from elsewhere, and what it names has to have made them.
-
-    Raises
-    ------
-    UsageError
-        If no installed plug-in makes these columns, with the reason.
+    Without an entry for the field, PLUGIN or PLUGIN.NAME, the plug-in has its default parameters. `columns` are those
+    that are stored: a dataset may come from elsewhere. UsageError if no installed plug-in makes them, with the
+    reason.
     """
     parameters = {key: value for key, value in _entry(recipe, field).items() if key != "contacts"}
     try:
@@ -133,10 +118,7 @@ class Pose:
     def of_joints(cls, joints: npt.ArrayLike, grid: FrameGrid, body: str | None = None) -> Pose:
         """Make the pose of joint positions (T, J, 3), metres, +Y up.
 
-        Raises
-        ------
-        DataError
-            "bad_shape", "empty", "nan" or "missing_joints".
+        DataError "bad_shape", "empty", "nan" or "missing_joints".
         """
         positions = checked_joints(joints)
         name = body or BODY_OF.get(positions.shape[1], "")

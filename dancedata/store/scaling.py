@@ -78,10 +78,7 @@ def store_of(like: Like) -> Store:
 def stated_in(arrays: ArrayFile) -> bool | None:
     """Return what the entry "normalized" of a file states of its columns; None if it has none.
 
-    Raises
-    ------
-    DataError
-        "undeclared" if the entry is neither True nor False.
+    DataError "undeclared" if the entry is neither True nor False.
     """
     if _ENTRY not in arrays.names:
         return None

@@ -34,13 +34,8 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
 
     Leaving the context flushes it to the disk and renames it, which another thread may do. On any exception nothing
     of the shard is left. `progress` is called after each clip; the context's value is empty in track scope.
-
-    Raises
-    ------
-    StoreError
-        For values that are not finite or do not fit the field's dtype, naming clip and field.
-    OSError
-        If the disk is full or cannot be written.
+    StoreError for values that are not finite or do not fit the field's dtype, naming clip and field. OSError if the
+    disk is full or cannot be written.
     """
     layout = SparseFile()
     with hdf5.create_file(layout) as file:

@@ -12,13 +12,7 @@ from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import open_store
-from dancedata.store.dataset_json import (
-    MAX_BYTES,
-    Description,
-    json_stats,
-    load_description,
-    require_sealed,
-)
+from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -103,9 +97,7 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
         names = [shard_name(split, i, len(files)) for i in range(len(files))]
         if files != names:
             yield Problem(
-                "error",
-                where,
-                f"shards of {split} are not {_list(names)}, in this order, but {_list(files)}",
+                "error", where, f"shards of {split} are not {_list(names)}, in this order, but {_list(files)}"
             )
     counts = description.meta.get("counts")
     if not isinstance(counts, dict) or set(counts) != set(by_split):
@@ -187,9 +179,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
         origin = split_of.get(record.source, record.split)
         if origin != record.split:
             yield Problem(
-                "error",
-                str(folder),
-                f"clip {record.id} of {record.split} is a copy of {record.source} of {origin}",
+                "error", str(folder), f"clip {record.id} of {record.split} is a copy of {record.source} of {origin}"
             )
     song_of = songs_of(records, description.meta)
     songs: dict[str, set[str]] = defaultdict(set)

@@ -86,12 +86,7 @@ class WindowList(Sequence[Window]):
         if places.dtype != np.bool_:
             places = places.astype(np.int64)
         return WindowList(
-            self.split,
-            self.clip_ids,
-            self.clip[places],
-            self.start[places],
-            self.length[places],
-            self.number[places],
+            self.split, self.clip_ids, self.clip[places], self.start[places], self.length[places], self.number[places]
         )
 
     def __eq__(self, other: object) -> bool:

@@ -87,12 +87,7 @@ def cut_windows(
 
 
 def window_starts(
-    table: ClipTable,
-    number: int,
-    description: Description,
-    windows: WindowGrid,
-    fields: Sequence[Field],
-    trim: bool,
+    table: ClipTable, number: int, description: Description, windows: WindowGrid, fields: Sequence[Field], trim: bool
 ) -> range:
     """Return the first frames of a clip's windows; arguments as for `cut_windows`, `number` is that of the clip."""
     begin, end = _span(table, number, description, fields, trim)
@@ -132,9 +127,7 @@ def whole_period(description: Description, fields: Sequence[Field]) -> int:
 
 
 def _join(
-    split: str,
-    shards: Sequence[ShardReader],
-    parts: Sequence[tuple[IntArray, IntArray, IntArray, IntArray]],
+    split: str, shards: Sequence[ShardReader], parts: Sequence[tuple[IntArray, IntArray, IntArray, IntArray]]
 ) -> WindowList:
     sizes = [len(s.clips.records) for s in shards]
     before = np.cumsum([0, *sizes])[:-1]
