@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from copy import copy
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,16 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
 from dancedata.readers.buckets import BucketSampler
 from dancedata.readers.sampler import EpochSampler
-
-
-class EpochSamples(Protocol):
-    """A `WindowDataset` or `ClipDataset`: samples as a function of index and epoch."""
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-
-    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
-        """Return samples as of an epoch."""
+from dancedata.readers.split_dataset import SplitDataset
 
 
 class BatchStream(IterableDataset[Any]):
@@ -46,7 +37,7 @@ class BatchStream(IterableDataset[Any]):
 
     def __init__(
         self,
-        dataset: EpochSamples,
+        dataset: SplitDataset,
         batch_size: int | None = None,
         *,
         sampler: EpochSampler | BucketSampler | None = None,

@@ -25,6 +25,8 @@ from dancedata.store.schema import Field
 from dancedata.store.shard_tables import ClipTable, ShardTables, StoredWindows
 from dancedata.store.window_list import IntArray
 
+_CHECK = "run dancedata check on the dataset"
+
 
 class WindowRows:
     """Rows of a field for the windows of a list; any number of threads may read. Made by `Store.window_rows`.
@@ -64,12 +66,8 @@ class WindowRows:
         bad = np.flatnonzero((self._first < 0) | (self._first > n_rows - self._n_rows))
         if len(bad):
             first, place = int(self._first[bad[0]]), int(bad[0])
-            raise StoreError(
-                "rows lie outside the shard",
-                where=f"{self._shards[self._shard[place]].path}, field {self._field}",
-                found=f"rows {first} to {first + self._n_rows} of {n_rows[place]}",
-                fix="run dancedata check on the dataset",
-            )
+            path = self._shards[self._shard[place]].path
+            raise _outside(path, self._field, first, first + self._n_rows, n_rows[place])
 
     def view(self, place: int, shift: int = 0) -> npt.NDArray[Any] | None:
         """Return a window's rows in the mapped file, read-only; None if the shard is not mapped.
@@ -167,12 +165,7 @@ class ShardReader:
         """Read rows [first, first + len(out)) of a field into `out`, (rows, D), converting to its dtype."""
         layout = self.layout(field)
         if first < 0 or first + len(out) > layout.n_rows:
-            raise StoreError(
-                "rows lie outside the shard",
-                where=f"{self.path}, field {field}",
-                found=f"rows {first} to {first + len(out)} of {layout.n_rows}",
-                fix="run dancedata check on the dataset",
-            )
+            raise _outside(self.path, field, first, first + len(out), layout.n_rows)
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
         if target.size and layout.offset is None:
@@ -240,12 +233,7 @@ class _File:
         while view.nbytes:
             n = os.preadv(self._descriptor, [view], position)
             if n == 0:
-                raise StoreError(
-                    "a shard ends too early",
-                    where=str(self.path),
-                    found=f"{view.nbytes} bytes missing at byte {position}",
-                    fix="run dancedata check on the dataset",
-                )
+                raise _too_short(self.path, view.nbytes, position)
             view, position = view[n:], position + n
 
     def __del__(self) -> None:
@@ -268,18 +256,23 @@ class _Map:
         offset, count = layout.offset or 0, layout.n_rows * layout.width
         missing = offset + layout.n_rows * layout.row_bytes - len(self._memory)
         if missing > 0:
-            raise StoreError(
-                "a shard ends too early",
-                where=str(self.path),
-                found=f"{missing} bytes missing at byte {len(self._memory)}",
-                fix="run dancedata check on the dataset",
-            )
+            raise _too_short(self.path, missing, len(self._memory))
         rows = np.frombuffer(self._memory, dtype=layout.dtype, count=count, offset=offset)
         return rows.reshape(layout.n_rows, layout.width)
 
     def read_ahead(self, position: int, n_bytes: int) -> None:
         page = position - position % mmap.PAGESIZE
         self._memory.madvise(mmap.MADV_WILLNEED, page, position + n_bytes - page)
+
+
+def _too_short(path: Path, missing: int, position: int) -> StoreError:
+    actual = f"{missing} bytes missing at byte {position}"
+    return StoreError("a shard ends too early", where=str(path), found=actual, fix=_CHECK)
+
+
+def _outside(path: Path, field: str, first: int, stop: int, n_rows: int) -> StoreError:
+    where, actual = f"{path}, field {field}", f"rows {first} to {stop} of {n_rows}"
+    return StoreError("rows lie outside the shard", where=where, found=actual, fix=_CHECK)
 
 
 def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
