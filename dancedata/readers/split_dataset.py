@@ -16,6 +16,7 @@ from torch.utils.data import Dataset
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.text import listed, shown
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
@@ -312,10 +313,13 @@ class SplitDataset(Dataset[dict[str, Any]]):
         """
         hashes = self.state_dict()["scalers"]
         if state.get("scalers") != hashes:
+            other = state.get("scalers")
             raise UsageError(
-                "the state is of a reader with other scalers", found=state.get("scalers"), allowed=hashes,
+                "the state is of a reader with other scalers",
+                found=listed(f"{n} {v}" for n, v in other.items()) if isinstance(other, Mapping) else shown(other),
+                allowed=listed(f"{n} {v}" for n, v in hashes.items()),
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
-            )  # fmt: skip
+            )
 
     def _scaler(self, field: str) -> MinMax:
         if field in self._named_scalers:
