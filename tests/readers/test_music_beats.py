@@ -262,6 +262,5 @@ def test_music_without_downbeats_is_said_to_have_none(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     write_store(tmp_path / "out", made.header, silent)
     for settings in (partial(WindowDataset, length_s=4), partial(ClipDataset, crop_s=4)):
-        message = r"no window of split 'train' can begin at a downbeat; found 6 clips.*source: beat_this"
-        with pytest.raises(UsageError, match=message):
+        with raises_message(UsageError):
             settings(tmp_path / "out", fields=FIELDS, start_at="downbeat")

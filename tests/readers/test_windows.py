@@ -346,7 +346,7 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("how", ["pickle", "deepcopy"])
 def test_copies_read_the_same_and_have_their_own_epoch(store: Store, how: str) -> None:
-    dataset = WindowDataset(store, mirror=0.5, seed=4)
+    dataset = WindowDataset(store, mirror=0.5, seed=4, stride_frames=150)
     dataset.set_epoch(3)
     dataset[0]
     twin = pickle.loads(pickle.dumps(dataset)) if how == "pickle" else copy.deepcopy(dataset)
