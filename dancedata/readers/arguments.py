@@ -8,10 +8,7 @@ from dancedata.core.errors import UsageError
 def whole(what: str, value: int) -> int:
     """Return a whole number >= 0 as an int; integers of numpy and torch are accepted.
 
-    Raises
-    ------
-    UsageError
-        For anything else.
+    UsageError for anything else.
     """
     try:
         number = as_int(value)

@@ -30,20 +30,10 @@ _LARGE = 1 << 20
 
 
 class MemoryPool:
-    """Tensors whose memory is reused once they, and all tensors and arrays that share it, are gone.
-
-    Safe under threads; a forked child starts with the memory that was idle in its parent.
-    """
+    """Tensors whose memory is reused once they, and all tensors and arrays that share it, are gone; thread-safe."""
 
     def __init__(self, max_idle: int = 8) -> None:
-        """Make an empty pool.
-
-        Parameters
-        ----------
-        max_idle
-            Most pieces that are kept while nothing refers to them, the latest ones. Default: two batches of four
-            large fields.
-        """
+        """Make an empty pool, which keeps up to `max_idle` unused pieces: by default two batches of four fields."""
         # A deque, not a list with a lock: memory is returned whenever a tensor is freed, in any thread, even while
         # this object is in use.
         self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=max_idle)
@@ -73,11 +63,8 @@ class MemoryPool:
 
 
 def shared_tensor(array: npt.NDArray[Any]) -> torch.Tensor:
-    """Return a copy of an array that a DataLoader's worker can send to the trainer without another copy.
-
-    It is written to a file in memory instead of to mapped memory: the system then does not clear the pages first,
-    which takes longer than the copy. Where system or torch do not support it, torch's own shared memory is used.
-    """
+    """Return a copy of an array that a DataLoader's worker can send to the trainer without another copy."""
+    # A file in memory, not mapped memory, whose pages the system would clear first, which takes longer than the copy.
     storage = _in_memory_file(array) if array.size else None
     if storage is None:
         return torch.from_numpy(array).clone().share_memory_()  # type: ignore[no-untyped-call, no-any-return]
@@ -236,19 +223,7 @@ class BatchReader:
         bias: Callable[[int, int], int],
         labels: BeatLabels | None = None,
     ) -> None:
-        """Prepare.
-
-        Parameters
-        ----------
-        augmenter
-            Changes the samples.
-        primitives
-            How primitives are computed; None if they are not.
-        bias
-            Returns the shift of primitives for (place, epoch).
-        labels
-            Where the labels of beats are from; None if there are none.
-        """
+        """Prepare; `bias` returns the shift of primitives for (place, epoch)."""
         self._store, self._windows, self._primitives, self._bias = store, windows, primitives, bias
         self._augmenter, self._labels = augmenter, labels
         self.fields = tuple(fields)

@@ -34,14 +34,12 @@ class BucketSampler(Sampler[list[int]]):
         batches = BucketSampler(clips, batch_size=8, seed=0)
         loader = DataLoader(clips, batch_sampler=batches, collate_fn=pad_clips)
 
-    State and resuming are an `EpochSampler`'s, counted in batches of this rank: `order_of_batches` is that sampler.
     Ranks may have batches of different lengths in the same step.
 
     Attributes
     ----------
     order_of_batches
-        The order of batches; `state_dict`, `load_state_dict` and `set_epoch` are its own, and so is ``at(epoch,
-        batches)``.
+        `EpochSampler` of the batches, whose state and resuming are this sampler's, counted in batches of this rank.
     """
 
     def __init__(

@@ -52,15 +52,8 @@ class Sample(dict[str, Any]):
 def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
     """Make a batch of samples, as torch's default_collate does, without a copy where they are rows of one.
 
-    Tensors are then the batch that the samples were read into: batch and samples share memory. Values that
-    were added to a sample, and samples in another order or of several batches, are copied.
-
-    Parameters
-    ----------
-    samples
-        The result of a dataset's ``__getitems__``, or any other list that default_collate takes.
-    collate_fn_map
-        Passed by torch; not used.
+    Tensors are then the batch that the samples of ``__getitems__`` were read into: batch and samples share memory.
+    Values that were added to a sample, and samples in another order or of several batches, are copied.
     """
     batch = samples[0].batch if isinstance(samples[0], Sample) else None
     if batch is None or len(samples) != batch.size or not all(isinstance(s, Sample) for s in samples):
@@ -101,8 +94,7 @@ def pad_clips(
     -------
     dict
         A tensor (B, T, D) per field, (B, T) per label of beats; ``"mask"``, by field (B, T) bool, true where there is
-        a row of the clip;
-        ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
+        a row of the clip; ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
 
     Raises
     ------

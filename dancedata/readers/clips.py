@@ -49,13 +49,7 @@ class ClipDataset(SplitDataset):
 
     Notes
     -----
-    *Mirroring, augmenting, cropping* are pure functions of (seed, epoch, index): the same in every worker, on every
-    rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`; while
-    none is set, each reading draws new numbers from torch's generator.
-
-    *Normalising* is that of `WindowDataset`, with the same scalers.
-
-    *Scope.* A store of window scope does not hold whole clips.
+    Random changes and scalers are those of `WindowDataset`; a store of window scope does not hold whole clips.
     """
 
     #: For ``DataLoader(collate_fn=...)``.

@@ -16,6 +16,7 @@ from torch.utils.data import Dataset
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.text import listed, shown
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
@@ -229,11 +230,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the open store; subclasses leave out what a process makes again when it needs it.
-
-        A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on; it does
-        not end the worker.
-        """
+        # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
         return {**self.__dict__, "_store": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -250,12 +247,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return None if epoch == _NOT_SET else epoch
 
     def set_epoch(self, epoch: int | None) -> None:
-        """Set the current epoch, here and in all workers; see the notes of `WindowDataset`.
-
-        Parameters
-        ----------
-        epoch
-            Whole number >= 0. None, as at first: every reading draws new numbers from torch's generator.
+        """Set the current epoch, here and in all workers; None: each reading draws from torch's generator.
 
         Raises
         ------
@@ -281,8 +273,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
 
-        It is the stored one, whatever is mirrored or augmented, unless another one was named. For a field that is not
-        normalised, it is the scaler that ``normalize=(field,)`` would use.
+        For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
 
         Raises
         ------
@@ -306,7 +297,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def state_dict(self) -> dict[str, Any]:
         """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint.
 
-        Of the fields that are normalised, and of those whose scaler a caller names for normalising elsewhere.
+        They are those of the fields that are normalised, or whose scaler was named.
         """
         motion = [name for name in self.fields if self._widened and self.store.field(name).kind == "motion"]
         names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
@@ -322,10 +313,13 @@ class SplitDataset(Dataset[dict[str, Any]]):
         """
         hashes = self.state_dict()["scalers"]
         if state.get("scalers") != hashes:
+            other = state.get("scalers")
             raise UsageError(
-                "the state is of a reader with other scalers", found=state.get("scalers"), allowed=hashes,
+                "the state is of a reader with other scalers",
+                found=listed(f"{n} {v}" for n, v in other.items()) if isinstance(other, Mapping) else shown(other),
+                allowed=listed(f"{n} {v}" for n, v in hashes.items()),
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
-            )  # fmt: skip
+            )
 
     def _scaler(self, field: str) -> MinMax:
         if field in self._named_scalers:
@@ -345,12 +339,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     ) -> dict[str, list[Any]]:
         """Return the values of samples besides their arrays, (B,) each by name, in the order of a sample's keys.
 
-        Parameters
-        ----------
-        windows
-            Those that the places of `request` are of. Default: those of the dataset.
-        changes
-            Changes of every sample besides mirroring and augmentations.
+        Places are of `windows`, by default the dataset's; `changes` are those of every sample besides augmentations.
         """
         windows = self.windows if windows is None else windows
         places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch

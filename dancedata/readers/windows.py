@@ -111,35 +111,13 @@ class WindowDataset(SplitDataset):
     rejects
         Clips and windows that were left out, and why: "ignored", "too_short", "still", "filtered".
 
-    Notes
-    -----
-    *Pure functions.* What is mirrored, augmented or shifted is a pure function of (seed, epoch, index): the same in
-    every worker, on every rank, and after a resume. As long as no epoch is set, each reading draws a number from
-    torch's generator instead. `set_epoch` writes to shared memory, which forked, spawned and persistent workers all
-    read: call it before ``iter(loader)``, as with torch's DistributedSampler. An `EpochSampler` made with this
-    dataset does so itself. A copy made with pickle or copy.deepcopy, outside torch's workers, has its own epoch.
-
-    *Order of changes.* A window is chosen (``crop``; "start" is then that of the window that was read) and mirrored,
-    which leaves audio as it is; its rows are augmented in the order given, the root is made relative, and columns are
-    normalised. Masked fields (``drop``) are then 0, and "<field>_dropped" says so. The scaler stays the stored one,
-    whatever the split: mirrored and turned samples are a little outside [-1, 1].
-
-    *Primitives.* With "primitives" among the fields a sample also holds Lodge's primitives of the first motion field:
-    ``"primitives"`` (K, 8, D), ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,) for windows
-    of several local segments, and ``"primitives"`` (8, D), the 4 + 4 border frames, for windows of one. They are
-    mirrored and normalised as the field is.
-
-    *Beats.* With a field that has columns "beat" and "downbeat", a sample also holds the labels ``"beat"`` and
-    ``"downbeat"``, (rows,) bool each, of the first such field.
-
-    *Names.* "id" is CLIP@START+LENGTH, and of a sample that was changed ":CHANGES:SEED.EPOCH.INDEX" after it: the
-    sample is ``samples([INDEX], EPOCH)`` again.
-
-    *Batches.* A DataLoader reads a batch at once, into memory that becomes the batch: samples from ``__getitems__``
-    are its rows, and torch's default collate, or `collate`, returns it without a copy. `BatchLoader` is faster.
-
-    *Mapped files.* Rows are copied from mapped shards, which must not be overwritten in place while they are read;
-    builds never do. Where a shard cannot be mapped, they are read by position or through h5py: `unmapped` says why.
+    Notes ----- Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this
+    dataset does: the same in every worker, on every rank, and after a resume; else each reading draws from torch's
+    generator. With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D),
+    ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,), for windows of one local segment
+    ``"primitives"`` (8, D) alone; with a field that has beats the labels ``"beat"`` and ``"downbeat"``, (rows,) bool;
+    ``samples([INDEX], EPOCH)`` is the sample of an "id" CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. docs/reading.md,
+    docs/training.md.
 
     Examples
     --------

@@ -54,13 +54,7 @@ _SHOWN = 5
 def verify_shard(
     path: Path, description: Description, entry: ShardEntry
 ) -> tuple[list[Problem], Sequence[ClipRecord]]:
-    """Check a shard.
-
-    Returns
-    -------
-    problems, records
-        The problems found, and the clips as far as they could be read.
-    """
+    """Return the problems of a shard, and its clips as far as they can be read."""
     try:
         with hdf5.open_file(path) as file:
             messages = list(_check_layout(file, description, entry))
@@ -149,10 +143,6 @@ def _check_spans(path: Path, description: Description) -> Iterator[str]:
 def _check_windows(
     reader: ShardReader, clips: ClipTable, windows: StoredWindows, description: Description
 ) -> Iterator[str]:
-    bad = (windows.clip < 0) | (windows.clip >= len(clips.records))
-    if bad.any():
-        yield f"/windows/clip: clips that do not exist, in windows {_some(bad)}"
-        return
     n_frames = np.asarray([r.n_frames for r in clips.records], dtype=np.int64)[windows.clip]
     bad = (windows.start < 0) | (windows.start + windows.length > n_frames)
     bad |= windows.length != description.length
@@ -199,18 +189,15 @@ def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[s
         finite = np.isfinite(rows)
         if not finite.all():
             row, column = (int(i) for i in np.argwhere(~finite)[0])
+            clip = ""
+            if f.per_clip:
+                number = int(np.searchsorted(clips.first[f.name], begin + row, side="right")) - 1
+                clip = f" (clip {clips.records[number].id})"
             yield (
                 f"/{f.path}: {int((~finite).sum())} values are not finite, first row {begin + row}"
-                f"{_clip_of(clips, f, begin + row)}, column {f.columns.labels[column]}"
+                f"{clip}, column {f.columns.labels[column]}"
             )
             return
-
-
-def _clip_of(clips: ClipTable, f: Field, row: int) -> str:
-    if f.kind == "audio":
-        return ""
-    number = int(np.searchsorted(clips.first[f.name], row, side="right")) - 1
-    return f" (clip {clips.records[number].id})"
 
 
 def _some(bad: Any) -> str:

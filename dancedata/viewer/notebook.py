@@ -1,17 +1,10 @@
 """Clips in notebooks: the page that plays a clip, inside the output of a cell."""
 
-from __future__ import annotations
-
 import html
-from typing import TYPE_CHECKING
 
+from dancedata.store import ClipView, Store
 from dancedata.viewer.page import clip_page
 from dancedata.viewer.scenes import Scenes
-
-if TYPE_CHECKING:
-    from dancedata.store import ClipView
-
-__all__ = ["clip_html"]
 
 #: Height of the output, CSS pixels.
 _HEIGHT = 640
@@ -19,12 +12,12 @@ _HEIGHT = 640
 _WINDOWS = 24
 
 
-def clip_html(clip: ClipView) -> str:
+def clip_html(store: Store, clip: ClipView) -> str:
     """Return an element that plays a clip, in window scope its first windows; it needs no server and no network.
 
     The page is in a frame without access to the notebook; names in the dataset are text.
     """
-    scenes = Scenes(clip.store)
+    scenes = Scenes(store)
     items = [item for item in scenes.items if item.clip.id == clip.id][:_WINDOWS]
     page = clip_page(scenes, items)
     return (

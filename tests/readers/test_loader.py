@@ -64,7 +64,7 @@ def test_every_window_once_with_the_values_of_the_store(store_path: Path, method
 
 @pytest.mark.parametrize("method", METHODS)
 def test_persistent_workers_hear_of_the_epoch(store_path: Path, method: str) -> None:
-    dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, seed=9, stride_frames=30)
+    dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, seed=9, stride_frames=120)
     loader = DataLoader(
         dataset, batch_size=16, num_workers=2, persistent_workers=True, multiprocessing_context=method
     )

@@ -360,10 +360,8 @@ def test_shard_missing_or_of_another_size(make_store: Any) -> None:
     shard = made.path / "val-00000-of-00001.h5"
     data = shard.read_bytes()
     shard.write_bytes(data[:-1])
-    with raises_message(StoreError) as caught:
+    with raises_message(StoreError):
         open_store(made.path)
-    assert f"{len(data) - 1} bytes" in str(caught.value)
-    assert f"{len(data)} bytes" in str(caught.value)
     shard.unlink()
     with raises_message(StoreError):
         open_store(made.path)
