@@ -250,7 +250,7 @@ def _require_shape(array: npt.NDArray[Any], plugin: Representation, name: str) -
             f"these are not columns of {name}",
             found=f"shape {array.shape}",
             allowed=f"(T, {width}) or a batch (B, T, {width}), not empty",
-            fix=_named_by_width(array.shape[-1]) if array.ndim in (2, 3) else None,
+            fix=_named_by_width(array.shape[-1]) if array.ndim in (2, 3) and array.shape[-1] != width else None,
         )
 
 

@@ -17,6 +17,7 @@ from dancedata.core.errors import DanceDataError, DataError, RecipeError, UsageE
 from dancedata.core.resources import resource
 from dancedata.pipeline.commands import build_part
 from dancedata.recipes.parse import load_recipe
+from tests.messages import raises_message
 
 #: Small, and the same in the three ways to say it.
 CHANGED = {"dataset.synthetic.songs": 2, "dataset.synthetic.clips_per_song": 2, "dataset.synthetic.clip_s": 6}
@@ -74,7 +75,7 @@ def test_a_recipe_is_a_name_a_file_a_document_or_checked(demo: Any, tmp_path: Pa
     plans.append(dancedata.plan(load_recipe("demo", SET), out=demo.path, progress=False))
     assert len({plan.recipe.sha256 for plan in plans}) == 1
     assert json.dumps(document) == before, "the caller's dict is left alone"
-    with pytest.raises(UsageError, match="a recipe that is checked already takes no overrides"):
+    with raises_message(UsageError):
         dancedata.plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
 
 
@@ -96,9 +97,9 @@ def test_overrides_are_values_or_texts() -> None:
     assert by_value.motion[0].contacts is not None
     assert by_value.document["motion"]["edge151"]["contacts"] == {"velocity": {"max_speed_m_s": 1e-05}}
     assert load_recipe("demo", "windows.stride_s=1").windows.stride == 30
-    with pytest.raises(RecipeError, match=r"windows\.strid: unknown key; did you mean"):
+    with raises_message(RecipeError):
         load_recipe("demo", {"windows.strid": 1})
-    with pytest.raises(UsageError, match=r"not a key of a recipe; found 'windows\.\.stride_s'"):
+    with raises_message(UsageError):
         load_recipe("demo", {"windows..stride_s": 1})
 
 
@@ -141,24 +142,22 @@ def test_a_part_is_computed(demo: Any, corpus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("call", "kind", "words"),
+    "call",
     [
-        (lambda: dancedata.build("aist++"), UsageError, r"aist\+\+ needs a source\. Name .* source=DIR"),
-        (lambda: dancedata.build("demmo"), UsageError, "did you mean 'demo'"),
-        (lambda: dancedata.build("demo", jobs=0), UsageError, "invalid number of worker processes; found 0"),
-        (lambda: dancedata.build("demo", backend="slurm"), UsageError, "slurm"),
-        (lambda: dancedata.plan("aist++", "/none"), DanceDataError, "/none"),
-        (lambda: dancedata.plan({"recipe": 1}), RecipeError, "name: missing"),
-        (lambda: dancedata.check("x", dataset="a", recipe="b"), UsageError, "both choose a reader"),
-        (lambda: dancedata.check("x", overrides=["fps=30"]), UsageError, "name the recipe as well"),
-        (lambda: dancedata.diff("/none", "/none"), DanceDataError, "/none"),
+        pytest.param(lambda: dancedata.build("aist++"), id="no source"),
+        pytest.param(lambda: dancedata.build("demmo"), id="name"),
+        pytest.param(lambda: dancedata.build("demo", jobs=0), id="jobs"),
+        pytest.param(lambda: dancedata.build("demo", backend="slurm"), id="backend"),
+        pytest.param(lambda: dancedata.plan("aist++", "none"), id="no such source"),
+        pytest.param(lambda: dancedata.plan({"recipe": 1}), id="document"),
+        pytest.param(lambda: dancedata.check("x", dataset="a", recipe="b"), id="two readers"),
+        pytest.param(lambda: dancedata.check("x", overrides=["fps=30"]), id="overrides"),
+        pytest.param(lambda: dancedata.diff("none", "none"), id="no dataset"),
     ],
-)  # fmt: skip
-def test_errors_are_ours(
-    call: Callable[[], Any], kind: type[Exception], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+)
+def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(kind, match=f"(?i){words}"):
+    with raises_message(DanceDataError):
         call()
     assert list(tmp_path.iterdir()) == []
 

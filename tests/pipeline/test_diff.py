@@ -12,6 +12,7 @@ from dancedata.core.errors import StoreError
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.diff import Difference, diff, unmatched
 from dancedata.store.dataset_json import self_hash
+from tests.messages import raises_message
 
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 
@@ -121,7 +122,7 @@ def test_long_lists_of_names_are_cut():
 
 
 def test_what_is_no_dataset_is_an_error(built: Path, tmp_path: Path):
-    with pytest.raises(StoreError):
+    with raises_message(StoreError):
         diff(built, tmp_path)
     run(built, tmp_path, code=1)
 

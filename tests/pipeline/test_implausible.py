@@ -17,6 +17,7 @@ from dancedata.pipeline.build import build
 from dancedata.pipeline.part import Part, build_part
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import open_store
+from tests.messages import raises_message
 
 RECIPE = """\
 recipe: 1
@@ -77,12 +78,12 @@ def test_flags_summary_plan_and_check(source: Path, tmp_path: Path) -> None:
 def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -> None:
     made = load_recipe(recipe(tmp_path, "mm"))
     for number in range(2):
-        with pytest.raises(DataError, match="2 clips with an implausible unit in a strict build") as caught:
+        with raises_message(DataError) as caught:
             build(made, source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
         assert (caught.value.reason, caught.value.where) == ("implausible_body", "own")
         assert (tmp_path / "out/dataset.json").exists() == bool(number)
         build(made, source, tmp_path / "out", cache=tmp_path / "cache")
-    with pytest.raises(DataError, match="an implausible unit"):
+    with raises_message(DataError):
         build_part(made, source, Part(1, 1), cache=tmp_path / "cache", strict=True)
 
 
@@ -99,7 +100,7 @@ def test_every_reader_is_judged(tmp_path: Path) -> None:
     with open_store(tmp_path / "out") as store:
         assert [(f["clip"], f["kind"]) for f in store.quality] == [(first.stem, "implausible_root")]
     assert rest
-    with pytest.raises(DataError, match="1 clip with an implausible unit"):
+    with raises_message(DataError):
         build(made, tmp_path / "source", tmp_path / "again", cache=tmp_path / "cache", strict=True)
     assert not (tmp_path / "again/dataset.json").exists()
 

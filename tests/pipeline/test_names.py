@@ -18,6 +18,7 @@ from dancedata.core.errors import DataError
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline.build import build
 from dancedata.recipes.parse import load_recipe
+from tests.messages import raises_message
 
 RECIPE = """recipe: 1
 name: mine
@@ -176,5 +177,5 @@ def test_clips_of_a_plug_in_whose_texts_are_none(
     with dancedata.open(out) as ds:
         assert [clip.id for clip in ds.clips] == ["smpl"]
     assert {r["clip"] for r in rejects(out) if r["reason"] == "bad_name"} == {r"a\udcff", "b", "c"}
-    with pytest.raises(DataError, match=r"clip a\\udcff"):
+    with raises_message(DataError):
         build(load_recipe(recipe), source, out.parent / "strict", strict=True)
