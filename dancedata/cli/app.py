@@ -127,7 +127,7 @@ def build(
         return
     result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if as_json:
-        from dancedata.cli.text import store_json
+        from dancedata.pipeline.describe import store_json
 
         _print_json({"built": result.built, **store_json(result.path)})
     else:
@@ -171,8 +171,8 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
-    from dancedata.cli.text import describe_problems
     from dancedata.pipeline import commands
+    from dancedata.pipeline.describe import describe_problems
 
     problems = commands.check(
         path, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
@@ -259,7 +259,7 @@ def info(
     as_json: AsJson = False,
 ) -> None:
     """Show what a built dataset holds."""
-    from dancedata.cli.text import describe_clips, describe_store, store_json
+    from dancedata.pipeline.describe import describe_clips, describe_store, store_json
 
     if as_json:
         _print_json(store_json(path))

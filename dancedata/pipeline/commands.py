@@ -9,12 +9,12 @@ from typing import Any
 
 from dancedata.core.errors import UsageError
 from dancedata.execution.progress import Progress
+from dancedata.pipeline.build import BuildResult
 from dancedata.pipeline.build import build as _build
 from dancedata.pipeline.check import check as _check
 from dancedata.pipeline.part import Part, PartResult
 from dancedata.pipeline.part import build_part as _build_part
 from dancedata.pipeline.plan import Plan, make_plan
-from dancedata.pipeline.summary import BuildResult
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import Problem

@@ -17,6 +17,7 @@ from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of, relative_to
+from dancedata.pipeline.describe import scope_text, windows_text
 from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import (
@@ -133,12 +134,11 @@ class Plan:
     def describe(self, out: Path | None = None) -> str:
         """Return the plan as text; `out` is named in its first line."""
         document = self.to_json()
-        windows = document["recipe"]["windows"]
+        windows = windows_text(self.recipe.windows.length, self.recipe.windows.stride)
         into = "" if out is None else f" into {shown(out)}"
         lines = [
             f"{self.recipe.name}{into}: about {size_text(document['bytes'])}",
-            f"  {self.recipe.scope} scope, {self.recipe.grid} frames per second, "
-            f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
+            scope_text(self.recipe.scope, str(self.recipe.grid), windows),
             *table(
                 ["split", "clips", "windows", "frames", "songs"],
                 [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in document["splits"].items()],

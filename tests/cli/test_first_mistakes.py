@@ -327,7 +327,7 @@ def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path):
 
 
 def test_flags_are_summed_up_by_kind(built_copy: Path):
-    from dancedata.pipeline.summary import describe_built
+    from dancedata.pipeline.describe import describe_built
 
     assert "flagged" not in describe_built(built_copy)
     flags = [

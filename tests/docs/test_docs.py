@@ -14,7 +14,7 @@ import pytest
 
 from dancedata.cli.new import write_plugin
 from dancedata.exports.base.job import EXPORTS
-from dancedata.pipeline.summary import describe_built
+from dancedata.pipeline.describe import describe_built
 from dancedata.readers.presets import PRESETS
 from dancedata.store import open_store
 

@@ -17,13 +17,13 @@ import soundfile
 
 import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.cli.text import describe_store
 from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.files import publish
 from dancedata.files.locks import writing_lock
 from dancedata.pipeline import build as build_module
+from dancedata.pipeline.describe import describe_store
 from dancedata.store import verify_store
 from tests.messages import raises_message
 

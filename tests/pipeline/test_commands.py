@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 import dancedata
-from dancedata.cli.text import store_json
 from dancedata.core.errors import DanceDataError, DataError, RecipeError, UsageError
 from dancedata.core.resources import resource
 from dancedata.pipeline.commands import build_part
+from dancedata.pipeline.describe import store_json
 from dancedata.recipes.parse import load_recipe
 from tests.messages import raises_message
 

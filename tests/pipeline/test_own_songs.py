@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
-from dancedata.cli.text import describe_store, store_json
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
 from dancedata.pipeline import own_songs
+from dancedata.pipeline.describe import describe_store, store_json
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.plugins import make_named
 from dancedata.store import open_store
