@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.errors import errors_to_exit_codes
 from dancedata.cli.options import (
     AsJson,
     Backend,
@@ -19,6 +18,7 @@ from dancedata.cli.options import (
     Quiet,
     ScalerFile,
     Scheduler,
+    errors_to_exit_codes,
 )  # fmt: skip
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell, json_text, shown

@@ -44,7 +44,7 @@ class BuildResult:
     path
         Folder of the dataset.
     built
-        False if the dataset was there already and nothing had to be done.
+        False if the dataset existed already and nothing had to be done.
     counts
         Per split the numbers of clips, windows and songs, and the hours of motion.
     left_out
@@ -94,31 +94,7 @@ def build(
     backend: str = "loky",
     scheduler: str | None = None,
 ) -> BuildResult:
-    """Build a dataset.
-
-    Parameters
-    ----------
-    source, out
-        Folder to read and folder to write; `out` is made if it is missing.
-    jobs
-        Worker processes. The result does not depend on it.
-    overwrite
-        Build beside a dataset that is in `out`, then swap.
-    strict
-        Stop at the first broken clip instead of setting it aside.
-    cache
-        Folder of the cache; default: $DANCEDATA_CACHE, else the user's cache folder.
-    backend, scheduler
-        "loky": processes of this machine. "dask": the workers of the Dask scheduler at this address; `jobs` does
-        not count.
-
-    Raises
-    ------
-    SourceError, StoreError
-        If the source or `out` cannot be used.
-    DataError
-        With `strict`, for the first clip that is broken or whose unit is implausible.
-    """
+    """Build a dataset from a parsed recipe; parameters and errors as of `pipeline.commands.build`."""
     progress = progress or Progress(quiet=True)
     check_backend(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):
@@ -141,7 +117,7 @@ def build(
 def workers_for(
     recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str = "loky", scheduler: str | None = None
 ) -> Iterator[Executor]:
-    """Give workers for a recipe, see `start_workers`; what killed processes left in the cache is removed first."""
+    """Start workers for a recipe, see `start_workers`; first sweep leftovers of killed processes out of the cache."""
     sweep(cache.root)
     packages = {name for job in recipe.audio for name in job.feature.packages}
     started = start_workers(jobs, cache, source, packages, backend=backend, scheduler=scheduler)
@@ -151,7 +127,7 @@ def workers_for(
 
 @dataclass(frozen=True)
 class _Build:
-    """One build, its arguments looked at and its folder locked."""
+    """A build whose arguments are checked and whose folder is locked."""
 
     recipe: Recipe
     source: Path
@@ -164,7 +140,7 @@ class _Build:
     strict: bool
 
     def run(self) -> bool:
-        """Build; False if the dataset is there already."""
+        """Build; return False if the dataset existed already."""
         return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
 
     def _run(self) -> bool:
@@ -190,7 +166,7 @@ class _Build:
 
 
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
-    """Return what holds for the whole store."""
+    """Return the header of the store."""
     return StoreHeader(
         scope=recipe.scope,
         fps=recipe.fps,
@@ -257,7 +233,7 @@ def _networks(recipe: Recipe) -> dict[str, Any]:
 
 
 def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
-    """Raise StoreError with the difference, if `out` was made by another recipe or from another source."""
+    """Raise StoreError with the differences if `out` was built from another recipe or source."""
     store = open_store(out)
     meta = store.meta
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
@@ -289,6 +265,6 @@ def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
 
 
 def relative_to(reject: Reject, source: Path) -> Reject:
-    """Name files relative to the source: where it lies shapes no byte of a dataset."""
+    """Name files relative to the source: its place affects no byte of a dataset."""
     prefix = printable(f"{source}{os.sep}")
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))

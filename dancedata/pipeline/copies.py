@@ -30,7 +30,7 @@ from dancedata.store.stored_clip import LazyArray
 
 @dataclass(frozen=True)
 class CopySource:
-    """A clip to store, and the files that it was made of."""
+    """A clip to store, and its source."""
 
     clip: StoredClip
     source: SourceClip
@@ -38,7 +38,7 @@ class CopySource:
 
 @dataclass(frozen=True)
 class _Context:
-    """How the copies of one augmentation are computed."""
+    """Arguments for the copies of one augmentation."""
 
     cache: Cache
     recipe: Recipe
@@ -57,7 +57,7 @@ def make_copies(
     jobs: Jobs,
     progress: Progress,
 ) -> tuple[list[StoredClip], list[Reject]]:
-    """Return the copies that the recipe asks for, and a reject for each that cannot be made.
+    """Return the copies that the recipe's augmentations make, and a reject for each that fails.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _encoded(
 
 
 def _retimed(context: _Context, clips: Sequence[CopySource], rejects: list[Reject]) -> list[StoredClip]:
-    """Return clips at the speed of their copies, with windows and music of their own, under the clips' ids."""
+    """Return clips at the speed of their copies, with new windows and music, under the clips' ids."""
     recipe, spec = context.recipe, context.spec
     of_copy = {spec.clip_id(clip.clip.id): clip.clip for clip in clips}
     encoded = [EncodedClip(_faster(spec, clip.source), motion) for clip, motion in _encoded(context, clips, rejects)]
@@ -146,7 +146,7 @@ def _copied(
     fields
         All motion and key motion fields.
     arrays
-        Encoded rows of the copy's own motion; None: those of the clip.
+        Encoded rows of the copy's motion; None: those of the clip.
     """
     motion = {name: _CopiedArray(a, fields[name], spec, clip.id) for name, a in (arrays or clip.motion).items()}
     return replace(clip, id=spec.clip_id(clip.id), source=clip.id, motion=motion)
@@ -154,7 +154,7 @@ def _copied(
 
 @dataclass(frozen=True)
 class _CopiedArray:
-    """Rows (..., D) of a copy, made when numpy asks for them."""
+    """Rows (..., D) of a copy, computed when numpy needs them."""
 
     array: LazyArray
     field: MotionField | KeyMotionField

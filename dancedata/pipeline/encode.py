@@ -1,4 +1,4 @@
-"""Stage 2, identified clips -> encoded clips: the motion of every clip, once, for all fields that follow from it."""
+"""Stage 2, identified clips -> encoded clips: the motion of all clips, in the columns of all fields."""
 
 from dataclasses import dataclass, replace
 

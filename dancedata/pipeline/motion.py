@@ -34,10 +34,10 @@ from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
 
-#: Raised by hand when a stage here gives other numbers for the same input.
+#: Raised by hand when a stage gives other numbers for the same input.
 MOTION_STAGE = 4
-#: Raised by hand when readers or `quality_flags` find more in the same input: clips that were looked at before are
-#: looked at again, and what was encoded of them stays.
+#: Raised by hand when readers or `quality_flags` find more in the same input: cached clips are then examined again,
+#: and their encoded motion stays.
 _LOOKED_AT = 2
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
@@ -79,7 +79,7 @@ class MotionResult:
     arrays: dict[str, CachedArray] = field(default_factory=dict)
 
     def stored(self, recipe: Recipe, starts: tuple[int, ...]) -> dict[str, CachedArray]:
-        """Return what is stored of the arrays; in window scope only the windows that begin at `starts`."""
+        """Return the arrays to store; in window scope only the windows that begin at `starts`."""
         if recipe.scope == "track":
             return self.arrays
         numbers = recipe.windows.numbers(starts)
@@ -93,9 +93,9 @@ class ClipKeys:
     Attributes
     ----------
     info
-        Of what is known of it.
+        Key of the facts about it.
     fields
-        Of its motion and key motion fields, by name.
+        Keys of its motion and key motion fields, by name.
     content
         Hashes of further files that shaped the keys, see `content_hashes`.
     """
@@ -114,7 +114,7 @@ def hash_motion(cache: Cache, path: Path) -> str | Reject:
 
 
 def known_hash(cache: Cache, path: Path) -> str | None:
-    """Return what `hash_motion` would, if the cache remembers it."""
+    """Return the cached result of `hash_motion`, None if there is none."""
     try:
         return cache.known_sha256(path)
     except OSError:
@@ -122,7 +122,7 @@ def known_hash(cache: Cache, path: Path) -> str | None:
 
 
 class MotionKeys:
-    """The cache keys of clips. What they have in common is hashed once.
+    """The cache keys of clips. Their common part is hashed once.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class MotionKeys:
     def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
         """Return the keys of a clip; `sha256` is the hash of its file.
 
-        The clip's id is a part of them: what is cut from FineDance's 004 goes by its name.
+        The clip's id is a part of them: the parts of FineDance's 004 differ by name only.
         """
 
         def key(common: str, **crossing: int) -> str:
@@ -185,7 +185,7 @@ def encode_motion(
 
 
 def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult | None:
-    """Return what `encode_motion` would, if the cache has all of it."""
+    """Return the cached result of `encode_motion`, None if a part is missing."""
     info, arrays = _encoded(cache, keys)
     return None if info is None or None in arrays.values() else _result(recipe, info, arrays)
 
@@ -205,7 +205,7 @@ def _rate(text: str) -> Fraction:
 
 
 def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, CachedArray | None]]:
-    """Return what the cache has of a clip."""
+    """Return the cached entries of a clip."""
     cached = cache.json("clips", keys.info)
     info = ClipInfo(*cached) if cached is not None and cached[5:] == [_LOOKED_AT] else None
     return info, {name: cache.array("motion", key) for name, key in keys.fields.items()}
@@ -214,7 +214,7 @@ def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, C
 def _encode_missing(
     cache: Cache, recipe: Recipe, ref: ClipRef, keys: ClipKeys, sha256: str, copies: CopySpec | None
 ) -> tuple[ClipInfo, dict[str, CachedArray | None]]:
-    """Load a clip and publish what the cache does not have of it by now: another process may have made it."""
+    """Load a clip and publish its missing entries; another process may have published some by now."""
     info, arrays = _encoded(cache, keys)
     if info is not None and None not in arrays.values():
         return info, arrays
@@ -253,7 +253,7 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
     """Return how many windows a motion of `n_source` frames has.
 
     Track scope counts on the recipe's grid. Window scope counts as EDGE does, before decimation, where the
-    source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows there, 55 on the grid.
+    source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows at 60 FPS, 55 on the grid.
     """
     step = FrameGrid(source_rate).step_to(recipe.grid)
     count = recipe.windows.count(usable_frames(recipe, n_source, source_rate))
@@ -283,8 +283,7 @@ def _encode(recipe: Recipe, clip_field: MotionField | KeyMotionField, motion: Mo
 def vertical_extent(motion: Motion) -> float:
     """Return the distance of the highest joint from the lowest along y, median over frames, metres.
 
-    It shows at a glance whether axis and unit are right: a dancer who stands measures 1.4 to 1.7 m from the
-    toes to the head joint.
+    A check of axis and unit: a standing dancer measures 1.4 to 1.7 m from the toes to the head joint.
     """
     heights = motion.joints()[..., 1]
     return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
@@ -314,7 +313,7 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
 
 
 def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
-    """Return whether columns hold where a clip is on another body than its own: cf. `core.bodies.on_body`."""
+    """Return whether columns depend on moving the clip to another body: cf. `core.bodies.on_body`."""
     if not isinstance(job, MotionField) or job.representation.positions_only:
         return False
     representation = job.representation
@@ -324,6 +323,6 @@ def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
 
 
 def _window_cut(recipe: Recipe) -> list[Any]:
-    # The fields together decide how many windows there are, see usable_frames.
+    # The fields together determine the number of windows, see usable_frames.
     rates = sorted({str(motion_field.grid) for motion_field in recipe.motion})
     return [recipe.windows.length, recipe.windows.stride, str(recipe.grid), rates]

@@ -161,9 +161,9 @@ def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[
 
 
 def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
-    """Return the error of a source of which no clip can be stored: why, what the reader found, what to do."""
+    """Return the error of a source of which no clip can be stored: reasons, notes of the reader, fix."""
     text = _report("no clip is left to build from", rejects, scan)
-    # Only the recipe has what is declared for files of any layout.
+    # For files of any layout, only the recipe has the declarations.
     reader = "--recipe RECIPE, with this recipe" if dataset.explicit_only else f"--dataset {dataset.name}"
     fix = f"see every file: dancedata check {shlex.quote(shown(source))} {reader}"
     without_music = {clip.id for clip in scan.clips if clip.audio_path is None}

@@ -1,4 +1,4 @@
-"""The music that a dataset was built from, found again below a folder."""
+"""The music of a built dataset, looked up in a folder."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SourceMusic:
     Attributes
     ----------
     folder
-        Where they were looked for.
+        The folder that was searched.
     files
         Audio file of each clip that has one, by the clip's id; copies of clips have that of their clip.
     hashes
@@ -50,15 +50,15 @@ class SourceMusic:
     def of(cls, store: Store, source: Path | None) -> Self:
         """Find the music of a dataset's clips.
 
-        The dataset's own reader lists `source`; a folder that is not a copy of the dataset is searched for audio
-        files that are named as clips or as songs.
+        The dataset's reader lists `source`; a folder that is not a copy of the dataset is searched for audio files
+        with the names of clips or songs.
 
         Raises
         ------
         UsageError
             Without a source.
         SourceError
-            If there is no such folder.
+            If the folder does not exist.
         """
         if source is None:
             raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
@@ -91,14 +91,14 @@ class SourceMusic:
         """
         path = self.files[clip.id]
         signal = load_audio(path)
-        wanted = self.hashes.get(clip.source or clip.id)
-        if wanted is not None and signal.sha256[:DIGITS] != wanted:
+        expected = self.hashes.get(clip.source or clip.id)
+        if expected is not None and signal.sha256[:DIGITS] != expected:
             raise DataError(
                 "this music does not match the dataset",
                 reason="other_music",
                 where=path,
                 found=f"samples with the hash {signal.sha256[:DIGITS]}",
-                allowed=f"{wanted}, the music of clip {shown(clip.id)}",
+                allowed=f"{expected}, the music of clip {shown(clip.id)}",
                 fix="name the source that the dataset was built from, or build the dataset again from this one",
             )
         return signal
@@ -107,8 +107,8 @@ class SourceMusic:
 def is_source(store: Store, folder: Path) -> bool:
     """Return whether a folder has motion files that a dataset was built from, where readers expect them.
 
-    They are known by their names, which are the ids of clips, and by their hashes: a dataset does not say where its
-    source is. Files of a manifest whose ids are others are not found.
+    Files are recognised by their names, the ids of clips, and by their hashes: a dataset does not record the place of
+    its source. Files with other names, as a manifest allows, are not recognised.
     """
     clips = SourceRecord.of_store(store).clips or {}
     places = [folder, *(folder / name for name in MOTION_FOLDERS)]
@@ -136,7 +136,7 @@ def _listed(store: Store, source: Path) -> dict[str, Path]:
 
 
 def dataset_of(store: Store) -> Dataset | None:
-    """Return the reader of a store's source, with its recipe's parameters; None where it is not known."""
+    """Return the reader of a store's source, with its recipe's parameters; None if it is unknown."""
     recipe = store.meta.get("recipe")
     dataset = recipe.get("dataset") if isinstance(recipe, Mapping) else None
     return one_of(DATASETS, "dataset", dataset, []) if isinstance(dataset, Mapping) else None

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
-from dancedata.cli.new import KINDS, write_plugin
+from dancedata.cli.plugins import KINDS, write_plugin
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REGISTRIES
 from dancedata.exports.base.job import EXPORTS
