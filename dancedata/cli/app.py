@@ -38,13 +38,13 @@ from dancedata.core.version import __version__
 
 
 class _Group(TyperGroup):
-    """Commands whose flags are False where they are not given, `--help` included; except --normalized.
+    """Commands whose omitted flags are False, also `--help`; except --normalized.
 
-    Typer leaves some of them None, and loads pydantic, a fifth of what `list` takes, to find that None is None.
+    Typer leaves some of them None, and then loads pydantic, a fifth of the time of `list`, to convert None.
     """
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the options of the app."""
+        """Return the options of the group."""
         return [_false_by_default(parameter) for parameter in super().get_params(ctx)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -333,8 +333,7 @@ def doctor(as_json: AsJson = False) -> None:
 def only_named(arguments: Sequence[str]) -> typer.Typer:
     """Return the app reduced to the requested command, or to none for the version.
 
-    Typer makes the parameters of every command that an app has before it looks which one is meant: most of the time
-    that help takes.
+    Typer makes the parameters of all commands of an app before it selects one: most of the time of help.
     """
     named = copy(app)
     name = arguments[0] if arguments else ""
@@ -347,7 +346,7 @@ def only_named(arguments: Sequence[str]) -> typer.Typer:
 
 def main() -> None:
     """Run the command line."""
-    # A path on the command line need not be UTF-8, and results name it.
+    # A path need not be UTF-8, and results name it.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     only_named(sys.argv[1:])(prog_name="dancedata")

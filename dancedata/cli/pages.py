@@ -75,7 +75,7 @@ def view(
 
 
 def _require_served(options: Mapping[str, object], output: str, fix: str = "") -> None:
-    """Raise UsageError for options that a file would not show; without a file, for those of --compare."""
+    """Raise UsageError for options without effect on the file `output`, or without --compare."""
     named = [name for name, value in options.items() if value not in (None, [])]
     if named:
         raise UsageError(
@@ -126,7 +126,7 @@ def report(
     from dancedata.report.write import default_path, write_report
 
     target = to if to is not None or as_json else default_path(store)
-    chosen: Any = int(clips) if clips.isdecimal() else clips  # checked there, as the next one
+    chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
     how: Any = audio
     written = write_report(
         store, target, clips=chosen, audio=how, source=source, may_share=may_share, against=against, max_mb=max_mb,

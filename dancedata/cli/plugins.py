@@ -72,9 +72,9 @@ class Kind:
     template
         File of the template.
     recipe
-        How a recipe names a plug-in of this kind, with NAME in place of its name; "" where none does.
+        The key of a recipe that names a plug-in of this kind, with NAME for its name; "" if there is none.
     command
-        The command that uses one then.
+        The command that uses one in that case.
     """
 
     registry: Registry[Any]
@@ -83,7 +83,7 @@ class Kind:
     command: str = ""
 
     def use(self, name: str) -> str:
-        """Return how a plug-in is used, in words."""
+        """Return the use of a plug-in, in words."""
         text = f"a recipe may have: {self.recipe}" if self.recipe else f"it is used by: {self.command}"
         return text.replace("NAME", name)
 
@@ -190,7 +190,7 @@ def _check_name(plugin: NewPlugin) -> None:
 
 
 def _class_name(name: str, template: str) -> str:
-    """Return the name in CamelCase, with Plugin after it if the template uses that name for something else."""
+    """Return the name in CamelCase; append Plugin if the template uses that name otherwise."""
     cls = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
     taken = keyword.iskeyword(cls) or cls == "Path" or re.search(rf"\b{cls}\b", template)
     return f"{cls}Plugin" if taken else cls

@@ -70,7 +70,7 @@ def convert(
 
 
 class _Lines:
-    """Prints how far a download is, a line every few seconds."""
+    """Prints the progress of a download, a line every few seconds."""
 
     def __init__(self) -> None:
         self.last = 0.0

@@ -34,7 +34,7 @@ def check(
     progress: Progress | None = None,
 ) -> list[Problem]:
     """Check a built dataset or a source folder, as `pipeline.commands.check`; `dataset` may be a recipe's reader."""
-    if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
+    if dataset is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
         with named_if_it_crashes(f"checking, {path}"):
             problems = verify_store(path)
             if not any(p.severity == "error" for p in problems):
@@ -110,7 +110,7 @@ def _field_with_body(store: Store) -> MotionField | None:
     return min(fields, key=lambda f: (f.representation.positions_only, not f.representation.decodes), default=None)
 
 
-def _is_ours(name: str) -> bool:
+def _is_built(name: str) -> bool:
     return name == DATASET_FILE or is_shard_name(name) or name.startswith(PREFIX)
 
 

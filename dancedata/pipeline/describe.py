@@ -132,12 +132,7 @@ def dataset_card(
 ) -> str:
     """Return the card's Markdown: content, source, terms, and what was left out.
 
-    Parameters
-    ----------
-    songs
-        Song of each clip, by the clip's id.
-    networks
-        What audio fields state of their networks, by field.
+    `songs` are by clip, `networks` the statements of audio fields on their networks, by field.
     """
     splits = sort_splits({c.split for c in computed.clips})
     notes = "\n".join(f"- {note}" for note in scan.notes)

@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -122,14 +121,9 @@ def known_hash(cache: Cache, path: Path) -> str | None:
 
 
 class MotionKeys:
-    """The cache keys of clips. Their common part is hashed once.
+    """The cache keys of clips, or of `copies` of them with another motion. Their common part is hashed once.
 
-    Parameters
-    ----------
-    content
-        Hashes of the files that the dataset's parameters name, see `content_hashes`.
-    copies
-        Copies of the clips, whose motion an augmentation changes; None: the clips themselves.
+    `content` are the hashes of further files, see `content_hashes`.
     """
 
     def __init__(self, recipe: Recipe, content: Mapping[str, str], copies: CopySpec | None = None) -> None:
@@ -156,10 +150,7 @@ class MotionKeys:
         self._recipe = recipe
 
     def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
-        """Return the keys of a clip; `sha256` is the hash of its file.
-
-        The clip's id is a part of them: the parts of FineDance's 004 differ by name only.
-        """
+        """Return the keys of a clip, by its id (the parts of FineDance's 004 have one file) and its file's hash."""
 
         def key(common: str, **crossing: int) -> str:
             return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **crossing)
@@ -191,17 +182,12 @@ def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult |
 
 
 def _result(recipe: Recipe, info: ClipInfo, arrays: dict[str, CachedArray | None]) -> MotionResult:
-    rate = _rate(info.source_rate)
+    rate = Fraction(info.source_rate)
     encoded = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(info.n_source, recipe.grid)
     first = min(grid.rows_up(info.trim_start, of=recipe.grid), n_frames - 1)
     return MotionResult(info.n_source, rate, n_frames, first, float(info.height_m), tuple(info.flags), encoded)
-
-
-@lru_cache(maxsize=256)
-def _rate(text: str) -> Fraction:
-    return Fraction(text)
 
 
 def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, CachedArray | None]]:
@@ -290,14 +276,10 @@ def vertical_extent(motion: Motion) -> float:
 
 
 def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[str, str]:
-    """Return the hash of every file that a dataset's parameters name, such as a body model.
+    """Return the hashes of the files that a dataset's parameters name, such as a body model.
 
-    Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
-
-    Parameters
-    ----------
-    hash_file
-        Gives the SHA-256 of a file, such as `Cache.file_sha256`.
+    These are the fields with the metadata ``{"content": True}``; of a folder all files. `hash_file` returns the
+    SHA-256 of a file, such as `Cache.file_sha256`.
     """
     hashes: dict[str, str] = {}
     for f in dataclasses.fields(dataset):

@@ -45,17 +45,9 @@ def cached_units(
 ) -> dict[str, Cached]:
     """Return the cached units of each field.
 
-    Parameters
-    ----------
-    clips
-        Clips that a build would keep, with their number of windows.
-    retimed
-        The same of their copies at another speed, with the speed.
-
-    Notes
-    -----
-    A file is recognised by its path, size, time of change and inode. A file that no build has read counts as not
-    cached, although a copy of it may have been computed.
+    `clips` are those that a build would keep, with their number of windows; `retimed` the same of their copies at
+    another speed, with the speed. A file is recognised by its path, size, time of change and inode. A file that no
+    build has read counts as not cached, although a copy of it may have been computed.
     """
     units = _motion(cache, recipe, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}

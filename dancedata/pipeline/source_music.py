@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from dancedata.audio.signal import audio_length, load_audio
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
+from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
 from dancedata.datasets.files import AUDIO_SUFFIXES
@@ -17,12 +19,8 @@ from dancedata.datasets.folder import MANIFESTS, MOTION_FOLDERS
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.source_record import DIGITS, SourceRecord
 from dancedata.recipes.plugins import one_of
+from dancedata.store import ClipView, Store
 from dancedata.store.songs import music_hashes
-
-if TYPE_CHECKING:
-    from dancedata.core.audio_signal import AudioSignal
-    from dancedata.core.plugins import Dataset
-    from dancedata.store import ClipView, Store
 
 #: Most files of a folder whose hashes are compared.
 _COMPARED = 4
@@ -146,10 +144,7 @@ def _named(clips: list[ClipView], source: Path) -> dict[str, Path]:
     """Return files that have the name of a clip, or else of its song."""
     files: dict[str, Path] = {}
     for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES and p.is_file()):
-        candidate = files.get(path.stem)
-        if candidate is None or AUDIO_SUFFIXES.index(path.suffix.lower()) < AUDIO_SUFFIXES.index(
-            candidate.suffix.lower()
-        ):
-            files[path.stem] = path
+        other = files.setdefault(path.stem, path)
+        files[path.stem] = min(other, path, key=lambda p: AUDIO_SUFFIXES.index(p.suffix.lower()))
     by_clip = {clip.id: files.get(clip.id) or files.get(clip.music) for clip in clips}
     return {clip: path for clip, path in by_clip.items() if path is not None}

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.hashing import json_sha256
@@ -80,32 +80,21 @@ class SourceRecord:
         return dict(sorted(clips.items())) if len(clips) <= MAX_CLIPS else {}
 
 
-@dataclass(frozen=True)
-class SourceDifference:
+class SourceDifference(NamedTuple):
     """A difference between two sources, with its files or clips."""
 
     message: str
     names: tuple[str, ...]
 
     def __str__(self) -> str:
-        message = shown(self.message, _MESSAGE)
-        if not self.names:
-            return message
-        return f"{message}: {listed(self.names, _SHOWN)}"
+        names = f": {listed(self.names, _SHOWN)}" if self.names else ""
+        return shown(self.message, _MESSAGE) + names
 
 
 def source_differences(
     old: SourceRecord, new: SourceRecord, then: str, now: str, *, about: bool = True
 ) -> list[SourceDifference]:
-    """Return the differences between two sources.
-
-    Parameters
-    ----------
-    then, now
-        Words for the old one and the new one.
-    about
-        Compare the metadata of clips.
-    """
+    """Return the differences between two sources, called `then` and `now`; with `about`, those of metadata too."""
     if old.clips is None or new.clips is None:
         return [SourceDifference("which files differ is not recorded in a dataset of an earlier version", ())]
     common = [clip for clip in old.clips if clip in new.clips]
