@@ -17,17 +17,12 @@ from dancedata.core.resources import resource
 from dancedata.pipeline.commands import build_part
 from dancedata.pipeline.describe import store_json
 from dancedata.recipes.parse import load_recipe
+from tests.commands import run
 from tests.messages import raises_message
 
 #: Small, and the same in the three ways to say it.
 CHANGED = {"dataset.synthetic.songs": 2, "dataset.synthetic.clips_per_song": 2, "dataset.synthetic.clip_s": 6}
 SET = [f"{key}={value}" for key, value in CHANGED.items()]
-
-
-def command(*arguments: Any) -> str:
-    """Run the command line; what it prints on stdout."""
-    run = [sys.executable, "-m", "dancedata", *map(str, arguments)]
-    return subprocess.run(run, capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +51,13 @@ def test_python_and_the_command_line_make_the_same_dataset(
     out = tmp_path / "demo"
     words = [word for text in SET for word in ("--set", text)]
     source = ("--source", demo.path.with_name("demo-source"))
-    text = command("build", "demo", *source, "--out", out, *words, "--jobs", 1)
+    text = run("build", "demo", *source, "--out", out, *words, "--jobs", 1).stdout
     assert text == f"{demo.summary.replace(str(demo.path), str(out))}\n"
     assert hashes(out) == hashes(demo.path)
     again = dancedata.build("demo", *source[1:], out, overrides=SET, progress=False)
     assert not again.built
     assert again.counts == demo.counts
-    assert command("build", "demo", *source, "--out", out, *words, "--jobs", 1) == f"{again.summary}\n"
+    assert run("build", "demo", *source, "--out", out, *words, "--jobs", 1).stdout == f"{again.summary}\n"
     assert dancedata.diff(demo.path, out) == []
 
 
@@ -83,8 +78,8 @@ def test_plan_prints_what_the_command_prints(demo: Any) -> None:
     words = [word for text in SET for word in ("--set", text)]
     plan = dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
     arguments = ("plan", "demo", "--out", demo.path, *words)
-    assert json.loads(command(*arguments, "--json")) == plan.to_json()
-    assert command(*arguments) == f"{plan.describe(demo.path)}\n"
+    assert json.loads(run(*arguments, "--json").stdout) == plan.to_json()
+    assert run(*arguments).stdout == f"{plan.describe(demo.path)}\n"
     assert plan.summary == plan.describe(demo.path).replace(f" into {demo.path}", "", 1)
     assert "in the cache: 4 of 4 clips" in plan.summary
 
@@ -128,8 +123,8 @@ def test_a_script_needs_no_guard(demo: Any, corpus: Path, tmp_path: Path) -> Non
         "built = dancedata.build('aist++', sys.argv[1], sys.argv[2], jobs=2, cache=sys.argv[3])\n"
         "print(built.built, built.counts['train']['clips'])\n"
     )
-    run = [sys.executable, script, corpus, tmp_path / "out", tmp_path / "cache"]
-    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    script_run = [sys.executable, script, corpus, tmp_path / "out", tmp_path / "cache"]
+    done = subprocess.run(script_run, capture_output=True, text=True, check=True)
     with dancedata.open(tmp_path / "out") as ds:
         train = sum(clip.split == "train" for clip in ds.clips)
     assert done.stdout == f"once\nTrue {train}\n"

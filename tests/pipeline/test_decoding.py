@@ -1,16 +1,13 @@
 """decode of batches and of trainers' files: API, command, and what they refuse."""
 
-import json
 import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -23,6 +20,7 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.representations.edge151 import Edge151
 from dancedata.store import Store, open_store
 from dancedata.testing.examples import random_motion
+from tests.commands import as_json, run
 from tests.messages import raises_message
 
 DECODED = [name for name in REPRESENTATIONS.names() if REPRESENTATIONS.get(name).decodes]
@@ -226,16 +224,13 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
 def test_the_command(store: Store, tmp_path: Path) -> None:
     window = store.windows("train")[0]
     np.save(tmp_path / "x.npy", store.normalizer("edge151").normalize(store.read(window, "edge151")))
-    options = ["--as", "edge151", "--to", "bvh", "--like", str(store.path), "--out", str(tmp_path / "out")]
-    options += ["--normalized"]
-    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options])
-    assert (done.exit_code, done.stdout) == (0, f"{tmp_path / 'out' / 'x.bvh'}\n")
-    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options, "--overwrite", "--json"])
-    assert json.loads(done.stdout) == {"files": [str(tmp_path / "out" / "x.bvh")]}
+    args = ["decode", tmp_path / "x.npy", "--as", "edge151", "--to", "bvh", "--like", store.path, "--normalized"]
+    args += ["--out", tmp_path / "out"]
+    assert run(*args).stdout == f"{tmp_path / 'out' / 'x.bvh'}\n"
+    assert as_json(*args, "--overwrite") == {"files": [str(tmp_path / "out" / "x.bvh")]}
     np.save(tmp_path / "x.npy", np.zeros((5, 150)))
-    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options])
-    assert done.exit_code == 2
-    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in done.stderr
+    said = run(*args, code=2).stderr
+    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in said
 
 
 def test_contacts_are_no_part_of_a_motion() -> None:

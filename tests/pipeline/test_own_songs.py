@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
@@ -22,15 +20,14 @@ from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.plugins import make_named
 from dancedata.store import open_store
 from dancedata.testing.stores import write_random_store
+from tests.commands import run
 from tests.messages import raises_message
 
 SHA = "5" * 64
 
 
 def features(*args: object) -> str:
-    result = CliRunner().invoke(app, ["features", *map(str, args)])
-    assert result.exit_code == 0, result.output
-    return result.stdout
+    return run("features", *args).stdout
 
 
 def test_the_line_of_the_readme(built: Path, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from dancedata.cli.app import app
 from dancedata.core.errors import DataError
 from dancedata.datasets.folder import Folder
 from dancedata.pipeline import motion as motion_units
@@ -17,6 +15,7 @@ from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
+from tests.commands import run
 from tests.messages import raises_message
 
 RECIPE = """\
@@ -118,6 +117,4 @@ def test_swapped_names_of_a_bvh(example: Path, tmp_path: Path) -> None:
     mine.write_text(RECIPE.replace("SCOPE", "track").replace("FIELD", "edge151").replace("unit: m", "unit: cm"))
     with raises_message(DataError):
         build(load_recipe(mine), source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
-    result = CliRunner().invoke(app, ["check", str(source), "--recipe", str(mine), "-q"])
-    assert result.exit_code == 1
-    assert "swapped_sides" in result.output
+    assert "swapped_sides" in run("check", source, "--recipe", mine, "-q", code=1).output
