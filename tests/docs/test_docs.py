@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dancedata.cli.new import write_plugin
+from dancedata.cli.plugins import write_plugin
 from dancedata.exports.base.job import EXPORTS
-from dancedata.pipeline.summary import describe_built
+from dancedata.pipeline.describe import describe_built
 from dancedata.readers.presets import PRESETS
 from dancedata.store import open_store
 

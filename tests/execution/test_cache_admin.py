@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
-from dancedata.cli.cache_text import describe_pruned
+from dancedata.cli.cache import describe_pruned
 from dancedata.core.errors import UsageError
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache

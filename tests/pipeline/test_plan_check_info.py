@@ -10,29 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from click.testing import Result
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.recipes.parse import recipe_names
+from tests.commands import as_json, run
 
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
-
-
-def run(*args: object, code: int = 0) -> Result:
-    """Run a command and check its exit code."""
-    result = CliRunner().invoke(app, [str(a) for a in args])
-    assert result.exit_code == code, f"{result.exit_code}: {result.output} {result.exception!r}"
-    return result
-
-
-def as_json(*args: object, code: int = 0) -> Any:
-    """Run a command with --json and parse what it prints."""
-    return json.loads(run(*args, "--json", code=code).stdout)
 
 
 @pytest.fixture
@@ -124,25 +110,7 @@ def test_a_plan_touches_no_dataset_that_is_there(corpus: Path, built_copy: Path,
     assert hashes(built_copy) == before
 
 
-def test_a_plan_says_what_it_would_leave_out(worn: Path, out: Path):
-    assert "would leave out: broken_file: 1" in run("plan", "aist++", "--source", worn, "--out", out).stdout
-
-
 # build: exit codes
-
-
-def test_a_build_with_broken_clips_ends_well_and_says_so(worn: Path, out: Path):
-    text = run("build", "aist++", "--source", worn, "--out", out, "--jobs", 1).stdout
-    assert "broken_file: 1" in text
-    assert TRAIN in text
-    again = run("build", "aist++", "--source", worn, "--out", out).stdout
-    assert "nothing to do" in again
-
-
-def test_a_strict_build_of_broken_clips_ends_with_1(worn: Path, out: Path):
-    result = run("build", "aist++", "--source", worn, "--out", out, "--strict", "--jobs", 1, code=1)
-    assert "error: " in result.stderr
-    assert TRAIN in result.stderr
 
 
 def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
@@ -156,12 +124,9 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (["build", "aist+"], "did you mean 'aist++'"),
         (["build", "aist++"], "the dataset aist++ needs a source"),
         (["build", "aist++", "--source", ".", "--set", "windows.strid_s=1"], "did you mean 'stride_s'"),
         (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
-        (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
-        (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
         (["features", "song.wav", "--out", "x"], "song.wav: the song does not exist; nothing was computed"),
         (["plan", "demo", "--set", "windows.filter={movement: {}}"], "lodge139 (the default); known: edge151"),
         (["dance"], "dance"),
