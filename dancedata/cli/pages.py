@@ -122,7 +122,7 @@ def report(
     as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
 ) -> None:
     """Write a page that shows what a dataset holds: dancedata report OUT --to FILE.html."""
-    from dancedata.report.findings import findings
+    from dancedata.report.document import findings
     from dancedata.report.write import default_path, write_report
 
     target = to if to is not None or as_json else default_path(store)
@@ -137,5 +137,5 @@ def report(
         return
     if written.path is not None:
         typer.echo(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
-    for finding in findings(written.document):
+    for finding in findings(written.numbers):
         typer.echo(f"  {finding.kind}: {finding.text}")

@@ -11,7 +11,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.report import write_report
-from dancedata.report.findings import findings
+from dancedata.report.document import findings
 from dancedata.store import open_store, songs
 
 
@@ -113,12 +113,12 @@ def test_columns_are_those_of_stats_json(demo: Path, document: Any) -> None:
 
 
 def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled: Any) -> None:
-    own = write_report(demo).document
-    assert own["splits"]["compared_by_sound"]
-    assert own["splits"]["songs"]["counts"]["train"]["test"] == 0
-    assert [f.kind for f in findings(own) if f.figure == "shared_songs"] == ["note"]
-    leaky = write_report(relabelled(lambda k: {"music": "one"})).document
-    assert leaky["splits"]["songs"]["names"]["train and test"] == ["one"]
+    numbers = write_report(demo).numbers
+    assert numbers.splits.compared_by_sound
+    assert numbers.splits.songs.counts["train"]["test"] == 0
+    assert [f.kind for f in findings(numbers) if f.figure == "shared_songs"] == ["note"]
+    leaky = write_report(relabelled(lambda k: {"music": "one"})).numbers
+    assert leaky.splits.songs.names["train and test"] == ("one",)
     assert "bad" in [f.kind for f in findings(leaky) if f.figure == "shared_songs"]
 
 
@@ -131,9 +131,9 @@ def test_songs_that_are_not_compared_by_sound_are_said(
 
 
 def test_genres_that_differ_in_case_are_named(relabelled: Any) -> None:
-    found = write_report(relabelled(lambda k: {"genre": ("Jazz", "jazz", "Hip hop")[k % 3]})).document
-    assert found["contents"]["alike"] == [["Jazz", "jazz"]]
-    assert any("Jazz and jazz" in f.text for f in findings(found))
+    numbers = write_report(relabelled(lambda k: {"genre": ("Jazz", "jazz", "Hip hop")[k % 3]})).numbers
+    assert numbers.contents.alike == (("Jazz", "jazz"),)
+    assert any("Jazz and jazz" in f.text for f in findings(numbers))
 
 
 def test_the_worst_clips_come_first_and_each_once(relabelled: Any) -> None:

@@ -15,7 +15,7 @@ from dancedata.core.errors import UsageError
 from dancedata.report import write_report
 from dancedata.report.markup import number
 from dancedata.report.player import Player
-from dancedata.report.target import Target
+from dancedata.report.write import Target
 from dancedata.store import open_store
 from dancedata.viewer.page import source_hash
 
