@@ -26,6 +26,7 @@ from dancedata.core.grid import as_fraction
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed
 from dancedata.files.regular_file import open_regular
+from dancedata.store.songs import joined_sets
 
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
@@ -204,20 +205,15 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     dict
         Name of a song -> the first name, by the alphabet, of those that have its samples; without the first ones.
     """
-    from scipy.cluster.hierarchy import DisjointSet
-
     names: dict[Path, set[str]] = {}
     for clip in clips:
         if clip.audio_path is not None and clip.music:
             names.setdefault(clip.audio_path, set()).add(clip.music)
-    same = DisjointSet(set().union(*names.values()))
+    same: list[set[str]] = []
     for alike in _grouped(names, _beginning):
         if len(set().union(*(names[path] for path in alike))) > 1:
-            for equal in _grouped(alike, _samples):
-                first, *others = {name for path in equal for name in names[path]}
-                for name in others:
-                    same.merge(name, first)
-    groups = [sorted(group) for group in same.subsets()]
+            same += [{name for path in equal for name in names[path]} for equal in _grouped(alike, _samples)]
+    groups = [sorted(group) for group in joined_sets(same)]
     return {name: group[0] for group in sorted(groups) for name in group[1:]}
 
 
