@@ -26,7 +26,6 @@ from dancedata.core.grid import as_fraction
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed
 from dancedata.files.regular_file import open_regular
-from dancedata.store.songs import joined_sets
 
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
@@ -205,6 +204,8 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     dict
         Name of a song -> the first name, by the alphabet, of those that have its samples; without the first ones.
     """
+    from dancedata.store.songs import joined_sets  # here: it imports h5py, which listing plug-ins does not need
+
     names: dict[Path, set[str]] = {}
     for clip in clips:
         if clip.audio_path is not None and clip.music:
