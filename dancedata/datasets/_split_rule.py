@@ -203,20 +203,17 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     dict
         Name of a song -> the first name, by the alphabet, of those that have its samples; without the first ones.
     """
-    from scipy.cluster.hierarchy import DisjointSet
+    from dancedata.store.songs import joined_sets  # here: it imports h5py, which listing plug-ins does not need
 
     names: dict[Path, set[str]] = {}
     for clip in clips:
         if clip.audio_path is not None and clip.music:
             names.setdefault(clip.audio_path, set()).add(clip.music)
-    same = DisjointSet(set().union(*names.values()))
+    same: list[set[str]] = []
     for alike in _grouped(names, _beginning):
         if len(set().union(*(names[path] for path in alike))) > 1:
-            for equal in _grouped(alike, _samples):
-                first, *others = {name for path in equal for name in names[path]}
-                for name in others:
-                    same.merge(name, first)
-    groups = [sorted(group) for group in same.subsets()]
+            same += [{name for path in equal for name in names[path]} for equal in _grouped(alike, _samples)]
+    groups = [sorted(group) for group in joined_sets(same)]
     return {name: group[0] for group in sorted(groups) for name in group[1:]}
 
 

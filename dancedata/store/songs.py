@@ -1,9 +1,9 @@
 """Songs that clips of a dataset share: by name, by samples, and by features of their sound."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 
+T = TypeVar("T")
 Rows = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
@@ -43,26 +44,28 @@ def songs_of(clips: Sequence[ClipRecord], meta: Mapping[str, Any]) -> dict[str, 
     Clips have one song if its names or its samples, whose hashes dataset.json (`meta`) has, are equal. Copies of a
     clip have the clip's song, at any speed. Of several names the first by the alphabet leads: "blue (also sky)".
     """
-    from scipy.cluster.hierarchy import DisjointSet
-
     records, hashes = {clip.id: clip for clip in clips}, music_hashes(meta)
-    same = DisjointSet()
-    keys: dict[str, tuple[str, str]] = {}
+    keys: dict[str, list[tuple[str, str]]] = {}
     for clip in clips:
         origin = records.get(clip.source, clip)
-        keys_of_clip = [
-            (kind, value) for kind, value in (("name", origin.music), ("", hashes.get(origin.id, ""))) if value
-        ]
-        for key in keys_of_clip:
-            same.add(key)
-            same.merge(key, keys_of_clip[0])
-        keys |= {clip.id: keys_of_clip[0]} if keys_of_clip else {}
+        pairs = (("name", origin.music), ("", hashes.get(origin.id, "")))
+        keys[clip.id] = [(kind, value) for kind, value in pairs if value]
     names: dict[tuple[str, str], str] = {}
-    for group in same.subsets():
+    for group in joined_sets(keys.values()):
         first, *others = sorted(value for kind, value in group if kind) or sorted(value for _, value in group)
         label = f"{first} (also {listed(others, 3)})" if others else first
         names |= dict.fromkeys(group, label)
-    return {clip: names[key] for clip, key in keys.items()}
+    return {clip: names[of_clip[0]] for clip, of_clip in keys.items() if of_clip}
+
+
+def joined_sets(groups: Iterable[Iterable[T]]) -> list[set[T]]:
+    """Join groups that share a member; scipy's DisjointSet takes half a second to import."""
+    joined: dict[T, set[T]] = {}
+    for group in groups:
+        members = set(group)
+        members.update(*(joined[member] for member in members & joined.keys()))
+        joined |= dict.fromkeys(members, members)
+    return list({id(members): members for members in joined.values()}.values())
 
 
 class AlikeSongs(NamedTuple):
