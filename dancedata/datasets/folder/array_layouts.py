@@ -22,7 +22,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
-from dancedata.datasets._positions import POSITIONS, require_rotations
+from dancedata.datasets._rotations import POSITIONS, check_rows, require_rotations, rotations_of
 from dancedata.datasets.folder.array_values import (
     bad_shape,
     finite,
@@ -35,7 +35,6 @@ from dancedata.datasets.folder.array_values import (
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.arrays import ArrayFile
-from dancedata.formats.six_d import check_rows, rotations_of
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
 
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
