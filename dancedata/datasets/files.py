@@ -226,20 +226,23 @@ def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) 
         raise UsageError(f"{dataset}: invalid value for {name}", found=repr(value), fix=did_you_mean(value, allowed))
 
 
-def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str) -> None:
+def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str, *, columns: bool = False) -> None:
     """Check that an array (T, ...) of a file is finite.
 
     Raises
     ------
     DataError
-        ``nan``, with the first frame that is not.
+        ``nan``, with the first frame that is not, and with its column if `columns` are known to the user.
     """
-    bad = np.asarray(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+    finite = np.isfinite(array.reshape(len(array), -1))
+    bad = np.asarray(~finite.all(axis=1))
     if bad.any():
+        frame = int(bad.argmax())
+        column = f", column {int(finite[frame].argmin())}" if columns else ""
         raise DataError(
             f"{what} contains values that are not finite",
             reason="nan",
-            where=f"{path}, frame {int(bad.argmax())}",
+            where=f"{path}, frame {frame}{column}",
             found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
             fix=fix,
         )

@@ -8,19 +8,12 @@ import pytest
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError
-from dancedata.core.registry import DATASETS
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name, tempo_bpm
 from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL, notes, rejects, splits
 from tests.messages import raises_message
 
 # ---- layouts
-
-
-def test_registered_and_described() -> None:
-    assert DATASETS.get("aist++") is AistPP
-    assert AistPP.licence == facts().licence
-    assert AistPP.citation == facts().citation
 
 
 def test_official_layout(official: Any) -> None:
@@ -242,18 +235,6 @@ def test_rule_and_lists_against_all_real_names(shared: Path) -> None:
 
 
 # ---- wrong folders
-
-
-def test_folders_that_are_no_source(tmp_path: Path) -> None:
-    with raises_message(SourceError):
-        AistPP().scan(tmp_path / "no where")
-    (tmp_path / "file").write_text("x")
-    with raises_message(SourceError):
-        AistPP().scan(tmp_path / "file")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "empty" / ".DS_Store").write_text("x")
-    with raises_message(SourceError):
-        AistPP().scan(tmp_path / "empty")
 
 
 @pytest.mark.parametrize(

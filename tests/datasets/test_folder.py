@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
-from dancedata.core.registry import DATASETS
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import COLUMNS, read_manifest
@@ -373,10 +372,6 @@ def test_numbers_have_one_form() -> None:
     assert Folder(fps=30) == Folder(fps=30.0) == Folder(fps="30")
     assert Folder(fps=29.97).fps == "2997/100"
     assert Folder(unit=0.0254) == Folder(unit="0.0254")
-
-
-def test_registered() -> None:
-    assert DATASETS.get("folder") is Folder
 
 
 def test_refs_survive_the_way_to_a_worker(source: Path) -> None:

@@ -20,9 +20,6 @@ class Facts:
 
     sequences: int
     frame_rate: int
-    licence: str
-    citation: str
-    get_motion: str
     get_music: str
     genres: Mapping[str, str]
     genre_ids: Mapping[str, int]
@@ -47,9 +44,6 @@ def facts() -> Facts:
     return Facts(
         sequences=raw["sequences"],
         frame_rate=raw["frame_rate"],
-        licence=raw["licence"],
-        citation=raw["citation"],
-        get_motion=raw["get_it"]["motion"],
         get_music=raw["get_it"]["music"],
         genres=raw["genres"],
         genre_ids=raw["lodge_genre_ids"],

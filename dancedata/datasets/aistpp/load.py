@@ -11,7 +11,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted
-from dancedata.datasets._positions import require_rotations
+from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets.files import require_finite
 from dancedata.formats.arrays import ValueArrays
 from dancedata.formats.safe_pickle import load_pickle

@@ -56,9 +56,6 @@ class Facts:
 
     ids: tuple[str, ...]
     frame_rate: int
-    licence: str
-    citation: str
-    get_motion: str
     protocols: Mapping[str, Protocol]
     ignore_lists: Mapping[str, IgnoreList]
     trims: Mapping[str, Trim]
@@ -104,9 +101,6 @@ def facts() -> Facts:
     return Facts(
         ids=tuple(f"{n:03d}" for n in range(1, raw["sequences"] + 1)),
         frame_rate=raw["frame_rate"],
-        licence=raw["licence"],
-        citation=raw["citation"],
-        get_motion=raw["get_it"]["motion"],
         protocols={name: Protocol(frozenset(p["val"]), frozenset(p["test"])) for name, p in raw["splits"].items()},
         ignore_lists={
             name: IgnoreList(frozenset(entry["ids"]), tuple(entry["applies_to"]), entry["source"])
