@@ -138,7 +138,7 @@ class BatchStream(IterableDataset[Any]):
 
 
 class EpochLoader:
-    """Batches of a `BatchStream`: those of one epoch, or of what is left of it, each time it is iterated over.
+    """Batches of a `BatchStream`: those of one epoch, or of the rest of it, each time it is iterated over.
 
     Made by `BatchStream.by_epoch`.
 
