@@ -91,8 +91,8 @@ class BatchLoader:
             For a number that is too small, or `shuffle` together with a sampler.
         """
         self.dataset = dataset
-        self.batch_size, self.threads = _at_least_1(batch_size=batch_size), _at_least_1(threads=threads)
-        self.prefetch = _at_least_1(prefetch=prefetch)
+        self.batch_size, self.threads = whole("batch_size", batch_size, 1), whole("threads", threads, 1)
+        self.prefetch = whole("prefetch", prefetch, 1)
         if sampler is not None and shuffle:
             raise UsageError(
                 "shuffle cannot be combined with a sampler",
@@ -218,11 +218,3 @@ def _read(dataset: WindowDataset, reader: BatchReader, request: Request, tensors
     """Read a batch into tensors, and return the other values of its samples; in a thread."""
     reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
     return {name: default_collate(values) for name, values in dataset._metadata(request).items()}
-
-
-def _at_least_1(**options: int) -> int:
-    ((name, value),) = options.items()
-    number = whole(name, value)
-    if number < 1:
-        raise UsageError(f"{name} is too small", found=number, allowed="1 or more")
-    return number

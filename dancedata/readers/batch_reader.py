@@ -257,7 +257,13 @@ class BatchReader:
             target = out[field.name]
             for nth, rows in self._rows(field, request, order, target):
                 if self._primitives is not None and field.name == self._primitives.field:
-                    self._add_primitives(field, request, nth, rows, out)
+                    place = request.places[nth]
+                    window = self._windows[place]
+                    window = replace(window, start=window.start + request.shifts[nth])
+                    primitives = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
+                    primitives[PRIMITIVES] = field.scale(primitives[PRIMITIVES])
+                    for name, value in primitives.items():
+                        out[name][nth] = value
                 if self._labels is not None and field.name == self._labels.field:
                     for label, values in self._labels.of(rows).items():
                         out[label][nth] = values
@@ -283,16 +289,3 @@ class BatchReader:
                 rows[...] = changed
             field.make_relative(rows)
             yield nth, rows
-
-    def _add_primitives(
-        self, field: FieldReader, request: Request, nth: int, rows: Array, out: Mapping[str, Array]
-    ) -> None:
-        if self._primitives is None:
-            return
-        place = request.places[nth]
-        window = self._windows[place]
-        window = replace(window, start=window.start + request.shifts[nth])
-        primitives_of_window = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
-        primitives_of_window[PRIMITIVES] = field.scale(primitives_of_window[PRIMITIVES])
-        for name, value in primitives_of_window.items():
-            out[name][nth] = value

@@ -98,15 +98,13 @@ class BatchStream(IterableDataset[Any]):
         """Return the epoch of a step, and the indices of this rank's samples."""
         epoch, nth = divmod(whole("step", step), self.steps_per_epoch)
         if self._order is None or self._order[0] != epoch:
-            self._order = epoch, self._batches(epoch)
+            if isinstance(self.sampler, BucketSampler):
+                batches = self.sampler.order(epoch)
+            else:
+                order, size = self.sampler.order(epoch), self.batch_size or 1
+                batches = [order[first : first + size] for first in range(0, len(order), size)]
+            self._order = epoch, batches
         return epoch, self._order[1][nth]
-
-    def _batches(self, epoch: int) -> list[npt.NDArray[np.int64]]:
-        """Return the indices of each of this rank's batches of an epoch."""
-        if isinstance(self.sampler, BucketSampler):
-            return self.sampler.order(epoch)
-        order, size = self.sampler.order(epoch), self.batch_size or 1
-        return [order[first : first + size] for first in range(0, len(order), size)]
 
     def by_epoch(self, **options: Any) -> EpochLoader:
         """Return a loader that ends with each epoch; `options` are those of a DataLoader, such as ``num_workers``.
@@ -138,7 +136,7 @@ class BatchStream(IterableDataset[Any]):
 
 
 class EpochLoader:
-    """Batches of a `BatchStream`: those of one epoch, or of what is left of it, each time it is iterated over.
+    """Batches of a `BatchStream`: those of one epoch, or of the rest of it, each time it is iterated over.
 
     Made by `BatchStream.by_epoch`.
 

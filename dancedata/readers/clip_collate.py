@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.utils.data import default_collate
 
 from dancedata.core.errors import UsageError
+from dancedata.readers.arguments import whole
 from dancedata.readers.music_beats import LABELS
 
 try:
@@ -108,8 +109,7 @@ def pad_clips(
     >>> pad_clips([clips[0]], multiple=64)["edge151"].shape
     torch.Size([1, 192, 151])
     """
-    if multiple < 1:
-        raise UsageError("pad_clips: multiple is too small", found=multiple, allowed="1 or more")
+    whole("pad_clips: multiple", multiple, 1)
     fields, batch = _rows_and_rest(samples)
     lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
     batch["mask"] = {}

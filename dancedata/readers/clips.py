@@ -18,7 +18,7 @@ from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.scalers import ScalerLike
-from dancedata.readers.selection import GivenFilter, no_window_error
+from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, crop_choices, mirrored_samples
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -71,7 +71,7 @@ class ClipDataset(SplitDataset):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: GivenFilter = None,
+        filter: FilterLike = None,
         start_at: StartAt | None = None,
         normalizer_covers_mirror: bool = False,
         normalizer_covers: Augment = (),

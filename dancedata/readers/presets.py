@@ -185,7 +185,7 @@ def find_preset(store: Store, name: str | None) -> Preset | None:
     return preset
 
 
-def given_or_preset(value: Any, preset: Preset | None, name: str, default: Any) -> Any:
+def value_or_preset(value: Any, preset: Preset | None, name: str, default: Any) -> Any:
     """Return the caller's value, or the preset's where it is None, or the default without a preset."""
     if value is not None:
         return value

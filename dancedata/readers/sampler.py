@@ -138,11 +138,11 @@ class EpochSampler(Sampler[int]):
 
     def order(self, epoch: int) -> npt.NDArray[np.int64]:
         """Return this rank's indices of one epoch, (len(self),) int64; changes nothing."""
-        everyone = self.order_of_all(whole("epoch", epoch))
+        indices = self.order_of_all(whole("epoch", epoch))
         total = self._length * self.world_size
         if total > self.n_samples:
-            everyone = np.resize(everyone, total)  # starts over at the head, as often as needed
-        return np.ascontiguousarray(everyone[self.rank : total : self.world_size])
+            indices = np.resize(indices, total)  # starts over at the head, as often as needed
+        return np.ascontiguousarray(indices[self.rank : total : self.world_size])
 
     def order_of_all(self, epoch: int) -> npt.NDArray[np.int64]:
         """Return the indices of one epoch, (n_samples,) int64, before they are dealt to the ranks one by one."""
@@ -175,7 +175,7 @@ class EpochSampler(Sampler[int]):
             self._move(number, 0)
 
     def state_dict(self) -> dict[str, int]:
-        """Return where the sampler stands, {"epoch", "position"}; with prefetching see `at`."""
+        """Return the position of the sampler, {"epoch", "position"}; with prefetching see `at`."""
         return self.at(self._epoch, self._position)
 
     def at(self, epoch: int, consumed: int) -> dict[str, int]:
@@ -206,7 +206,7 @@ class EpochSampler(Sampler[int]):
     def at_step(self, step: int, batch_size: int, *, drop_last: bool = False) -> dict[str, int]:
         """Return the state after a number of steps since the start of epoch 0; changes nothing.
 
-        A step takes `batch_size` samples of every rank, the last step of an epoch what is left: the same samples, on
+        A step takes `batch_size` samples of every rank, the last step of an epoch the rest: the same samples, on
         all ranks together, for other ranks whose product with `batch_size` is the same.
 
         Parameters

@@ -23,7 +23,7 @@ _NO_DOWNBEATS = (
     "ask for shorter windows"
 )
 #: A filter as callers name it: a plug-in, its name and parameters as in a recipe, or False for none.
-GivenFilter = WindowFilter | Mapping[str, Any] | Literal[False] | None
+FilterLike = WindowFilter | Mapping[str, Any] | Literal[False] | None
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Choice:
     Attributes
     ----------
     fields
-        Fields that windows must lie within.
+        Fields that windows must be within.
     windows
         Length and stride as `Store.windows` takes them.
     trim
@@ -184,7 +184,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
     )
 
 
-def window_filter(choice: GivenFilter) -> WindowFilter | None:
+def window_filter(choice: FilterLike) -> WindowFilter | None:
     """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
 
     UsageError for an unknown filter or parameter.

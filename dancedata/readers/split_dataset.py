@@ -21,10 +21,10 @@ from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.music_beats import StartAt, estimated_tempo
-from dancedata.readers.presets import Preset, fields_to_read, find_preset, given_or_preset
+from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
 from dancedata.readers.sampler import shared_number
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
-from dancedata.readers.selection import Choice, GivenFilter, Selection, require_protocol, select, window_filter
+from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import MinMax
 from dancedata.store.window_list import WindowList
@@ -136,7 +136,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
             require_protocol(self.store, protocol)
-        self._protocol: str | None = given_or_preset(protocol, self._preset, "protocol", None)
+        self._protocol: str | None = value_or_preset(protocol, self._preset, "protocol", None)
         self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
         self._epoch = shared_number(_NOT_SET)
         self._tempos: dict[str, float] = {}
@@ -146,15 +146,15 @@ class SplitDataset(Dataset[dict[str, Any]]):
         windows: Mapping[str, Any],
         trim: bool | None,
         ignore: Sequence[str] | None,
-        filter_: GivenFilter,
+        filter_: FilterLike,
         start_at: StartAt | None = None,
     ) -> Selection:
         """Return the windows of the split."""
         self._choice = Choice(
             fields=self.fields,
             windows=windows,
-            trim=given_or_preset(trim, self._preset, "trim", False),
-            ignore=tuple(given_or_preset(ignore, self._preset, "ignore", ())),
+            trim=value_or_preset(trim, self._preset, "trim", False),
+            ignore=tuple(value_or_preset(ignore, self._preset, "ignore", ())),
             protocol=self._protocol,
             filter=window_filter(filter_),
             start_at=start_at,
@@ -179,10 +179,10 @@ class SplitDataset(Dataset[dict[str, Any]]):
         )
         self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
         changed = mirrored or bool(self._augmenter.steps)
-        self.clip = bool(given_or_preset(changes.clip, None if changed else self._preset, "clip", False))
+        self.clip = bool(value_or_preset(changes.clip, None if changed else self._preset, "clip", False))
         self._random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
-        normalize = given_or_preset(changes.normalize, self._preset, "normalize", True)
+        normalize = value_or_preset(changes.normalize, self._preset, "normalize", True)
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
@@ -313,10 +313,10 @@ class SplitDataset(Dataset[dict[str, Any]]):
         """
         hashes = self.state_dict()["scalers"]
         if state.get("scalers") != hashes:
-            other = state.get("scalers")
+            stated = state.get("scalers")
             raise UsageError(
                 "the state is of a reader with other scalers",
-                found=listed(f"{n} {v}" for n, v in other.items()) if isinstance(other, Mapping) else shown(other),
+                found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
                 allowed=listed(f"{n} {v}" for n, v in hashes.items()),
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
             )

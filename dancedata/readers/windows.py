@@ -15,9 +15,9 @@ from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, shared_tensor
 from dancedata.readers.clip_collate import Batch, Sample, collate
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
-from dancedata.readers.presets import PrimitiveSpec, given_or_preset, preset_windows, primitive_spec
+from dancedata.readers.presets import PrimitiveSpec, preset_windows, primitive_spec, value_or_preset
 from dancedata.readers.scalers import ScalerLike, root_columns
-from dancedata.readers.selection import GivenFilter, no_window_error
+from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_shift
 from dancedata.store.dataset import Store
 
@@ -147,7 +147,7 @@ class WindowDataset(SplitDataset):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: GivenFilter = None,
+        filter: FilterLike = None,
         start_at: StartAt | None = None,
         relative_root: bool | None = None,
         primitive_n: int = 256,
@@ -163,7 +163,7 @@ class WindowDataset(SplitDataset):
         super().__init__(store, split, fields, preset, protocol)
         lengths = {"length_s": length_s, "length_frames": length_frames}
         requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
-        filter_ = given_or_preset(filter, self._preset, "filter", None)
+        filter_ = value_or_preset(filter, self._preset, "filter", None)
         start = require_start_at(start_at)
         selection = self._select(preset_windows(self._preset, requested), trim, ignore, filter_, start)
         self.windows, self.rejects = selection.windows, selection.rejects
@@ -183,7 +183,7 @@ class WindowDataset(SplitDataset):
         self._random |= self._with_primitives and primitive_variant == "code"
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
-        self.relative_root = given_or_preset(relative_root, self._preset, "relative_root", False)
+        self.relative_root = value_or_preset(relative_root, self._preset, "relative_root", False)
         self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
         self.mapped = mapped
         self._stride = self.store.window_grid(**self._choice.windows).stride

@@ -174,9 +174,9 @@ def _check_size(dataset: Any, where: str) -> None:
         )
 
 
-def _refused(problem: str, where: str, found: object, allowed: str) -> StoreError:
+def _refused(problem: str, where: str, actual: object, allowed: str) -> StoreError:
     return StoreError(
-        problem, where=where, found=str(found), allowed=allowed, fix="get the dataset again from its source"
+        problem, where=where, found=str(actual), allowed=allowed, fix="get the dataset again from its source"
     )
 
 

@@ -187,10 +187,10 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
         # A copy of a clip of another split is reported above.
         if record.id in song_of and split_of.get(record.source, record.split) == record.split:
             songs[record.split].add(song_of[record.id])
-    for other in ("val", "test"):
-        shared = sorted(songs["train"] & songs[other])
+    for split in ("val", "test"):
+        shared = sorted(songs["train"] & songs[split])
         if shared:
-            yield Problem("error", str(folder), f"train and {other} share songs: {_list(shared)}")
+            yield Problem("error", str(folder), f"train and {split} share songs: {_list(shared)}")
     shared = sorted(songs["val"] & songs["test"])
     if shared:
         yield Problem("note", str(folder), f"val and test share songs: {_list(shared)}")

@@ -121,7 +121,7 @@ def _check_clips(clips: ClipTable) -> Iterator[str]:
 
 
 def _check_spans(path: Path, description: Description) -> Iterator[str]:
-    """Check that motion spans follow one another and fill the field, and audio spans lie within it."""
+    """Check that motion spans follow one another and fill the field, and audio spans are within it."""
     with hdf5.open_file(path) as file:
         for f in description.fields:
             if f.kind == "audio" and description.scope == "window":
@@ -137,7 +137,7 @@ def _check_spans(path: Path, description: Description) -> Iterator[str]:
             offset = file[f"{name}/offset"][...]
             bad = (start < 0) | (length < 0) | (start + length > n_rows) | (offset < 0) | (offset > length)
             if bad.any():
-                yield f"{name}: spans outside the {n_rows} rows, for clips {_some(bad)}"
+                yield f"{name}: spans outside the {n_rows} rows, for clips {_places(bad)}"
 
 
 def _check_windows(
@@ -147,7 +147,7 @@ def _check_windows(
     bad = (windows.start < 0) | (windows.start + windows.length > n_frames)
     bad |= windows.length != description.length
     if bad.any():
-        yield f"/windows: of another length, or outside their clip: windows {_some(bad)}"
+        yield f"/windows: of another length, or outside their clip: windows {_places(bad)}"
     clip, start = windows.clip[windows.by_start], windows.start[windows.by_start]
     if ((clip[1:] == clip[:-1]) & (start[1:] == start[:-1])).any():
         yield "/windows: a clip has two windows that begin at one frame"
@@ -176,7 +176,7 @@ def _check_rows(
     else:
         bad = rows != clips.first[f.name][windows.clip] + windows.index * length
         bad |= (windows.index + 1) * length > clips.available[f.name][windows.clip]
-    return f"/windows/rows/{f.name}: wrong or outside the field, in windows {_some(bad)}" if bad.any() else ""
+    return f"/windows/rows/{f.name}: wrong or outside the field, in windows {_places(bad)}" if bad.any() else ""
 
 
 def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[str]:
@@ -200,5 +200,5 @@ def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[s
             return
 
 
-def _some(bad: Any) -> str:
+def _places(bad: Any) -> str:
     return listed(np.flatnonzero(bad), _SHOWN)

@@ -1,4 +1,4 @@
-"""WindowDataset and EpochSampler in torch's DataLoader: workers, epochs, resuming, overfitting one batch."""
+"""WindowDataset and EpochSampler in torch's DataLoader: workers, epochs, resuming."""
 
 import multiprocessing
 from pathlib import Path
@@ -9,8 +9,6 @@ import pytest
 
 pytest.importorskip("torch")
 
-import torch
-from torch import nn
 from torch.utils.data import DataLoader
 
 from dancedata.readers import EpochSampler, WindowDataset
@@ -125,48 +123,6 @@ def test_without_workers_the_state_itself_is_exact(store_path: Path) -> None:
     for _ in range(3):
         next(walk)
     assert sampler.state_dict() == sampler.at(0, 24)
-
-
-class Small(nn.Module):
-    """Music in, motion out: three layers over whole windows."""
-
-    def __init__(self, n_frames: int) -> None:
-        super().__init__()
-        self.layers = nn.Sequential(
-            nn.Flatten(),
-            nn.Linear(n_frames * 35, 64),
-            nn.ReLU(),
-            nn.Linear(64, 64),
-            nn.ReLU(),
-            nn.Linear(64, n_frames * 151),
-            nn.Unflatten(1, (n_frames, 151)),
-        )
-
-    def forward(self, music: torch.Tensor) -> torch.Tensor:
-        """Map (B, T, 35) to (B, T, 151)."""
-        motion: torch.Tensor = self.layers(music)
-        return motion
-
-
-def test_a_small_model_overfits_one_batch_from_disk(store_path: Path) -> None:
-    dataset = WindowDataset(store_path, mirror=0.5)
-    loader = DataLoader(dataset, batch_size=16, num_workers=2, sampler=EpochSampler(dataset, seed=5))
-    batch = next(iter(loader))
-    motion = batch[MOTION]
-    music = (batch[AUDIO] - batch[AUDIO].mean(0)) / (batch[AUDIO].std(0) + 1e-6)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        model = Small(motion.shape[1])
-    optimizer = torch.optim.Adam(model.parameters(), lr=2e-3)
-    losses = []
-    for _ in range(120):
-        loss = nn.functional.mse_loss(model(music), motion)
-        optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        optimizer.step()
-        losses.append(loss.item())
-    assert np.isfinite(losses).all()
-    assert losses[-1] < losses[0] / 10, (losses[0], losses[-1])
 
 
 def test_accelerate_resumes_in_the_middle_of_an_epoch(store_path: Path) -> None:
