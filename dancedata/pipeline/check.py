@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import DanceDataError, DataError, SourceError
+from dancedata.core.errors import DanceDataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
@@ -18,7 +18,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
-from dancedata.pipeline.rejects import NOTED, implausible_problems, reject_of
+from dancedata.pipeline.rejects import NOTED, attempt, implausible_problems
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Problem, Store, open_store, verify_store
@@ -143,18 +143,14 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
 def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
     from dancedata.audio.signal import load_audio
 
-    problems = []
-    try:
-        flags = [{"clip": ref.id, **flag.to_json()} for flag in implausible_flags(reader.load(ref))]
-        problems += implausible_problems(flags)
-    except DataError as error:
-        problems.append(reject_of(error, clip=ref.id, file=ref.motion_path))
-    if ref.audio_path is not None:
-        try:
-            load_audio(ref.audio_path)
-        except DataError as error:
-            problems.append(reject_of(error, clip=ref.id, file=ref.audio_path))
-    return problems
+    flags = attempt(lambda: implausible_flags(reader.load(ref)), ref.motion_path, ref.id)
+    if isinstance(flags, Reject):
+        problems = [flags]
+    else:
+        problems = implausible_problems({"clip": ref.id, **flag.to_json()} for flag in flags)
+    song = ref.audio_path
+    music = None if song is None else attempt(lambda: load_audio(song), song, ref.id)
+    return [*problems, music] if isinstance(music, Reject) else problems
 
 
 def _problem(reject: Reject) -> Problem:

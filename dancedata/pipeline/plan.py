@@ -1,14 +1,13 @@
 """dancedata plan: the outcome of a build, from lengths alone; computes no feature, writes no dataset."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
@@ -21,11 +20,11 @@ from dancedata.pipeline.describe import scope_text, windows_text
 from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import (
+    attempt,
     describe_implausible,
     left_out_lines,
     missing_music,
     nothing_left,
-    reject_of,
     short_audio,
     too_short,
 )
@@ -227,9 +226,9 @@ def make_plan(
 def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject | None) -> ClipPlan:
     """Plan a clip; `samples` is its music's length and sample rate, a reject, or None without features."""
     # Motion and music are both examined, as in a build, so that all problems are named.
-    motion = _try(lambda: recipe.dataset.load(ref), ref.motion_path)
+    motion = attempt(lambda: recipe.dataset.load(ref), ref.motion_path)
     problems = tuple(replace(reject, clip=ref.id) for reject in (motion, samples) if isinstance(reject, Reject))
-    if problems or isinstance(samples, Reject):
+    if isinstance(motion, Reject) or isinstance(samples, Reject):
         return ClipPlan(ref, problems=problems)
     implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = motion.grid.resampled_length(motion.n_frames, recipe.grid)
@@ -271,13 +270,4 @@ def _length(path: Path) -> tuple[int, int] | Reject:
     """Return samples and sample rate of a file, or its reject."""
     from dancedata.audio.signal import audio_length
 
-    length: tuple[int, int] | Reject = _try(lambda: audio_length(path), path)
-    return length
-
-
-def _try(call: Callable[[], Any], file: Path) -> Any:
-    """Return a call's result, or the reject of its DataError."""
-    try:
-        return call()
-    except DataError as error:
-        return reject_of(error, file=file)
+    return attempt(lambda: audio_length(path), path)

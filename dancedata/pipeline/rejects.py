@@ -2,10 +2,10 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, StoreError
@@ -15,6 +15,7 @@ from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAU
 from dancedata.core.text import counted, listed, shown
 from dancedata.recipes.recipe import Recipe
 
+_T = TypeVar("_T")
 CHANGED = "the file changed while the build was running"
 BUILD_AGAIN = "run the build again once the source no longer changes"
 
@@ -38,6 +39,14 @@ NOTED = {*BY_CHOICE, *OF_CLIPS}
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
     """Return the reject with the text of an error."""
     return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
+
+
+def attempt(call: Callable[[], _T], file: Path, clip: str = "") -> _T | Reject:
+    """Return a call's result, or the reject of its DataError."""
+    try:
+        return call()
+    except DataError as error:
+        return reject_of(error, clip, file)
 
 
 def missing_music(ref: ClipRef) -> Reject:

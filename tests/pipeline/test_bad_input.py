@@ -242,17 +242,13 @@ def test_bad_input_is_set_aside_in_window_scope_too(bad: Bad, run_build: Any, re
         assert [(w.clip, w.start) for w in ds.windows("all")] == [(clip_to("mKR0"), 0), (clip_to("mKR0"), 15)]
 
 
-def test_an_empty_folder_says_what_was_looked_for(run_build: Any, tmp_path: Path, out: Path):
+def test_a_wrong_folder_is_described(run_build: Any, tmp_path: Path, out: Path):
     (tmp_path / "empty").mkdir()
-    with raises_message(SourceError):
-        run_build(tmp_path / "empty", out)
-
-
-def test_a_wrong_folder_says_what_was_looked_for_and_what_is_there(run_build: Any, tmp_path: Path, out: Path):
     (tmp_path / "wrong" / "holiday photos").mkdir(parents=True)
     (tmp_path / "wrong" / "list.txt").write_text("")
-    with raises_message(SourceError):
-        run_build(tmp_path / "wrong", out)
+    for folder in ("empty", "wrong"):
+        with raises_message(SourceError):
+            run_build(tmp_path / folder, out)
 
 
 @pytest.mark.parametrize("place", ["a file", "below a file", "/proc/dancedata/out", "/sys/dancedata"])
