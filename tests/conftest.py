@@ -62,6 +62,7 @@ def pytest_configure(config: pytest.Config) -> None:
     Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
     """
     config.pluginmanager.register(Messages(config, {"SHARED": SHARED, "ROOT": ROOT}))
+    gc.disable()  # until all tests are collected: a tenth of that time
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
         subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
@@ -80,8 +81,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 def pytest_collection_finish() -> None:
     """Exclude modules and tests from garbage collection: a full pass over them takes about a second."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -138,6 +139,10 @@ class Arrays(Mapping[str, np.ndarray]):
         return index[inside] - start, self[key][inside]
 
 
+#: The compact set, and the whole one where it is; the compact one is then a part of it.
+SETS = [pytest.param("compact", marks=pytest.mark.nightly), "whole"] if HAS_SHARED else ["compact"]
+
+
 class Peers:
     """What the peers made of a small synthetic corpus, and the corpus."""
 
@@ -178,7 +183,7 @@ def _columns(data: bytes) -> np.ndarray:
     return np.ascontiguousarray(bits).view(np.float32)
 
 
-@pytest.fixture(scope="session", params=["compact", "whole"] if HAS_SHARED else ["compact"])
+@pytest.fixture(scope="session", params=SETS)
 def peers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Peers:
     """The peers' outputs: the compact set, and the whole one where it is."""
     if request.param == "whole":
@@ -210,7 +215,7 @@ class MetricsGolden:
         return {f"{p.parent.name}/{p.stem}": np.load(p).reshape(-1, 24, 3) for p in files}
 
 
-@pytest.fixture(scope="session", params=["compact", "whole"] if HAS_SHARED else ["compact"])
+@pytest.fixture(scope="session", params=SETS)
 def metrics_golden(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> MetricsGolden:
     """Outputs of the published metrics: the compact set, and the whole one where it is."""
     if request.param == "whole":
