@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.cli import text
 from dancedata.core.columns import Columns, Group
+from dancedata.pipeline import describe
 from dancedata.report import write_report
 from dancedata.report.document import ColumnRange, findings
 from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures
@@ -64,7 +64,7 @@ def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any, tmp_pa
     out = relabelled(lambda k: {}, meta={"encoders": stated})
     with open_store(out) as store:
         assert store.weights == {"librosa35": "<mert>, licence: cc-by-nc-4.0"}
-    assert "  weights of librosa35: <mert>, licence: cc-by-nc-4.0" in text.describe_store(out).splitlines()
+    assert "  weights of librosa35: <mert>, licence: cc-by-nc-4.0" in describe.describe_store(out).splitlines()
     write_report(out, tmp_path / "page.html", clips="none")
     page = (tmp_path / "page.html").read_text()
     assert "<b>weights of librosa35</b>: &lt;mert&gt;, licence: cc-by-nc-4.0" in page
@@ -72,8 +72,8 @@ def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any, tmp_pa
 
 def test_info_rounds_minutes_as_the_card_does(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """81 s are 1.35 minutes: 1.4 on both, though 0.0225 * 60 is less in binary."""
-    about = text.store_json(demo)
+    about = describe.store_json(demo)
     about["counts"]["val"]["hours"] = 0.0225
-    monkeypatch.setattr(text, "store_json", lambda path: about)
-    lines = text.describe_store(demo).splitlines()
+    monkeypatch.setattr(describe, "store_json", lambda path: about)
+    lines = describe.describe_store(demo).splitlines()
     assert [line.split()[-1] for line in lines if line.startswith("  val ")] == ["1.4"]
