@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from dancedata.core.columns import Columns, Group
 from dancedata.pipeline import describe
@@ -15,6 +14,7 @@ from dancedata.report.document import ColumnRange, findings
 from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures
 from dancedata.report.svg import heat_map, strips
 from dancedata.store import open_store
+from dancedata.testing.stores import write_random_store
 
 
 def rows(n: int) -> list[ColumnRange]:
@@ -70,10 +70,8 @@ def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any, tmp_pa
     assert "<b>weights of librosa35</b>: &lt;mert&gt;, licence: cc-by-nc-4.0" in page
 
 
-def test_info_rounds_minutes_as_the_card_does(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_rounds_minutes_as_the_card_does(tmp_path: Path) -> None:
     """81 s are 1.35 minutes: 1.4 on both, though 0.0225 * 60 is less in binary."""
-    about = describe.store_json(demo)
-    about["counts"]["val"]["hours"] = 0.0225
-    monkeypatch.setattr(describe, "store_json", lambda path: about)
-    lines = describe.describe_store(demo).splitlines()
+    write_random_store(tmp_path, clips={"val": 1}, n_frames=(2430, 2430))
+    lines = describe.describe_store(tmp_path).splitlines()
     assert [line.split()[-1] for line in lines if line.startswith("  val ")] == ["1.4"]
