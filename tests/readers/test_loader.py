@@ -12,6 +12,7 @@ pytest.importorskip("torch")
 from torch.utils.data import DataLoader
 
 from dancedata.readers import EpochSampler, WindowDataset
+from dancedata.readers.split_dataset import mirrored_samples
 from dancedata.store.dataset import open_store
 
 pytestmark = [
@@ -44,44 +45,39 @@ def seen(loader: DataLoader[Any]) -> list[tuple[int, bool]]:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_window_once_with_the_values_of_the_store(store_path: Path, method: str) -> None:
-    dataset = WindowDataset(store_path, normalize=False)
+def test_every_window_once_with_the_values_of_the_store_and_the_draws_of_the_epoch(
+    store_path: Path, method: str
+) -> None:
+    dataset = WindowDataset(store_path, normalize=False, mirror=0.5, seed=9)
     assert len(dataset) >= 3000
     # Read here as well before the workers start: a file handle opened here must not reach them.
     dataset[0]
-    loader = DataLoader(dataset, batch_size=64, num_workers=2, shuffle=True, multiprocessing_context=method)
-    store, windows, found = open_store(store_path), dataset.windows, []
-    for batch in loader:
-        found += list(zip(batch["clip"], batch["start"].tolist(), batch["length"].tolist(), strict=True))
-        for nth, index in enumerate(batch["index"].tolist()):
-            for field in (MOTION, AUDIO):
-                np.testing.assert_array_equal(batch[field][nth].numpy(), store.read(windows[index], field))
-    assert sorted(found) == sorted((window.clip, window.start, window.length) for window in windows)
-    assert len(set(found)) == len(windows)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_persistent_workers_hear_of_the_epoch(store_path: Path, method: str) -> None:
-    dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, seed=9, stride_frames=120)
     loader = DataLoader(
-        dataset, batch_size=16, num_workers=2, persistent_workers=True, multiprocessing_context=method
+        dataset, 64, num_workers=2, shuffle=True, persistent_workers=True, multiprocessing_context=method
     )
-    expected, found = [], []
-    for epoch in (0, 1, 5, 1):
+    store, windows = open_store(store_path), dataset.windows
+    flags = {epoch: mirrored_samples(9, epoch, range(len(dataset)), 0.5) for epoch in (0, 5)}
+    assert (flags[0] != flags[5]).any()
+    for epoch in (0, 5, 0):
         dataset.set_epoch(epoch)
-        expected.append([(index, dataset[index]["mirrored"]) for index in range(len(dataset))])
-        found.append(seen(loader))
-    assert found == expected
-    assert expected[0] != expected[1] == expected[3]
+        found = []
+        for batch in loader:
+            found += list(zip(batch["clip"], batch["start"].tolist(), batch["length"].tolist(), strict=True))
+            assert batch["mirrored"].tolist() == flags[epoch][batch["index"]].tolist()
+            for nth, index in enumerate(batch["index"].tolist() if epoch else ()):
+                for field in (AUDIO,) if flags[epoch][index] else (MOTION, AUDIO):
+                    np.testing.assert_array_equal(batch[field][nth].numpy(), store.read(windows[index], field))
+        assert sorted(found) == sorted((window.clip, window.start, window.length) for window in windows)
+        assert len(set(found)) == len(windows)
 
 
 def test_sampler_tells_persistent_workers_the_epoch(store_path: Path) -> None:
-    dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, stride_frames=30)
+    dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, stride_frames=90)
     sampler = EpochSampler(dataset, seed=1)
     loader = DataLoader(dataset, batch_size=16, num_workers=2, persistent_workers=True, sampler=sampler)
     for epoch in range(3):
         found = seen(loader)
-        twin = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, stride_frames=30)
+        twin = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, stride_frames=90)
         twin.set_epoch(epoch)
         assert found == [(int(index), twin[index]["mirrored"]) for index in sampler.order(epoch)]
 
@@ -129,7 +125,7 @@ def test_accelerate_resumes_in_the_middle_of_an_epoch(store_path: Path) -> None:
     accelerate = pytest.importorskip("accelerate", reason="Accelerate is not installed")
 
     def start() -> tuple[EpochSampler, Any]:
-        dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, seed=2, stride_frames=30)
+        dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, seed=2, stride_frames=90)
         sampler = EpochSampler(dataset, seed=2, rank=0, world_size=1)
         loader = DataLoader(dataset, batch_size=8, sampler=sampler)
         return sampler, accelerate.Accelerator(cpu=True).prepare(loader)
