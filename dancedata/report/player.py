@@ -62,7 +62,7 @@ def _crc(data: bytearray) -> int:
     return value
 
 
-#: Clips inside the page; those after them are files of their own.
+#: Clips inside the page; further clips are separate files.
 INLINE = 12
 #: Sample rate of the music in a page, of those that Opus has.
 _OPUS_RATE = 24_000
@@ -79,7 +79,7 @@ class Player:
     css, body, scripts
         Texts for the page: style, HTML after the report, and the scripts that its policy allows.
     side
-        Names of the files beside the page and the number of the clip in each; read one at a time.
+        Names of the files next to the page and the number of the clip in each; read one at a time.
     """
 
     links: Mapping[str, Markup] = field(default_factory=dict)
@@ -92,7 +92,7 @@ class Player:
 
     @property
     def script_sources(self) -> str:
-        """What the content security policy allows to run."""
+        """Script sources that the content security policy allows."""
         hashes = " ".join(f"'{source_hash(script)}'" for script in self.scripts)
         return f"{hashes} 'self'" if self.side else hashes or "'none'"
 
@@ -108,14 +108,14 @@ NO_PLAYER = Player()
 
 
 def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
-    """Return the player of some clips; in window scope of the first window of each.
+    """Return the player of clips; in window scope of the first window of each.
 
     Parameters
     ----------
     clips
         Ids; the first INLINE of them are inside the page.
     folder
-        Name of the folder with the others, beside the page.
+        Name of the folder with the others, next to the page.
     sound
         Music by the number of the clip in `clips`.
     """
