@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -123,13 +123,9 @@ def fine_edges(
     high = max((t.quantile(keep) or low + width for t in tallies), default=low + width)
     high = high if beyond is None else max(high, beyond + width)
     bins = max(1, int(np.ceil((high - low) / width - _SLACK)))
-    group = next(g for g in _groups() if bins / g <= n)
+    group = next(g for p in range(8) for g in (10**p, 2 * 10**p, 5 * 10**p) if bins / g <= n)
     last = int(np.ceil(bins / group))
     return tuple(round(low + width * group * k, 10) for k in range(last + 1))
-
-
-def _groups() -> Iterator[int]:
-    return (int(s * 10**p) for p in range(8) for s in (1, 2, 5))
 
 
 @dataclass(frozen=True)
