@@ -1,4 +1,4 @@
-"""The document of a report, every number of its page, and what stands out in it."""
+"""The document of a report, which has every number of its page, and its findings."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Sliding(FrameHistogram):
 
 @dataclass(frozen=True)
 class Movement:
-    """How dancers move, measured on the joints of `field`; None if no field has joints."""
+    """Movement of the dancers, measured on the joints of `field`; None if no field has joints."""
 
     field: str | None
     joints: int
@@ -127,7 +127,7 @@ class Tempo:
 
 @dataclass(frozen=True)
 class Music:
-    """Key motions beside beats, and beside beats moved by half a period."""
+    """Distances of key motions from beats, and from beats moved by half a period."""
 
     beats_from: str | None
     key_motions_from: str | None
@@ -268,11 +268,11 @@ def _plain(value: Any) -> Any:
     return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
-#: Shares of frames in contact of left and right that differ by more are named, and of sliding feet.
+#: Limits above which a difference between the contact of left and right is named, and a share of sliding frames.
 _SIDES, _SLIDING = 0.1, 0.1
-#: Height of a floor that is named, metres.
+#: Height above which a floor is named, metres.
 _FLOOR_M = 0.1
-#: The largest genre is named where it has so many times the windows of the smallest.
+#: Ratio from which on the windows of the largest and the smallest genre are named.
 _UNEVEN = 5
 
 
@@ -296,7 +296,7 @@ class Finding:
 
 
 def findings(d: Document) -> list[Finding]:
-    """Return what stands out, errors first."""
+    """Return the findings, errors first."""
     sentences = [*_splits(d), *_quality(d), *_movement(d), *_music(d), *_contents(d), *_fields(d)]
     return sorted(sentences, key=lambda f: ("bad", "look", "note").index(f.kind))
 

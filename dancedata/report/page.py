@@ -23,7 +23,7 @@ from dancedata.viewer.payload import link
 _LOOK, _NAMED = 20, 12
 #: Bars of a chart of flags.
 _FLAGS = 24
-#: How values of the ranking are shown.
+#: Reasons of the ranking as they are shown.
 _WHY = {"flags": "flags per second", "sliding": "sliding feet", "still": "standing still"}
 
 Section = tuple[str, str, str]
@@ -167,7 +167,7 @@ _DIFFERENCES = 60
 
 @dataclass(frozen=True)
 class PageParts:
-    """What the page shows beside the document.
+    """Contents of the page that are not in the document.
 
     Attributes
     ----------

@@ -330,7 +330,7 @@ def _panel(title: str, rows: Sequence[ColumnRange], n: int, step: int, other: Ma
 
 
 def heat_map(rows: npt.NDArray[Any], columns: Columns, label: str) -> str:
-    """Return rows (T, D) as an image, a line a column, each scaled by its own 2nd and 98th percentile."""
+    """Return rows (T, D) as an image, a line a column, each scaled by its 2nd and 98th percentile."""
     values = np.asarray(rows, dtype=np.float64)[:: -(-len(rows) // _FRAMES)]
     kept = np.arange(0, values.shape[1], -(-values.shape[1] // _ROWS))
     values = values[:, kept].T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -15,7 +15,7 @@ IntArray = npt.NDArray[np.int64]
 #: Steps of axes: these times a power of ten.
 _STEPS = (1.0, 2.0, 2.5, 5.0)
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-#: Slack in units of a bin, so that a value on a border is not put below it by rounding.
+#: Slack in units of a bin: rounding does not put a value on a border below it.
 _SLACK = 1e-9
 
 
@@ -102,7 +102,7 @@ def nice_edges(low: float, high: float, n: int = 24, least: float = 0.0) -> tupl
     least
         Smallest width of a bin.
     """
-    if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, with a bin of its own and some room
+    if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, in one bin with room around it
         step = least or nice_step(max(abs(low), 1.0), 10)
         first = int(np.floor(low / step + _SLACK)) - 2
         return tuple(round(k * step, 10) for k in range(first, first + 6))
@@ -117,19 +117,15 @@ def fine_edges(
 ) -> tuple[float, ...]:
     """Return borders of bins for tallies of equal bins, up to the quantile `keep` of the widest of them.
 
-    The last bin also counts what lies beyond it. The borders reach further than `beyond`, if it is given.
+    The last bin also counts larger values. The borders reach past `beyond`.
     """
     low, width = tallies[0].low, tallies[0].width
     high = max((t.quantile(keep) or low + width for t in tallies), default=low + width)
     high = high if beyond is None else max(high, beyond + width)
     bins = max(1, int(np.ceil((high - low) / width - _SLACK)))
-    group = next(g for g in _groups() if bins / g <= n)
+    group = next(g for p in range(8) for g in (10**p, 2 * 10**p, 5 * 10**p) if bins / g <= n)
     last = int(np.ceil(bins / group))
     return tuple(round(low + width * group * k, 10) for k in range(last + 1))
-
-
-def _groups() -> Iterator[int]:
-    return (int(s * 10**p) for p in range(8) for s in (1, 2, 5))
 
 
 @dataclass(frozen=True)

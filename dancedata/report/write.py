@@ -31,7 +31,7 @@ from dancedata.report.player import Player, clip_player, embedded_sound
 from dancedata.report.svg import heat_map
 from dancedata.store import Store, open_store
 
-#: How many clips a page has.
+#: Number of clips of a page.
 Clips = int | Literal["all", "none"]
 #: Clips whose paths are drawn.
 _PATHS = 12
@@ -117,7 +117,7 @@ def write_report(
         HTML file to write; None: numbers alone.
     clips
         Number of clips that the page plays, "all" or "none": half of them the most suspicious, the others spread over
-        the genres. The first 12 are inside the page, the others in a folder beside it.
+        the genres. The first 12 are inside the page, the others in a folder next to it.
     audio
         "embed": with the music of the clips inside the page.
     source
@@ -125,11 +125,11 @@ def write_report(
     may_share
         The caller states to have the right to pass the music on, where the dataset's licence does not allow it.
     against
-        Another dataset, whose numbers stand beside those of this one.
+        Another dataset to compare with.
     max_mb
         Largest page, megabytes.
     overwrite
-        Replace a page that is there.
+        Replace an existing page.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def write_report(
     Raises
     ------
     UsageError
-        If the file is there, lies inside a dataset, or would be larger than `max_mb`; if the licence does not allow
+        If the file exists, is inside a dataset, or would be larger than `max_mb`; if the licence does not allow
         the music to be passed on.
     DataError, StoreError
         If a dataset is damaged, or the page cannot be written.
@@ -250,7 +250,7 @@ _MB = 1_000_000
 
 @dataclass(frozen=True)
 class Target:
-    """Where a report is written.
+    """Destination of a report.
 
     Attributes
     ----------
@@ -265,13 +265,13 @@ class Target:
 
     @classmethod
     def of(cls, to: Path, stores: Sequence[Path], *, max_mb: float, overwrite: bool) -> Self:
-        """Check where the page and its folder go.
+        """Check the destination.
 
         Raises
         ------
         UsageError
-            If the file is there and is not to be replaced, or lies inside one of the datasets; if the folder holds
-            files that no report of this name wrote, or that were changed since.
+            If the file exists and is not to be replaced, or is inside one of the datasets; if the folder holds files
+            that no report of this name wrote, or that were changed since.
         """
         target = cls(require_free(to, stores, "report", overwrite=overwrite), max_mb)
         if not overwrite and os.path.lexists(target.folder):
@@ -286,7 +286,7 @@ class Target:
         return self.path.with_name(f"{self.path.stem}_files")
 
     def write(self, html: bytes, player: Player) -> None:
-        """Write the page last, so that it never names files that are not there.
+        """Write the page last, so that it never names missing files.
 
         Raises
         ------
