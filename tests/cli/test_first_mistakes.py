@@ -20,7 +20,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.rejects import left_out_lines
+from dancedata.pipeline.rejects import BY_CHOICE, left_out_lines
 from dancedata.store.dataset_json import self_hash
 from tests.commands import run
 from tests.messages import same_text
@@ -294,7 +294,7 @@ def test_the_closing_summary_is_short_and_says_what_to_do_next(larger: Path, out
     assert again.stderr == ""
 
 
-def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path):
+def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path, rejects: Any):
     (larger / "wavs" / "mHO3.wav").rename(larger / "wavs" / "mho3.wav")
     summary = run("build", "aist++", "--source", larger, "--out", out, "--jobs", 1).stdout
     shown = run("info", out).stdout
@@ -304,6 +304,9 @@ def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path):
     for part in ("licence: ", "columns (contact", "no quality flags", "median of a clip", "minutes"):
         assert part in shown
         assert part not in summary
+    details = [row["detail"] for row in rejects(out) if row["reason"] in BY_CHOICE and row.get("detail")]
+    assert details[0] in shown
+    assert details[0] not in summary
     left_out = [line for line in summary.splitlines() if line.startswith("    ")]
     assert len(left_out) > 2
     assert all(line in shown for line in left_out)
