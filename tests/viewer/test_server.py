@@ -204,6 +204,7 @@ def test_a_rebuilt_dataset_is_refused(odd: Path, tmp_path: Path) -> None:
         {"normalized": True},
         {"compare": (Path("/nothing/here"),)},
     ],
+    ids=["clip", "window", "field", "normalized", "compare"],
 )
 def test_wrong_requests(odd: Path, request_: dict) -> None:
     with raises_message(UsageError), serving(ViewRequest(odd, **request_)):
