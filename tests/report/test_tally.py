@@ -14,10 +14,10 @@ values = st.lists(st.floats(0, 9.99), min_size=1, max_size=200)
 def test_quantiles_are_right_to_a_bin(numbers: list[float], q: float) -> None:
     tally = Tally.of(0, 10, 0.01)
     tally.add(np.array(numbers))
-    found = tally.quantile(q)
+    quantile = tally.quantile(q)
     low, high = np.quantile(numbers, [max(0, q - 1e-9), min(1, q + 1e-9)], method="inverted_cdf")
-    assert found is not None
-    assert low - 0.0101 <= found <= high + 0.0101
+    assert quantile is not None
+    assert low - 0.0101 <= quantile <= high + 0.0101
     assert tally.mean == pytest.approx(np.mean(numbers), abs=1e-9)
 
 

@@ -115,14 +115,14 @@ def dances(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def scenes(dances: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Scenes]:
     """Return a function that builds one of `RECIPES`, once."""
-    folder, known = tmp_path_factory.mktemp("scenes"), {}
+    folder, opened = tmp_path_factory.mktemp("scenes"), {}
 
     def of(name: str) -> Scenes:
-        if name not in known:
+        if name not in opened:
             recipe = {**RECIPES[name], "name": name}
             dancedata.build(recipe, dances, folder / name, jobs=1, cache=folder / "cache", progress=False)
-            known[name] = Scenes(dancedata.open(folder / name))
-        return known[name]
+            opened[name] = Scenes(dancedata.open(folder / name))
+        return opened[name]
 
     return of
 

@@ -47,9 +47,9 @@ class Client:
         connection.putheader("Cookie", self.cookie if cookie is None else cookie)
         connection.endheaders()
         reply = connection.getresponse()
-        found = reply.status, {k.lower(): v for k, v in reply.getheaders()}, reply.read()
+        answer = reply.status, {k.lower(): v for k, v in reply.getheaders()}, reply.read()
         connection.close()
-        return found
+        return answer
 
 
 @pytest.fixture(scope="module")
@@ -161,12 +161,12 @@ def test_songs_are_decoded_one_after_the_other_and_the_last_is_kept(
 
 def test_sliding_is_measured_when_it_is_asked_for(client: Client, odd: Path) -> None:
     for _ in range(600):
-        found = json.loads(client.get("/sliding")[2])
-        if found["done"]:
+        progress = json.loads(client.get("/sliding")[2])
+        if progress["done"]:
             break
-    assert found["done"]
-    assert len(found["values"]) == len(dancedata.open(odd).clips)
-    assert all(value >= 0 for value in found["values"])
+    assert progress["done"]
+    assert len(progress["values"]) == len(dancedata.open(odd).clips)
+    assert all(value >= 0 for value in progress["values"])
 
 
 def test_it_binds_this_machine_only(odd: Path) -> None:
@@ -204,6 +204,7 @@ def test_a_rebuilt_dataset_is_refused(odd: Path, tmp_path: Path) -> None:
         {"normalized": True},
         {"compare": (Path("/nothing/here"),)},
     ],
+    ids=["clip", "window", "field", "normalized", "compare"],
 )
 def test_wrong_requests(odd: Path, request_: dict) -> None:
     with raises_message(UsageError), serving(ViewRequest(odd, **request_)):
