@@ -69,7 +69,6 @@ def pytest_configure(config: pytest.Config) -> None:
     Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
     """
     config.pluginmanager.register(Messages(config, {"SHARED": SHARED, "ROOT": ROOT}))
-    gc.disable()  # until all tests are collected: a tenth of that time
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         kept = getattr(config, "cache", None)
         place = Path(str(find_spec("librosa").origin))
@@ -79,6 +78,8 @@ def pytest_configure(config: pytest.Config) -> None:
             subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
         if kept is not None:
             kept.set("dancedata/kernels", compiled)
+    else:
+        gc.disable()  # until all tests are collected: a tenth of that time
 
 
 @pytest.hookimpl(optionalhook=True)
