@@ -14,6 +14,8 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numpy as np  # noqa: E402 (kernels are chosen before)
 
+# No machine loses its power here, and thousands of waits for the disk take a tenth of the time. Bad files still fail.
+os.fsync = lambda file: os.fstat(file if isinstance(file, int) else file.fileno()) and None
+
 ROOT = Path(__file__).resolve().parent.parent
 #: A compact set of reference outputs, part of the project; its README says what it holds.
 DATA = ROOT / "tests" / "golden" / "data"
@@ -59,13 +64,22 @@ HAS_SHARED = (SHARED / "golden").is_dir()
 def pytest_configure(config: pytest.Config) -> None:
     """Before pytest's workers start, compile librosa's kernels in one process: they would import librosa all at once.
 
+    Once in an environment, as pytest's cache remembers.
+
     Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
     """
     config.pluginmanager.register(Messages(config, {"SHARED": SHARED, "ROOT": ROOT}))
-    gc.disable()  # until all tests are collected: a tenth of that time
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
-        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+        kept = getattr(config, "cache", None)
+        place = Path(str(find_spec("librosa").origin))
+        compiled = [str(place), place.stat().st_mtime_ns, version("librosa"), version("numba")]
+        if kept is None or kept.get("dancedata/kernels", None) != compiled:
+            code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
+            subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+        if kept is not None:
+            kept.set("dancedata/kernels", compiled)
+    else:
+        gc.disable()  # until all tests are collected: a tenth of that time
 
 
 @pytest.hookimpl(optionalhook=True)
