@@ -1,4 +1,4 @@
-"""Windows of one track at the features' rate, each with the ends of its own resampling."""
+"""Windows of one track at the features' rate, each with the edge effects of its resampling."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Windows:
 
     @property
     def is_whole(self) -> bool:
-        """Whether there is one window, which is the whole track without ends of its own."""
+        """Whether there is one window: the whole track, so that no ends differ."""
         return self.length == len(self.track) and self.end == 0 and len(self.starts) == 1
 
     @property
