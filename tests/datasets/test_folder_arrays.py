@@ -19,9 +19,10 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.bodies import SMPLH52, SMPLX52, SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder import Folder, same_rate
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.formats import arrays as _folder_arrays
@@ -272,6 +273,13 @@ def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, suffi
     with raises_message(DataError) as error:
         load(path, declared)
     assert error.value.reason == reason
+
+
+def test_rounded_rates_are_the_same_and_others_are_not() -> None:
+    exact = FrameGrid.of("30000/1001")
+    assert same_rate(FrameGrid.of("29.97"), exact)
+    assert same_rate(None, exact)
+    assert not same_rate(FrameGrid.of(30), exact)
 
 
 @pytest.mark.parametrize(
