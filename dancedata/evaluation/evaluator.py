@@ -15,16 +15,15 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
-from dancedata.evaluation.evaluate import pool_for, report_of
+from dancedata.evaluation.evaluate import pool_for
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.store import columns_problem, reader_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
-from dancedata.evaluation.music import about_windows, beat_field
+from dancedata.evaluation.music import BEAT, ClipMusic, about_windows, beat_field, field_beats
 from dancedata.evaluation.pool import Pool
-from dancedata.evaluation.protocol import Protocol
-from dancedata.evaluation.report import Report
-from dancedata.evaluation.request import Request, protocol_named
+from dancedata.evaluation.protocol import Protocol, protocol_named
+from dancedata.evaluation.report import Report, report_of
+from dancedata.evaluation.request import Request
 from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, process_rank, sample_lengths
 from dancedata.store import Store
 from dancedata.store.motion_fields import ColumnsReader

@@ -20,13 +20,12 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
-from dancedata.evaluation.clip_music import ClipMusic
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
+from dancedata.evaluation.music import ClipMusic, Resources
 from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
 from dancedata.execution.cache import Cache, package_version
-from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import expected
-from dancedata.execution.units import Jobs, run_units
+from dancedata.execution.units import run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.pipeline.rejects import reject_of
 from dancedata.recipes.documents import document_of
@@ -47,15 +46,6 @@ class Measurement(NamedTuple):
     cuts: list[list[int]]
     notes: list[str]
     outcomes: list[list[float] | str]
-
-
-@dataclass(frozen=True, eq=False)
-class Resources:
-    """Cache, workers and progress of an evaluation."""
-
-    cache: Cache
-    jobs: Jobs
-    progress: Progress
 
 
 @dataclass(frozen=True)

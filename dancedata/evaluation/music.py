@@ -1,30 +1,30 @@
-"""Beats of the music of clips: of the caller, of music files, or of a dataset; names of songs."""
+"""Beats of the music of clips: of the caller, of music files, or of a dataset."""
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.clip import Reject, Window
+from dancedata.core.columns import Columns, Group
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
-from dancedata.core.registry import FEATURES
-from dancedata.core.text import csv_text, listed, quoted
+from dancedata.core.registry import FEATURES, beat_rows_late
+from dancedata.core.text import listed
 from dancedata.datasets.aistpp import parse_name, tempo_bpm
-from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio, group_by_stem
-from dancedata.datasets.folder import MUSIC_FOLDERS
-from dancedata.evaluation.clip_music import BEAT, ClipMusic, field_beats
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
+from dancedata.evaluation.inputs.songs import MusicSources
 from dancedata.evaluation.inputs.store import StoreClip
-from dancedata.evaluation.measuring import Resources
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
-from dancedata.execution.units import run_units
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,
@@ -39,61 +39,123 @@ from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store
 from dancedata.store.listed_file import FileHash
+from dancedata.store.schema import Field
 
-_MAX_CSV_BYTES = 1 << 24
+#: Group of the beats in an audio feature.
+BEAT = "beat"
+_BEAT_ALONE = Columns((Group(BEAT, 1, "0/1"),), None)
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)
 
 
 @dataclass(frozen=True, eq=False)
-class MusicSources:
-    """Sources of beats; for each clip the first one that has them counts.
+class Resources:
+    """Cache, workers and progress of an evaluation."""
+
+    cache: Cache
+    jobs: Jobs
+    progress: Progress
+
+
+@dataclass(frozen=True, eq=False)
+class ClipMusic:
+    """Beats of a clip's music.
 
     Attributes
     ----------
     beats
-        Beats of the caller, by the id of a clip.
-    files
-        Music files, by song.
-    stores
-        Datasets.
-    songs
-        Songs that the caller names, by the id of a clip.
+        Frames from the first frame of the clip.
+    end_s
+        Length of the music that they are from, seconds; None if unknown.
+    by_piece
+        For music that is analysed piece by piece: the beats of the piece that begins at a frame.
     """
 
-    beats: Mapping[str, MusicBeats] = field(default_factory=dict)
-    files: Mapping[str, Path] = field(default_factory=dict)
-    stores: tuple[Store, ...] = ()
-    songs: Mapping[str, str] = field(default_factory=dict)
+    beats: MusicBeats
+    end_s: float | None = None
+    by_piece: Mapping[int, MusicBeats] | None = None
+
+    @classmethod
+    def of_rows(cls, rows: npt.NDArray[Any], field: Field | FeatureJob) -> Self:
+        """Return the beats of rows (T, D) of an audio field."""
+        rows = np.asarray(rows)
+        return cls(field_beats(rows, field), float(field.grid.seconds(len(rows))))
+
+    def after(self, start: int, grid: FrameGrid) -> MusicBeats:
+        """Return the beats of the piece that begins at frame `start` of `grid`, counted from there."""
+        if self.by_piece is not None:
+            return self.by_piece.get(start, MusicBeats.of([], self.beats.grid))
+        return beats_after(self.beats, start, grid)
+
+    def identity(self, *, instants: bool) -> list[Any]:
+        """Return JSON data for cache keys: frames, and where a metric reads them the instants."""
+        pieces = None
+        if self.by_piece is not None:
+            pieces = [[start, beats.frames.tolist()] for start, beats in sorted(self.by_piece.items())]
+        read = [self.beats, *(beats for _, beats in sorted((self.by_piece or {}).items()))] if instants else []
+        return [str(self.beats.grid), self.beats.frames.tolist(), pieces, *(b.seconds.tolist() for b in read)]
+
+
+def field_beats(rows: npt.NDArray[Any], field: Field | FeatureJob) -> MusicBeats:
+    """Return the beats of rows (T, D) of an audio field, or of its column of beats alone (T,), at their instants."""
+    late = beat_rows_late(field.name)
+    if rows.ndim == 1:
+        return MusicBeats.of_rows(rows[:, None], _BEAT_ALONE, field.grid, late=late)
+    return MusicBeats.of_rows(rows, field.columns, field.grid, late=late)
+
+
+def beats_after(beats: MusicBeats, start: int, grid: FrameGrid) -> MusicBeats:
+    """Return the beats at or after frame `start` of `grid`, counted from there."""
+    if grid.is_whole(start, of=beats.grid):
+        frames, rate = beats.frames - grid.rows(start, of=beats.grid), beats.grid
+    else:
+        music, clip = beats.grid.rate, grid.rate
+        rate = FrameGrid(Fraction(music.numerator * clip.numerator))
+        frames = beats.frames * (music.denominator * clip.numerator) - start * clip.denominator * music.numerator
+    instants = None if beats.instants is None else beats.instants[frames >= 0] - float(grid.seconds(start))
+    return MusicBeats(frames[frames >= 0], rate, instants)
 
 
 def clip_music(
-    resources: Resources, protocol: Protocol, clip_set: ClipSet, sources: MusicSources
+    resources: Resources, protocol: Protocol, clip_set: ClipSet, sources: MusicSources | None
 ) -> tuple[dict[str, ClipMusic], list[str]]:
     """Return beats by the id of a clip, and problems in words."""
     rule, role = protocol.music, clip_set.role
-    if rule is None:
+    if rule is None or sources is None:
         return {}, []
-    music = {clip: ClipMusic(beats) for clip, beats in sources.beats.items()}
+    clips = named_songs(clip_set.clips, sources.songs, sources.like or clip_set.store)
+    music = {clip: ClipMusic(_beats_of(clip, beats, protocol)) for clip, beats in sources.beats.items()}
     problems: list[str] = []
     if sources.files:
-        without = [clip for clip in clip_set.clips if clip.id not in music]
+        without = [clip for clip in clips if clip.id not in music]
         computed, problems = song_beats(resources, protocol, rule, role, without, sources.files)
         music |= computed
-    for store in sources.stores:
-        without = [clip for clip in clip_set.clips if clip.id not in music]
-        if without:
+    for store in (clip_set.store, sources.like):
+        without = [clip for clip in clips if clip.id not in music]
+        if store is not None and without:
             stored = stored_beats(
                 store, rule, protocol.pieces(role), without, sources.songs, resources.cache.file_sha256
             )
             problems += about_windows(store, rule) if stored else []
             music |= stored
-    silent = sorted({clip.music for clip in clip_set.clips if clip.id in sources.songs and clip.id not in music})
+    silent = sorted({clip.music for clip in clips if clip.id in sources.songs and clip.id not in music})
     if silent and not sources.files:
         problems.append(f"no beats of songs that --music-of names: {listed(silent)}")
     if not music:
         problems.append(_no_music(rule))
     return music, problems
+
+
+def _beats_of(clip: str, beats: Any, protocol: Protocol) -> MusicBeats:
+    """Return the beats that the caller states, frames at the protocol's rate."""
+    if isinstance(beats, MusicBeats):
+        return beats
+    if protocol.music is None or protocol.music.grid is None:
+        raise UsageError(
+            f"{protocol.name} does not state a rate of beats", where=f"clip {clip}",
+            fix="give dancedata.metrics.MusicBeats.of(frames, grid)",
+        )  # fmt: skip
+    return MusicBeats.of(np.asarray(beats), protocol.music.grid)
 
 
 def _no_music(rule: MusicRule) -> str:
@@ -105,24 +167,6 @@ def _no_music(rule: MusicRule) -> str:
         "--source MUSIC or a dataset with that field (--like), and --music-of FILE.csv for clips whose ids are not "
         "those of songs or of clips of the dataset"
     )
-
-
-def song_files(folder: Path) -> dict[str, Path]:
-    """Return the music files of a folder, or of its folder of music, by their names without suffix.
-
-    Raises
-    ------
-    UsageError
-        If there are none.
-    """
-    for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
-        by_stem = group_by_stem([place], AUDIO_SUFFIXES) if place.is_dir() else []
-        if by_stem:
-            return {stem: best_audio(paths)[0] for stem, paths in by_stem}
-    raise UsageError(
-        "no music in the folder", where=folder,
-        allowed=f"files {', '.join(AUDIO_SUFFIXES)}, here or in {listed(f'{name}/' for name in MUSIC_FOLDERS)}",
-    )  # fmt: skip
 
 
 def song_beats(
@@ -298,46 +342,6 @@ def about_windows(store: Store, rule: MusicRule) -> list[str]:
     ]
 
 
-def song_name(text: str) -> str:
-    """Return the name of a song: that of a music file without folder and suffix, any other text as it is."""
-    path = Path(text.strip())
-    return path.stem if path.suffix.lower() in AUDIO_SUFFIXES else path.name
-
-
-def read_songs(path: Path) -> dict[str, str]:
-    """Read clip and song from a CSV file with these two columns; a heading "clip,song" may come first.
-
-    Columns are separated by commas, semicolons or tabulators, whichever make two of the first line.
-
-    Raises
-    ------
-    UsageError
-        If it cannot be read, a line has another number of columns or no song, or two lines have one clip.
-    """
-    try:
-        if path.stat().st_size > _MAX_CSV_BYTES:
-            raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
-        text = path.read_bytes().decode("utf-8-sig")
-        head = text.lstrip().partition("\n")[0]
-        between = next((c for c in ",;\t" if len(next(csv.reader([head], delimiter=c), [])) == 2), ",")
-        lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=between))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
-    songs: dict[str, str] = {}
-    for number, line in enumerate(lines, start=1):
-        if not line or (number == 1 and [cell.strip().lower() for cell in line] == ["clip", "song"]):
-            continue
-        where = f"{path}, line {number}"
-        if len(line) != 2:
-            raise UsageError("a line does not have two columns", where=where, found=len(line), allowed="clip,song")
-        clip, song = csv_text(line[0].strip()), song_name(csv_text(line[1].strip()))
-        if not song:
-            raise UsageError("a line without a song", where=where, found=quoted(line[1]), allowed="clip,song")
-        if songs.setdefault(clip, song) != song:
-            raise UsageError("a clip has two songs", where=where, found=listed([songs[clip], song]), fix="delete one")
-    return songs
-
-
 def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Store | None) -> tuple[ClipInput, ...]:
     """Return clips with the names and tempos of their songs.
 
@@ -346,9 +350,6 @@ def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Stor
     """
     records = {} if like is None else {c.id: c for c in like.clips}
     tempos = {c.music: c.tempo_bpm for c in records.values() if c.music and c.tempo_bpm}
-    unknown = sorted(set(songs) - {clip.id for clip in clips})
-    if unknown:
-        raise UsageError("the list of songs names unknown clips", found=listed(unknown))
     named = []
     for clip in clips:
         record, name, song = records.get(clip.id), parse_name(clip.id), songs.get(clip.id)

@@ -11,12 +11,14 @@ import numpy as np
 
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted, quoted, shown
 from dancedata.core.version import __version__
-from dancedata.evaluation.measuring import MeasuredClip
+from dancedata.evaluation.inputs.clip import ClipSet
+from dancedata.evaluation.measuring import MeasuredClip, measure_clips
+from dancedata.evaluation.music import Resources
 from dancedata.evaluation.protocol import Protocol
-from dancedata.evaluation.scores import rows_of
 from dancedata.files.atomic import write_bytes
 from dancedata.files.strict_json import parse_json
 from dancedata.formats.arrays import open_arrays
@@ -93,6 +95,16 @@ class Pool:
             )
 
 
+def measured_pool(
+    resources: Resources, protocol: Protocol, pool: ClipSet | Pool | None, numbers: Sequence[int]
+) -> Pool | None:
+    """Return a pool that was read from a file, or measure its clips."""
+    if not isinstance(pool, ClipSet):
+        return pool
+    measured, _ = measure_clips(resources, protocol, pool, numbers, {})
+    return pool_of(protocol, measured, pool.source, pool.scaler_sha256)
+
+
 def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, scaler: str = "") -> Pool:
     """Make the pool of measured clips.
 
@@ -112,6 +124,56 @@ def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, s
                 undefined[outcome] = max(len(ids), undefined.get(outcome, 0))
     ids = tuple(m.id for m in measured)
     return Pool(protocol.name, protocol.version, one_rate(measured, source), ids, rows, source, undefined, scaler)
+
+
+@dataclass(frozen=True, eq=False)
+class MetricRows:
+    """The numbers of one metric for all pieces of a set.
+
+    Attributes
+    ----------
+    rows
+        (N, C) numbers of the pieces that have a value.
+    clips
+        (N,) number of the clip of each.
+    ids
+        Id of each piece: the clip's, with its number after # where it has several.
+    undefined
+        Ids of pieces without a value, by outcome.
+    """
+
+    rows: Float64Array
+    clips: Float64Array
+    ids: tuple[str, ...]
+    undefined: dict[str, tuple[str, ...]]
+
+
+def rows_of(measured: Sequence[MeasuredClip], number: int, metric: Metric) -> MetricRows:
+    """Return the numbers of the measure `number` of a protocol."""
+    rows: list[tuple[float, ...]] = []
+    clips: list[int] = []
+    ids: list[str] = []
+    undefined: dict[str, list[str]] = {}
+    order = {clip: k for k, clip in enumerate(dict.fromkeys(m.clip for m in measured))}
+    for m in measured:
+        outcomes = m.rows.get(number)
+        if outcomes is None:
+            undefined.setdefault("no_music", []).append(m.id)
+            continue
+        if not outcomes:
+            undefined.setdefault("short", []).append(m.id)
+        for k, outcome in enumerate(outcomes):
+            name = m.id if len(outcomes) == 1 else f"{m.id}#{k}"
+            if isinstance(outcome, str):
+                undefined.setdefault(outcome, []).append(name)
+            else:
+                rows.append(outcome)
+                clips.append(order[m.clip])
+                ids.append(name)
+    array = np.array(rows, dtype=np.float64).reshape(len(rows), len(metric.columns))
+    return MetricRows(
+        array, np.array(clips, dtype=np.float64), tuple(ids), {k: tuple(v) for k, v in undefined.items()}
+    )
 
 
 def one_rate(measured: Sequence[MeasuredClip], source: str) -> str:

@@ -279,3 +279,8 @@ class Protocol(Plugin):
 
 
 PROTOCOLS = Registry("protocol", "dancedata.evaluation.protocols", Protocol)
+
+
+def protocol_named(protocol: str | Protocol) -> Protocol:
+    """Return a protocol by its name; UsageError with the closest one for an unknown name."""
+    return PROTOCOLS.get(protocol)() if isinstance(protocol, str) else protocol

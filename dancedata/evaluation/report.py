@@ -1,17 +1,20 @@
 """Reports of evaluations, and the list of protocols, as text, tables and JSON."""
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed, shown, table
+from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip
+from dancedata.evaluation.pool import Pool, one_rate, rows_of
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol
-from dancedata.evaluation.scores import Score, describe_outcome
+from dancedata.evaluation.scores import Score, describe_outcome, scores_of
+from dancedata.execution.cache import package_version
 from dancedata.recipes.documents import document_of
 
 #: How papers write the names of scores.
@@ -228,6 +231,71 @@ def _escaped(text: str, latex: bool = False) -> str:
     if not latex:
         return "".join(f"\\{c}" if c in _MARKDOWN else c for c in plain)
     return "".join(_LATEX.get(c, c) for c in plain)
+
+
+def report_of(
+    protocol: Protocol,
+    measured: Sequence[MeasuredClip],
+    pool: Pool | None,
+    *,
+    role: str,
+    source: str,
+    draws: int = 200,
+    numbers: Sequence[int] | None = None,
+    left_out: Iterable[tuple[str, str]] = (),
+    warnings: Iterable[str] = (),
+) -> Report:
+    """Compare measured clips with a pool.
+
+    Parameters
+    ----------
+    draws
+        How many times scores are computed again for intervals, at most; 0: no intervals.
+    numbers
+        Measures of the protocol; None: all.
+    left_out
+        Clips that could not be measured, with the reason.
+    warnings
+        Warnings that come first.
+
+    Raises
+    ------
+    UsageError
+        If rates are mixed, or the pool is of another protocol, version or rate.
+    """
+    ordered = sorted(measured, key=lambda m: m.id)
+    fps = one_rate(ordered, source)
+    if pool is not None:
+        pool.require(protocol, fps)
+    seconds = lengths_of([s for m in ordered for s in m.seconds])
+    per_clip = tuple(per_clip_rows(protocol, ordered))
+    changed = sorted({note for m in ordered for note in m.notes})
+    figures = [p.values for p in protocol.published if p.what == "ground truth"]
+    published = {name: value for values in figures for name, value in values.items()}
+    scores: list[Score] = []
+    of_scores: list[str] = []
+    for number in range(len(protocol.measures)) if numbers is None else numbers:
+        metric = protocol.measures[number].metric
+        rows = rows_of(ordered, number, metric)
+        of_metric, messages = scores_of(metric, rows, None if pool is None else pool.rows.get(number), draws=draws)
+        scores += [replace(score, published=published.get(score.name)) for score in of_metric]
+        of_scores += messages
+    return Report(
+        protocol=protocol,
+        role=role,
+        source=source,
+        scores=tuple(scores),
+        clips=tuple(m.id for m in ordered),
+        pieces=sum(len(m.cuts) for m in ordered),
+        fps=fps,
+        seconds=seconds,
+        pool=None if pool is None else pool.to_json(),
+        left_out=tuple(left_out),
+        warnings=(*warnings, *dict.fromkeys(of_scores)),
+        notes=(*changed, *protocol.notes),
+        per_clip=per_clip,
+        versions={"dancedata": __version__, **{name: package_version(name) for name in ("numpy", "scipy")}},
+    )
 
 
 def lengths_of(seconds: Sequence[float]) -> tuple[float, float, float]:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
@@ -18,10 +17,10 @@ from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, MemoryClip
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
+from dancedata.evaluation.inputs.songs import MusicSources, song_files
 from dancedata.evaluation.inputs.store import named_reader, store_clips
-from dancedata.evaluation.music import MusicSources, named_songs, song_files
-from dancedata.evaluation.pool import Pool, load_pool
-from dancedata.evaluation.protocol import PROTOCOLS, ROLES, Protocol, Role
+from dancedata.evaluation.pool import Pool, check_target, load_pool
+from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
@@ -46,8 +45,10 @@ class Inputs:
         Measures of the protocol that are computed of the set and of the pool.
     pool
         Clips, or the pool of a file; None: metrics that need one are not computed.
-    scaler_sha256
-        Hash of the scaler by which the columns of files in the pool are normalised; "" without one.
+    music
+        Sources of beats; None: no metric takes them.
+    save_pool
+        File to write the pool to.
     """
 
     protocol: Protocol
@@ -55,9 +56,9 @@ class Inputs:
     numbers: list[int]
     pool: ClipSet | Pool | None
     pool_numbers: list[int]
-    music: MusicSources
+    music: MusicSources | None
     draws: int = 200
-    scaler_sha256: str = ""
+    save_pool: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +87,7 @@ class Request:
     beats: Mapping[str, Any] = dataclass_field(default_factory=dict)
     draws: int = 200
     metrics: tuple[str, ...] = ()
+    save_pool: Path | None = None
 
     def __post_init__(self) -> None:
         if self.role not in (None, *ROLES):
@@ -121,29 +123,25 @@ class Request:
             )  # fmt: skip
         return [k for k, of_measure in enumerate(names) if not chosen or of_measure & chosen]
 
-    def inputs(self, *, whole_pool: bool = False) -> Inputs:
-        """Return the clips, the pool and the music.
-
-        Parameters
-        ----------
-        whole_pool
-            Whether the pool is measured for all metrics that need one, not only for those of `metrics`.
-
-        Raises
-        ------
-        UsageError
-            If the set, the pool or the music does not exist, or cannot be read as the options state.
-        """
-        protocol, numbers = self.protocol, self.numbers
+    def inputs(self) -> Inputs:
+        """Return the clips, the pool and the music; UsageError if one cannot be read as the options state."""
+        if self.save_pool is not None:
+            check_target(self.save_pool, self.protocol)
+        numbers = self.numbers
+        music = self._music_sources(numbers)
+        # A pool that is saved has the metrics that this report leaves out, too.
+        pool, pool_numbers = self.pool_input(numbers if self.save_pool is None else None)
+        if self.save_pool is not None and pool is None:
+            raise UsageError("no pool was given, so none can be saved", fix="name a dataset: --pool STORE")
         clip_set = self._clip_set(self.what, self.split, self.role)
-        pool, pool_numbers = self.pool_input(None if whole_pool else numbers)
-        named = named_songs(clip_set.clips, self.songs, self.like or clip_set.store)
-        clip_set = ClipSet(named, clip_set.source, clip_set.role, clip_set.store)
-        needs_music = protocol.music is not None and any(protocol.measures[n].metric.needs_music for n in numbers)
+        ids = {clip.id for clip in clip_set.clips}
+        if unknown := sorted(set(self.songs) - ids):
+            raise UsageError("the list of songs names unknown clips", found=listed(unknown))
+        if music is not None and (unknown := sorted(set(music.beats) - ids)):
+            raise UsageError("beats given for unknown clips", found=listed(unknown))
         return Inputs(
-            protocol=protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
-            music=self._music_sources(clip_set) if needs_music else MusicSources(),
-            draws=self.draws, scaler_sha256=self.scaler_sha256 if isinstance(pool, ClipSet) else "",
+            protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
+            music=music, draws=self.draws, save_pool=self.save_pool,
         )  # fmt: skip
 
     def pool_input(self, numbers: Iterable[int] | None = None) -> tuple[ClipSet | Pool | None, list[int]]:
@@ -172,17 +170,19 @@ class Request:
             raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
         role = role or "generated"
         if isinstance(what, Mapping):
-            return ClipSet(_in_memory(what, self._grid(), self.body), "clips in memory", role)
+            clips = _in_memory(what, self._grid(), self.body)
+            return ClipSet(clips, "clips in memory", role, scaler_sha256=self.scaler_sha256)
         path = Path(what).expanduser() if isinstance(what, str | Path) else what.path
         form = FileFormat(
             fps=None if self._grid() is None else str(self._grid()), up=self.up, unit=self.unit, body=self.body,
             columns=self._columns(),
         )  # fmt: skip
         if path.is_dir():
-            return ClipSet(folder_clips(path, form), str(path), role)
+            return ClipSet(folder_clips(path, form), str(path), role, scaler_sha256=self.scaler_sha256)
         if not path.exists():
             raise UsageError("there is nothing to evaluate", where=path, allowed="a built dataset, a folder, a file")
-        return ClipSet((FileClip(id=path.stem, path=path, format=form),), str(path), role)
+        file = FileClip(id=path.stem, path=path, format=form)
+        return ClipSet((file,), str(path), role, scaler_sha256=self.scaler_sha256)
 
     def _grid(self) -> FrameGrid | None:
         if self.fps is not None:
@@ -219,33 +219,16 @@ class Request:
             clip=self.clip,
         )  # fmt: skip
 
-    def _music_sources(self, clip_set: ClipSet) -> MusicSources:
-        unknown = sorted(set(self.beats) - {clip.id for clip in clip_set.clips})
-        if unknown:
-            raise UsageError("beats given for unknown clips", found=listed(unknown))
+    def _music_sources(self, numbers: Iterable[int]) -> MusicSources | None:
+        protocol = self.protocol
+        if protocol.music is None or not any(protocol.measures[n].metric.needs_music for n in numbers):
+            return None
         return MusicSources(
-            beats={clip: self._beats_of(clip, beats) for clip, beats in self.beats.items()},
+            beats=self.beats,
             files={} if self.source is None else song_files(self.source),
-            stores=tuple(store for store in (clip_set.store, self.like) if store is not None),
+            like=self.like,
             songs=self.songs,
         )
-
-    def _beats_of(self, clip: str, beats: Any) -> MusicBeats:
-        """Return the beats that the caller states, frames at the protocol's rate."""
-        if isinstance(beats, MusicBeats):
-            return beats
-        grid = self.protocol.music.grid if self.protocol.music is not None else None
-        if grid is None:
-            raise UsageError(
-                f"{self.protocol.name} does not state a rate of beats", where=f"clip {clip}",
-                fix="give dancedata.metrics.MusicBeats.of(frames, grid)",
-            )  # fmt: skip
-        return MusicBeats.of(np.asarray(beats), grid)
-
-
-def protocol_named(protocol: str | Protocol) -> Protocol:
-    """Return a protocol by its name; UsageError with the closest one for an unknown name."""
-    return PROTOCOLS.get(protocol)() if isinstance(protocol, str) else protocol
 
 
 def _as_store(what: MotionInput) -> Store | None:

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy.typing as npt
 
 from dancedata.core.grid import Number
-from dancedata.evaluation.evaluate import evaluate as _evaluate
-from dancedata.evaluation.music import read_songs, song_name
-from dancedata.evaluation.protocol import Protocol
+from dancedata.evaluation.evaluate import evaluate_inputs
+from dancedata.evaluation.inputs.songs import read_songs, song_name
+from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report
-from dancedata.evaluation.request import Request, protocol_named
+from dancedata.evaluation.request import Request
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
+from dancedata.execution.units import check_backend
 from dancedata.pipeline.commands import folder_of, jobs_of
 from dancedata.store import Store
 from dancedata.store.scaling import opened, store_of
@@ -156,10 +157,12 @@ def evaluate(
         beats=beats or {},
         metrics=tuple(metrics),
         draws=bootstrap,
+        save_pool=folder_of(save_pool),
     )
-    return _evaluate(
-        request, save=folder_of(save_pool), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend,
-        scheduler=scheduler, progress=Progress(quiet=not progress),
+    check_backend(backend, scheduler)
+    return evaluate_inputs(
+        request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
+        progress=Progress(quiet=not progress),
     )  # fmt: skip
 
 

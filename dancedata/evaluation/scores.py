@@ -1,6 +1,5 @@
 """Scores of a set from the numbers of its clips, with undefined ones, intervals and warnings."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +8,7 @@ from dancedata.core.dance import OUTCOMES, Undefined
 from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.measuring import MeasuredClip
+from dancedata.evaluation.pool import MetricRows
 from dancedata.metrics.intervals import MIN_CLIPS, Interval, jackknife
 
 #: Intervals of scores that fewer than 1 / HEAVY of the clips carry are known to be too short.
@@ -63,56 +62,6 @@ class Score:
     def n_undefined(self) -> int:
         """Clips without a value."""
         return len({clip for clips in self.undefined.values() for clip in clips})
-
-
-@dataclass(frozen=True, eq=False)
-class MetricRows:
-    """The numbers of one metric for all pieces of a set.
-
-    Attributes
-    ----------
-    rows
-        (N, C) numbers of the pieces that have a value.
-    clips
-        (N,) number of the clip of each.
-    ids
-        Id of each piece: the clip's, with its number after # where it has several.
-    undefined
-        Ids of pieces without a value, by outcome.
-    """
-
-    rows: Float64Array
-    clips: Float64Array
-    ids: tuple[str, ...]
-    undefined: dict[str, tuple[str, ...]]
-
-
-def rows_of(measured: Sequence[MeasuredClip], number: int, metric: Metric) -> MetricRows:
-    """Gather the numbers of the measure `number` of a protocol."""
-    rows: list[tuple[float, ...]] = []
-    clips: list[int] = []
-    ids: list[str] = []
-    undefined: dict[str, list[str]] = {}
-    order = {clip: k for k, clip in enumerate(dict.fromkeys(m.clip for m in measured))}
-    for m in measured:
-        outcomes = m.rows.get(number)
-        if outcomes is None:
-            undefined.setdefault("no_music", []).append(m.id)
-            continue
-        if not outcomes:
-            undefined.setdefault("short", []).append(m.id)
-        for k, outcome in enumerate(outcomes):
-            name = m.id if len(outcomes) == 1 else f"{m.id}#{k}"
-            if isinstance(outcome, str):
-                undefined.setdefault(outcome, []).append(name)
-            else:
-                rows.append(outcome)
-                clips.append(order[m.clip])
-                ids.append(name)
-    array = np.array(rows, dtype=np.float64).reshape(len(rows), len(metric.columns))
-    return MetricRows(
-        array, np.array(clips, dtype=np.float64), tuple(ids), {k: tuple(v) for k, v in undefined.items()}
-    )
 
 
 def scores_of(

@@ -12,10 +12,10 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.inputs.clip import ClipSet, DatasetClip
-from dancedata.evaluation.music import MusicSources, named_songs
-from dancedata.evaluation.protocol import PROTOCOLS, Protocol, Published
+from dancedata.evaluation.inputs.songs import MusicSources
+from dancedata.evaluation.protocol import PROTOCOLS, Protocol, Published, protocol_named
 from dancedata.evaluation.report import LABELS, Report
-from dancedata.evaluation.request import Inputs, protocol_named
+from dancedata.evaluation.request import Inputs
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.check import scan_folder
 
@@ -158,7 +158,7 @@ def _clip_set(reader: Dataset, refs: Sequence[ClipRef], source: Path) -> ClipSet
     clips = [
         DatasetClip(id=ref.id, music=ref.music, tempo_bpm=ref.tempo_bpm, dataset=reader, ref=ref) for ref in refs
     ]
-    return ClipSet(named_songs(clips, {}, None), str(source), "truth")
+    return ClipSet(tuple(clips), str(source), "truth")
 
 
 def _music_files(protocol: Protocol, refs: Sequence[ClipRef]) -> dict[str, Path]:

@@ -13,7 +13,7 @@ from dancedata.core.clip import Window
 from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
-from dancedata.evaluation.clip_music import beats_after
+from dancedata.evaluation.music import beats_after
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.tally import Tally

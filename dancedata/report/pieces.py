@@ -10,7 +10,7 @@ import numpy as np
 from dancedata.core.clip import Window
 from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
-from dancedata.evaluation.clip_music import field_beats
+from dancedata.evaluation.music import field_beats
 from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
 from dancedata.store import ClipView, Store
 from dancedata.store.motion_fields import ColumnsReader

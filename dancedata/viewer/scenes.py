@@ -16,7 +16,7 @@ from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted
-from dancedata.evaluation.clip_music import BEAT, field_beats
+from dancedata.evaluation.music import BEAT, field_beats
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord

@@ -10,7 +10,8 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import StoreError
-from dancedata.evaluation.request import Request, protocol_named
+from dancedata.evaluation.protocol import protocol_named
+from dancedata.evaluation.request import Request
 from dancedata.report import write_report
 from dancedata.store import Store, open_store
 from tests.messages import raises_message

@@ -12,9 +12,9 @@ import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.evaluation.clip_music import ClipMusic, beats_after
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.music import named_songs, read_songs, song_name
+from dancedata.evaluation.inputs.songs import read_songs, song_name
+from dancedata.evaluation.music import ClipMusic, beats_after, named_songs
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
-from dancedata.evaluation.music import read_songs
+from dancedata.evaluation.inputs.songs import read_songs
 from dancedata.evaluation.pool import load_pool
 from dancedata.evaluation.protocols.aistpp import BailandoAistpp
 from dancedata.evaluation.report import latex, markdown
@@ -183,7 +183,7 @@ def test_foreign_files_are_not_replaced_by_a_table(store: Store, tmp_path: Path)
 
 
 def test_a_pool_that_cannot_be_written_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.evaluation.evaluate.measure_clips", None)  # would be called
+    monkeypatch.setattr("dancedata.evaluation.pool.measure_clips", None)  # would be called
     for path, message in ((tmp_path / "a.txt", "a pool is an .npz file"), (tmp_path / "x" / "p.npz", "the folder")):
         with pytest.raises(UsageError, match=message):
             dancedata.evaluate(dances(), fps=30, pool=dances(), save_pool=path)

@@ -15,8 +15,8 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.dance import Dance, MusicBeats, peak_offsets
 from dancedata.core.grid import FrameGrid
 from dancedata.datasets.aistpp.load import load_motion
-from dancedata.evaluation.clip_music import ClipMusic, beats_after, field_beats
 from dancedata.evaluation.measuring import measure_pose
+from dancedata.evaluation.music import ClipMusic, beats_after, field_beats
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment

@@ -137,12 +137,15 @@ class ClipSet:
         Origin of the clips, for reports.
     store
         Dataset that they are from; None for others.
+    scaler_sha256
+        Hash of the scaler by which columns of files are normalised; "" without one.
     """
 
     clips: tuple[ClipInput, ...]
     source: str
     role: Role
     store: Store | None = None
+    scaler_sha256: str = ""
 
     def __post_init__(self) -> None:
         if not self.clips:
