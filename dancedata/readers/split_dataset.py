@@ -317,7 +317,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
             raise UsageError(
                 "the state is of a reader with other scalers",
                 found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
-                allowed=listed(f"{n} {v}" for n, v in hashes.items()),
+                allowed=listed(f"{n} {v}" for n, v in hashes.items()) or "none",
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
             )
 
