@@ -14,7 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.pool import load_pool
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol
-from dancedata.evaluation.protocols.bailando_aistpp import BailandoAistpp
+from dancedata.evaluation.protocols.aistpp import BailandoAistpp
 from dancedata.store import Store
 from tests.messages import raises_message
 

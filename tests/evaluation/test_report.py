@@ -14,7 +14,7 @@ from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
 from dancedata.evaluation.music import read_songs
 from dancedata.evaluation.pool import load_pool
-from dancedata.evaluation.protocols.bailando_aistpp import BailandoAistpp
+from dancedata.evaluation.protocols.aistpp import BailandoAistpp
 from dancedata.evaluation.report import latex, markdown
 from dancedata.evaluation.scores import MetricRows, scores_of
 from dancedata.metrics.kinetic_features import Kinetic

@@ -1,1 +1,1 @@
-"""Plug-ins: named protocols, one file each."""
+"""Plug-ins: named protocols, by the dataset that they are computed on."""

@@ -8,7 +8,6 @@ from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
 
 _JOINTS = 22
-_FIVE_SECONDS = Pieces(seconds=(5, 2.5))
 
 
 @PROTOCOLS.register("dancedata")
@@ -23,8 +22,7 @@ class Dancedata(Protocol):
     source = "this project"
     licence_note = "MIT."
     motion = MotionRule("body22", None)
-    truth = _FIVE_SECONDS
-    generated = _FIVE_SECONDS
+    truth = generated = Pieces(seconds=(5, 2.5))
     measures = (
         Measure(Kinetic("fixed", joints=_JOINTS, statistics="varying"), steady=True),
         Measure(Geometric(joints=_JOINTS, statistics="varying"), steady=True),
