@@ -94,7 +94,7 @@ def aistpp(folder: Path, jobs: int) -> None:
         text = RECIPE.replace("split: all", "split: crossmodal")
         recipe.write_text(text.format(songs=60, clips=23, clip_s=13.3, scope=scope), encoding="utf-8")
         source = folder / "source"
-        # Writes the corpus, if it is not there, and leaves nothing in the cache that is measured.
+        # Writes the corpus, if it does not exist, and leaves nothing in the cache that is measured.
         environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache-plan")}
         command = [sys.executable, "-m", "dancedata"]
         subprocess.run(

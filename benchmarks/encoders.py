@@ -5,7 +5,7 @@
 On a CPU: a song of `--minutes` against 30-s chunks that transformers is given one by one, and one minute against the
 whole song in one call of transformers. The peers compute and keep all 12 layers, as public scripts do, and bring one
 of them to 30 rows per second by linear interpolation; ours computes the blocks up to the layer, in chunks that
-overlap by 4 s. Each runs in a process of its own. Times are CPU times of all its threads, without loading; memory is
+overlap by 4 s. Each runs in a separate process. Times are CPU times of all its threads, without loading; memory is
 the peak of the resident set over what it is after loading.
 On a card (`--device cuda`): songs per second and the share of the measured matmul rate, fp16 and fp32.
 """
@@ -33,7 +33,7 @@ CHUNK = 30 * RATE
 
 
 def main() -> None:
-    """Run what was asked for and print it."""
+    """Run the selected benchmarks and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=10)
     parser.add_argument("--layer", type=int, default=7)
@@ -93,7 +93,7 @@ def against(folder: Path, minutes: float, peer: str, layer: int, threads: int) -
 
 
 def run(worker: str, folder: Path, minutes: float, layer: int, threads: int) -> dict[str, float]:
-    """Run a worker in a process of its own."""
+    """Run a worker in a separate process."""
     limits = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), str(threads))
     command = [sys.executable, __file__, "--worker", worker, "--folder", str(folder), "--minutes", str(minutes)]
     command += ["--layer", str(layer), "--threads", str(threads)]

@@ -208,7 +208,7 @@ def _build(folder: Path, corpus: str, scope: str, jobs: int) -> tuple[float, flo
 def _command(folder: Path, arguments: list[str]) -> tuple[float, float]:
     """Return the wall and CPU seconds of a command and its descendants."""
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
-    # Compiled files in a folder of their own, if the environment forbids them beside the code.
+    # Compiled files in a separate folder, if the environment forbids them next to the code.
     if environment.pop("PYTHONDONTWRITEBYTECODE", None):
         environment["PYTHONPYCACHEPREFIX"] = str(folder / "pyc")
     start, before = time.perf_counter(), os.times()

@@ -5,7 +5,7 @@
     python benchmarks/jukebox.py                      memory of the real model by accounting, nothing else
 
 The peer comparison uses a mid-size random model (width 1024, depth 24, layer 22, the real VQ-VAE) and a 5-s clip.
-Each run is a process of its own with one thread; runs of the two alternate. Time is the least CPU time of a clip over
+Each run is a separate process with one thread; runs of the two alternate. Time is the least CPU time of a clip over
 all runs, without loading. Memory is the process's peak resident set minus its resident set after the imports, with
 loading. The peer is run block by block with mask=True, because its own forward requires 8192 codes.
 """

@@ -7,7 +7,7 @@
 EDGE (Tseng et al., CVPR 2023) computes its loss on joints from columns as follows: 6D to matrix to quaternion to
 axis-angle (`ax_from_6v` of dataset/quaternion.py, with pytorch3d), axis-angle to quaternion, then joint by joint
 (`SMPLSkeleton.forward` of vis.py). `EdgeSkeleton` is that loop; the conversions, which EDGE takes from pytorch3d, are
-written here anew by the same formulas. The results are compared before anything is measured.
+rewritten here from the same formulas. The results are compared before anything is measured.
 
 A measurement is one call of one way; "and gradients" is that with the backward pass of the mean square. On a CPU it
 is CPU time, so that other processes matter little; on a GPU it is the time until the device is done. Rounds are

@@ -1,9 +1,9 @@
-"""What each switch of a metric does to its value, on the clips of a copy of AIST++.
+"""Effect of each switch of a metric on its value, on the clips of a copy of AIST++.
 
     python benchmarks/metric_switches.py SOURCE --song SONG [--clips NAME ...]
 
-SOURCE is a folder as for `dancedata build aist++`. SONG is any music file: AIST's songs may not be passed on, so that
-the published table has a foreign one, and its scores of beat alignment say nothing about the dances. Every line
+SOURCE is a folder as for `dancedata build aist++`. SONG is any music file: AIST's songs may not be redistributed, so
+the published table uses another song, and its scores of beat alignment say nothing about the dances. Every line
 changes one switch; the first of each table is the reference. The tables are those of docs/metrics.md.
 """
 
@@ -83,7 +83,7 @@ def cut(joints: Float64Array, length: int, stride: int) -> list[Float64Array]:
 
 
 def print_pfc(clips: Clips) -> None:
-    """Print what pieces, rate and axes do to PFC."""
+    """Print the effect of pieces, rate and axes on PFC."""
 
     def scores(dances: list[Float64Array], fps: float = 30, up: str = "y") -> list[float]:
         return [pfc(joints, fps, variant="code", up="z" if up == "z" else "y") for joints in dances]
@@ -104,7 +104,7 @@ def print_pfc(clips: Clips) -> None:
 
 
 def print_beats(clips: Clips, song: Path) -> None:
-    """Print what detector, direction, kernel and rate do to beat alignment."""
+    """Print the effect of detector, direction, kernel and rate on beat alignment."""
     music = beats_of(song)
     rows = []
     for name, metric, fps in beat_switches():
@@ -156,7 +156,7 @@ def score(
 
 
 def print_sets(clips: Clips) -> None:
-    """Print what features and statistics do to FID and diversity."""
+    """Print the effect of features and statistics on FID and diversity."""
     windows = [window for joints in clips.values() for window in cut(joints, WINDOW, STRIDE)]
     rows = []
     for name, kinetic, geometric, step in set_switches():
@@ -217,7 +217,7 @@ def print_mixed(windows: list[Float64Array]) -> None:
 
 
 def print_skating(clips: Clips) -> None:
-    """Print what the rule does to foot skating."""
+    """Print the effect of the rule on foot skating."""
     rules: list[tuple[str, str, Callable[[Float64Array], Float64Array]]] = [
         ("lodge-code", "lodge-code", lambda joints: joints),
         ("norm of the step", "lodge-norm", lambda joints: joints),

@@ -69,7 +69,7 @@ def print_report(dataset: Path, folder: Path) -> None:
     """Print time, memory and size of a report."""
     page = folder / "report.html"
     begun, before = time.perf_counter(), _cpu_s()
-    # A process of its own between both, as the peak of all children is kept.
+    # A separate process between the two, as the peak of all children is kept.
     code = (
         "import resource, subprocess, sys\nsubprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)\n"
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"

@@ -156,7 +156,7 @@ def write_corpus(source: Path, n: int) -> Path:
 
 
 def corpus(n: int) -> None:
-    """Build n tiny clips, stage by stage, in a process of its own: memory is that of this corpus alone."""
+    """Build n tiny clips, stage by stage, in a separate process: memory is that of this corpus alone."""
     with tempfile.TemporaryDirectory(prefix="scaling-") as name:
         folder = Path(name)
         source = write_corpus(folder / "source", n)

@@ -1,10 +1,10 @@
-"""Start-up: what commands, a build of three windows, and a worker process take before and beside their work.
+"""Start-up: overhead of commands, of a build of three windows, and of a worker process.
 
     python benchmarks/startup.py                      # ten rounds
     python benchmarks/startup.py --rounds 3
     python benchmarks/startup.py --package DIR        # of another checkout, such as one of an earlier commit
 
-Each case is a process of its own, and all cases take turns, so that a busy phase of the machine meets all of them.
+Each case is a separate process, and the cases alternate, so that a busy phase of the machine affects all of them.
 Printed are the minimum and the median over rounds of the wall time and of the CPU time (user and system, with all
 descendants, by `getrusage`), and the medians as multiples of a peer in the same rounds:
 `python -c "import numpy, h5py"`, the least that a program pays which reads HDF5. Python's compiled files (.pyc)
@@ -146,7 +146,7 @@ def print_table(done: list[Case]) -> None:
 
 
 def main() -> None:
-    """Run all cases in turns and print a table."""
+    """Run all cases interleaved and print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--package", type=Path, help="checkout whose dancedata is measured, without its workers")

@@ -1,9 +1,9 @@
-"""Throughput of writing a dataset, beside plain writing and h5py: MB of files per second, wall and CPU.
+"""Throughput of writing a dataset, compared with plain writing and h5py: MB of files per second, wall and CPU.
 
     python benchmarks/writing.py RECIPE SOURCE CACHE FOLDER
 
 Every unit of work has to be in CACHE already; `python benchmarks/build.py aistpp` calls this after its builds. Three
-ways in turns, each in a process of its own, twice; the second round counts, as the cache is in memory then:
+ways alternately, each in a separate process, twice; the second round counts, as the cache is in memory then:
 
 write_store  what a build does: reads cache entries and compares their checksums, checks every value, writes and
              flushes the shards, hashes them, computes statistics with exact quantiles.
@@ -41,7 +41,7 @@ class _CaughtError(Exception):
 
 
 def main() -> None:
-    """Run every way in a process of its own, twice, or one way if it is named."""
+    """Run every way in a separate process, twice, or one way if it is named."""
     recipe, source, cache, folder, *way = sys.argv[1:]
     if way:
         one(way[0], recipe, Path(source), Path(cache), Path(folder))

@@ -5,7 +5,7 @@
     python examples/train_edge_like.py --data data/demo --out runs/edge --steps 600  # resumes
     accelerate launch examples/train_edge_like.py --data data/aistpp --out runs/edge --width 512 --steps 200000
 
-`--data` has edge151, lodge139 or finedance319, and librosa35: AIST++, FineDance, or data of one's own. OUT/dance.bvh,
+`--data` has edge151, lodge139 or finedance319, and librosa35: AIST++, FineDance, or your own data. OUT/dance.bvh,
 for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. Resume with the same `--seconds`.
 """
 
@@ -139,7 +139,7 @@ def train(args: argparse.Namespace, model: nn.Module, data, losses_of, condition
     # The order of the data is a function of the step; ranks are those of torch.distributed.
     stream = BatchStream(data, args.batch, seed=args.seed, start_step=done, steps=max(0, args.steps - done))
     model.train()
-    # With a generator of its own, the loader takes nothing from the one that makes the noise.
+    # With its own generator, the loader takes nothing from the one that makes the noise.
     loader = DataLoader(stream, batch_size=None, num_workers=args.workers, generator=torch.Generator())
     for step, batch in enumerate(loader, start=done + 1):
         clean = batch[field].to(accelerator.device)

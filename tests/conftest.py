@@ -307,7 +307,7 @@ def run_build(cache: Path) -> Build:
 def build_once(run_build: Build, once: Once) -> Callable[..., Path]:
     """Return a function that builds a recipe, given by name, with overrides; equal ones once in a run.
 
-    A dataset that generates its source writes it into NAME-source beside the returned folder NAME. Neither is to be
+    A dataset that generates its source writes it into NAME-source next to the returned folder NAME. Neither is to be
     written into.
     """
 
@@ -360,7 +360,7 @@ def source(corpus: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
-    """Where to build; not there yet, nothing beside it."""
+    """Output folder; does not exist yet, in an empty folder."""
     return tmp_path / "outs" / "out"
 
 

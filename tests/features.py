@@ -1,4 +1,4 @@
-"""Rows of audio features without the time that features take."""
+"""Fast stand-ins for audio features."""
 
 from typing import Any
 

@@ -62,7 +62,7 @@ class Messages:
         self.texts: dict[Key, str] = {}
         self.collected: set[str] = set()
         self.passed: set[str] = set()
-        # Tests that the command line leaves out, or that need files or packages that are not there, are not stale.
+        # Tests that the command line leaves out, or that need missing files or packages, are not stale.
         option = config.option
         chosen = (option.keyword, option.deselect, option.ignore, option.ignore_glob, getattr(option, "lf", False))
         from_testpaths = config.args_source is pytest.Config.ArgsSource.TESTPATHS

@@ -1,4 +1,4 @@
-"""Reads cases in a process of its own, which a broken reader may take down; hunt.py starts it and looks.
+"""Reads cases in a separate process, which a broken reader may take down; hunt.py starts and watches it.
 
 A case may end in a valid result or in an error of the DanceDataError family that names the file, is short, and can be
 printed and stored. All else is a finding: another exception, more than a second of processor time, more than 200 MB,
@@ -28,7 +28,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
-from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- lies beside this script
+from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- in the folder of this script
 
 from dancedata.core.errors import DanceDataError, RecipeError  # noqa: E402
 from dancedata.core.registry import REGISTRIES  # noqa: E402
@@ -272,7 +272,7 @@ def _is_own(event: str, arguments: tuple[Any, ...]) -> bool:
     """Tell whether it is Python's own doing: codecs that are imported, annotations of classes that are evaluated."""
     if event in ("exec", "marshal.loads"):
         files = {frame.f_code.co_filename for frame, _ in traceback.walk_stack(None)}
-        # What is imported was looked at when it began.
+        # Imports were recorded at the start.
         return bool(files & {typing.__file__, "<frozen importlib._bootstrap>"})
     return event == "import" and str(arguments[0]).startswith("encodings")
 

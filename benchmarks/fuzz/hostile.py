@@ -44,7 +44,7 @@ def _colliding(count: int, after: bytes = b"") -> bytes:
 
 
 def _list_of_lists(depth: int, width: int) -> bytes:
-    """A list that holds one list so often, and that another, and so on."""
+    """A list that repeats one list, which repeats another, and so on."""
     return b"](" + b"K\x01" * width + b"e" + (b"q\x630](" + b"hc" * width + b"e") * (depth - 1)
 
 

@@ -1,6 +1,6 @@
 """Fuzzes the readers: broken files of all formats, in child processes that may die.
 
-python benchmarks/fuzz/hunt.py release --keep found/     (1,000,000 cases, before a release; goes on with --skip)
+python benchmarks/fuzz/hunt.py release --keep found/     (1,000,000 cases, before a release; --skip resumes)
 python benchmarks/fuzz/hunt.py nightly
 python benchmarks/fuzz/hunt.py --target bvh --cases 5000 --seed 7
 """
@@ -29,7 +29,7 @@ RUNS = {"tests": (1_000, 20_260), "nightly": (100_000, 20_261), "release": (1_00
 BATCH, BATCH_STRUCTURED = 5000, 1000
 #: Hypothesis makes one case in four.
 STRUCTURED_PART = 4
-#: A child that waits for something without using the processor is ended after this time, and so much a case more.
+#: A child that waits for something without using the processor is ended after this time, plus this much per case.
 WAIT_S, WAIT_A_CASE_S = 120, 2
 #: Servers that fork no process at present.
 _FREE: list[subprocess.Popen[str]] = []
@@ -39,7 +39,7 @@ _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARE
 def run_batch(
     target: str, *, seed: int, first: int, count: int, structured: bool = False, files: Sequence[Path] = ()
 ) -> dict[str, Any]:
-    """Run cases in a child; where it dies, the case is a finding and another child goes on after it."""
+    """Run cases in a child; where it dies, the case is a finding and another child continues after it."""
     done: dict[str, Any] = {"target": target, "cases": 0, "outcomes": {}, "findings": [], "slowest_s": 0.0}
     done["peak_growth_mb"] = 0.0
     begin, files = first, list(files)

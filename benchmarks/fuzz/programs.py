@@ -56,7 +56,7 @@ _CALLABLES = st.sampled_from(
         ("\ud800\x1b[2J", "x" * 900),
     ]
 )
-#: What a value on the stack becomes: held twice by a tuple, so often in lists, nested, a key, a member, an argument.
+#: What a value on the stack becomes: held twice by a tuple, repeated in lists, nested, a key, a member, an argument.
 AROUND = st.one_of(
     st.integers(1, 60).map(lambda n: b"2\x86" * n),
     st.tuples(st.integers(1, 3), st.sampled_from([5, 100, 2000])).map(lambda d: _doubled(*d)),
@@ -74,7 +74,7 @@ AROUND = st.one_of(
 
 
 def _doubled(depth: int, width: int) -> bytes:
-    """A list that holds one list so often, and that another, and so on."""
+    """A list that repeats one list, which repeats another, and so on."""
     return b"".join(b"q\x070](" + b"h\x07" * width + b"e" for _ in range(depth))
 
 

@@ -1,4 +1,4 @@
-"""Files that hypothesis builds piece by piece: the right grammar around values that nobody expects."""
+"""Files that hypothesis builds piece by piece: the right grammar around unexpected values."""
 
 from __future__ import annotations
 
@@ -351,7 +351,7 @@ def _lines(target: str) -> st.SearchStrategy[bytes]:
     return made()
 
 
-#: Names that archives of other systems leave behind, or that somebody made up to hurt.
+#: Names left by archives of other systems, or made to do harm.
 _RAW_NAMES = st.one_of(
     st.sampled_from(
         [b"\xff", b"caf\xe9", b"\x82\xa0\x82\xa2", b"\xed\xa0\x80", b"\x1b[2J", b"a\nb", b"-rf", b"\xe2\x80\xae"]

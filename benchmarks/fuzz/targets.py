@@ -41,11 +41,11 @@ class Target:
 
     Attributes
     ----------
-    file : name of the file that it is given, in a folder of its own.
+    file : name of the file that it is given, in a separate folder.
     seeds : makes valid files.
     read : reads the file with everything that is read of such files; raises DanceDataError.
     text : whether lines and words are changed rather than bits.
-    also : other names of what is wrong that an error may give, besides the file's.
+    also : other names that an error may give for the place of the defect, in addition to the file's.
     """
 
     format: str
@@ -280,7 +280,7 @@ def _read_weights(path: Path) -> None:
 
 
 def _read_shard(path: Path) -> None:
-    """Read a shard as somebody would have published it: dataset.json has its size and hash."""
+    """Read a shard as if it had been published: dataset.json has its size and hash."""
     from dancedata.store import open_store, verify_store
 
     data = path.read_bytes()

@@ -22,7 +22,7 @@ class Tempo(CopyAugmentation):
     which keeps its pitch, and features, windows, contacts, key motions and the tempo in BPM are those of the new
     motion and music. Copies work for every representation.
 
-    Samples cannot be changed when they are read: features would have to be computed anew from the stretched music.
+    Samples cannot be changed when they are read: features would have to be recomputed from the stretched music.
 
     Attributes
     ----------

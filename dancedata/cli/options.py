@@ -25,8 +25,8 @@ CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache fold
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
 Backend = Annotated[str, typer.Option(help="loky: processes of this machine. dask: a cluster.")]
 Scheduler = Annotated[str | None, typer.Option(help="Address of the Dask scheduler.")]
-NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; has to be stated, here or in their files."
-SCALER_HELP = "Another scaler than the dataset's, a file of normalizer.save(...): columns are normalised by it."
+NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; must be stated, here or in their files."
+SCALER_HELP = "File of normalizer.save(...): the scaler that normalises the columns, instead of the dataset's."
 CLIP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
 Normalized = Annotated[
     bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)

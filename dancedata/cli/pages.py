@@ -104,7 +104,7 @@ def _write_video(
 
 
 TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
-CLIPS_HELP = "Clips that the page plays: the most suspicious and others; above 12 in a folder beside the page."
+CLIPS_HELP = "Clips that the page plays: the most suspicious and others; above 12 in a folder next to the page."
 REPORT_SHARE_HELP = "State that you may share the music although the dataset's licence forbids it."
 
 
@@ -116,9 +116,11 @@ def report(
     audio: Annotated[str, typer.Option(help="none, or embed: the music of the clips inside the page.")] = "none",
     source: Annotated[Path | None, typer.Option(help="Folder with the music, for --audio embed.")] = None,
     may_share: Annotated[bool, typer.Option("--i-may-share-this-music", help=REPORT_SHARE_HELP)] = False,
-    against: Annotated[Path | None, typer.Option(metavar="OTHER", help="Another built dataset beside it.")] = None,
+    against: Annotated[
+        Path | None, typer.Option(metavar="OTHER", help="Another built dataset to compare with.")
+    ] = None,
     max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
-    overwrite: Annotated[bool, typer.Option(help="Replace a file that is there.")] = False,
+    overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
 ) -> None:
     """Write a page that shows what a dataset holds: dancedata report OUT --to FILE.html."""

@@ -49,7 +49,7 @@ _NEXT = """wrote {module} and {test}
 next:
   1. python -m pytest {test}: the template passes; change it, and run the test again
   2. in a checkout of dancedata: move {module} to {folder}/;
-     elsewhere: write the pyproject.toml below beside it, and pip install -e {out}
+     elsewhere: write the pyproject.toml below next to it, and pip install -e {out}
   3. dancedata list shows it, and {use}
 
 [project]

@@ -171,7 +171,7 @@ def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translat
 def carried_over(motion: Motion, target: Skeleton) -> Motion:
     """Transfer a motion to the joints of another body of the SMPL family; the pelvis stays where it is.
 
-    The bones are the target's, except where the motion has all of the target's joints on a body of its own (a body
+    The bones are the target's, except where the motion has all of the target's joints on its own body (a body
     model with betas): then it keeps them. SMPL's 24 joints keep their bones only where the target's joints are the
     same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are copied as by `on_body`.
 

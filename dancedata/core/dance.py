@@ -112,7 +112,7 @@ class MusicBeats:
         """Return the beats of rows (T, D) of an audio feature: where its group "beat" is 1.
 
         The instant of a beat is that of its row minus `late` rows (`AudioFeature.beat_rows_late`). Where the feature
-        has an onset envelope, the instant is that of the envelope's peak between the rows beside it.
+        has an onset envelope, the instant is that of the envelope's peak between the neighbouring rows.
         """
         frames = np.flatnonzero((rows[:, columns.slice("beat")] > 0.5).any(axis=1))
         places = frames.astype(np.float64) - late

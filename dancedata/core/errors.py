@@ -68,7 +68,7 @@ class DanceDataError(Exception):
             # Capitalised as a sentence, unless it begins with a file name, key or command.
             first = fix.split(maxsplit=1)[0]
             fix = f"{fix[:1].upper()}{fix[1:]}" if first.rstrip(",:").isalpha() and first not in _COMMANDS else fix
-            # After a list with one entry per line it has a line of its own.
+            # After a list with one entry per line it has its own line.
             text += fix if text.endswith("\n") else f". {fix}"
         return text
 
@@ -158,7 +158,7 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
 def closest(name: str, known: Iterable[str]) -> str | None:
     """Return the most similar of the known names, or None if none is similar.
 
-    Case and separators of parts are ignored; a part, the end or the beginning of a name stands for it.
+    Case and separators of parts are ignored; a part, the end or the beginning of a name matches it.
     """
     query = "".join(_parts(name))
     whole: dict[str, str] = {}

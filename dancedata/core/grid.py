@@ -169,7 +169,7 @@ class FrameGrid:
     def rows_up(self, frames: int, *, of: FrameGrid) -> int:
         """Return how many rows of the grid `of` begin within `frames` frames: rounded up.
 
-        It is also the first row that does not lie before frame `frames`.
+        It is also the first row at or after frame `frames`.
         """
         period, other_period = self.common_period(of)
         return -(-int(frames) * other_period // period)
@@ -180,7 +180,7 @@ class FrameGrid:
         return frames * other_period // period, frames * other_period % period == 0
 
     def nearest_rows(self, frames: IntArray, *, of: FrameGrid) -> IntArray:
-        """Return the row of the grid `of` nearest to each of many frames, (N,) int64; the later of two."""
+        """Return the row of the grid `of` nearest to each of many frames, (N,) int64; ties go to the later row."""
         period, other_period = self.common_period(of)
         return (2 * frames * other_period + period) // (2 * period)
 

@@ -21,7 +21,7 @@ def forward_kinematics(skeleton: Skeleton, rotations: FloatArray, translation: F
     Parameters
     ----------
     skeleton
-        J joints. The posed root lies at offsets[0] + translation, as in SMPL (Loper et al. 2015).
+        J joints. The posed root is at offsets[0] + translation, as in SMPL (Loper et al. 2015).
     rotations
         (T, J, 3) axis-angle, radians, each relative to the parent.
     translation
@@ -120,7 +120,7 @@ class Motion:
     Attributes
     ----------
     translation
-        (T, 3) SMPL's translation, metres; the posed root lies at skeleton.offsets[0] + translation.
+        (T, 3) SMPL's translation, metres; the posed root is at skeleton.offsets[0] + translation.
     rotations
         (T, J, 3) axis-angle relative to the parent, radians; lengths beyond pi are allowed.
     grid

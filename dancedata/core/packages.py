@@ -98,5 +98,5 @@ def load(module: str, extra: str, what: str = "") -> ModuleType:
 def _is_installed(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except (ImportError, ValueError):  # where something else stands in its place
+    except (ImportError, ValueError):  # if something else takes its place
         return False

@@ -230,7 +230,7 @@ def beat_rows_late(field: str) -> int:
     return FEATURES.get(plugin).beat_rows_late if plugin in FEATURES else 0
 
 
-#: All of them, by what `dancedata list` calls them; that of exports is beside their base class.
+#: All of them, by their names in `dancedata list`; that of exports is next to their base class.
 REGISTRIES: dict[str, Registry[Any]] = {
     "datasets": DATASETS,
     "representations": REPRESENTATIONS,

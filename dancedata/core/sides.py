@@ -1,6 +1,6 @@
 """Left, right and up of a motion, judged by its anatomy: direction of toes, bends of knees and elbows, and the floor.
 
-The numbers beside the limits are medians of whole clips of real dances (AIST++ with breakdance, three BVH captures).
+The numbers next to the limits are medians of whole clips of real dances (AIST++ with breakdance, three BVH captures).
 """
 
 from dataclasses import dataclass
@@ -110,10 +110,10 @@ def sides_of(joints: Float64Array, motion: Motion | None = None, *, toes: bool =
 
 
 def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
-    """Return the body's mean direction if the dancer stands along another axis than +Y, and whether that is certain.
+    """Return the body's mean direction if the dancer stands along an axis other than +Y, and whether that is certain.
 
     Dancers lie down and stand on their hands: an axis is wrong only if the lowest joint along the other one keeps
-    its height better than that along +Y, as on a floor, on which the feet move. Those of a dancer who lies still keep
+    its height better than that along +Y, as on a floor, on which the feet move. Those of a dancer lying still keep
     their place along any axis.
 
     Parameters

@@ -30,7 +30,7 @@ _LONGEST_MEDIAN = np.pi
 #: The translation is an affine function of the first joint within this fraction of its movement in the second
 #: direction: a pelvis that was measured separately moves nearly like the translation.
 _SAME = 0.15
-#: Bound of the distance between the means of the two, as a fraction of the larger mean: a pelvis lies 0.24 m below
+#: Bound of the distance between the means of the two, as a fraction of the larger mean: a pelvis is 0.24 m below
 #: SMPL's translation; rotation vectors that circle as the dancer does have a mean far from the dancer's height.
 _PLACE = 0.5
 #: Least correlation of the mean lengths of 21 bones with SMPL's: 0.87 to 1 for positions of people, at most 0.73 for

@@ -41,7 +41,7 @@ class MotionRule:
         Whether they are turned by 90 degrees about z after that: (x, y, z) becomes (-y, x, z).
     pelvis
         "any": constant shifts do not change the numbers. "body": the pelvis has to lie where the body has it.
-        "translation": it lies at SMPL's translation, as in EDGE's kinematics, which omit its rest position.
+        "translation": it is at SMPL's translation, as in EDGE's kinematics, which omit its rest position.
     """
 
     body: Body

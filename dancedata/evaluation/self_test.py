@@ -1,4 +1,4 @@
-"""Comparison of a user's copy of a dataset with the ground-truth rows that were published under each protocol."""
+"""Comparison of a user's copy of a dataset with the ground-truth rows published under each protocol."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -22,7 +22,7 @@ from dancedata.pipeline.check import scan_folder
 
 @dataclass(frozen=True)
 class SelfTest:
-    """The reports of all protocols that have a published ground-truth row of a dataset.
+    """The reports of all protocols that have a published ground-truth row for a dataset.
 
     Attributes
     ----------
@@ -99,12 +99,12 @@ def self_test(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> SelfTest:
-    """Measure the ground truth of a dataset under every protocol that has a published row of it.
+    """Measure the ground truth of a dataset under every protocol that has a published row for it.
 
     Parameters
     ----------
     source
-        Folder with the dataset's files, as for ``dancedata build``; music is used where it is there.
+        Folder with the dataset's files, as for ``dancedata build``; music is used if present.
     protocol
         Only this protocol.
 
@@ -113,7 +113,7 @@ def self_test(
     SourceError
         If no reader recognises the folder.
     UsageError
-        If nothing was published of it.
+        If nothing was published for it.
     """
     reader, _ = scan_folder(source)
     protocols = (
@@ -146,7 +146,7 @@ def self_test(
 
 
 def _with(reader: Dataset, **values: str) -> Dataset:
-    """Return a reader with other parameters, as far as it has them and takes the values."""
+    """Return a reader with other parameters, where it has them and accepts the values."""
     names = {f.name for f in fields(reader)}
     try:
         return replace(reader, **{name: value for name, value in values.items() if name in names})

@@ -129,7 +129,7 @@ def touch(path: str, used: float) -> None:
 
     The access time cannot be used: most file systems are mounted so that it is updated late or never.
     """
-    # Also where the last use lies in the future: the clock was set back.
+    # Also if the last use is in the future: the clock was set back.
     if abs(time.time() - used) > USE_GRANULARITY_S:
         with suppress(OSError):  # another user's entry, or a read-only cache
             os.utime(path)

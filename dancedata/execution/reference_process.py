@@ -1,7 +1,7 @@
 """Child processes that Ctrl-C does not reach: one that computes as builds do, one that reports a crash.
 
-A notebook or a training job has loaded numpy long before it asks for a feature, so that kernels cannot be chosen any
-more. It needs one more process, which is started by the first computation and kept. That works in every process:
+A notebook or a training job has loaded numpy long before it asks for a feature, so kernels can no longer be
+chosen. It needs one more process, which is started by the first computation and kept. That works in every process:
 multiprocessing would import the user's script again, and refuses to start children from the workers of a DataLoader.
 
 A crash inside libsndfile or libhdf5 ends a process before Python can print anything; `faulthandler` could name lines
@@ -39,7 +39,7 @@ class ReferenceProcessError(DanceDataError):
     """The reference process died."""
 
 
-# The folders of modules come as an argument: a process starts with others.
+# The module path is an argument: a new process starts with another one.
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
     "from dancedata.execution.reference_process import serve; serve(int(sys.argv[1]))"
@@ -170,7 +170,7 @@ def _answer(message: bytes) -> bytes:
 def shielded() -> Iterator[None]:
     """Start processes within the context: they never receive SIGINT; this process receives it when the context ends.
 
-    SIGTERM, which is sent to one process, reaches this one then too.
+    SIGTERM, which is sent to one process, also reaches this one only then.
 
     A terminal sends SIGINT to all processes of a command. A child that is starting would print a traceback, and an
     exception in the parent while it starts one leaves the child waiting for input.

@@ -78,7 +78,7 @@ class SliceWriter:
     sound
         "cut": from the music; "silence".
     repeat
-        How often each frame lies in a pickle: 2 where the loader keeps every second one.
+        How often each frame is in a pickle: 2 where the loader keeps every second one.
     batch
         Batch size of the trainer, whose loaders drop the last, smaller batch.
     """

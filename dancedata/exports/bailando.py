@@ -62,7 +62,7 @@ def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipVie
     """Return the clip with the longest signal of each music id, and ids with signals that are different music.
 
     Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
-    that is right where the shorter ones are the beginning of the longest.
+    this works if the shorter files are the beginning of the longest.
     """
     songs: dict[str, ClipView] = {}
     missing: list[Missing] = []

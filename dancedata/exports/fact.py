@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 #: Castagnoli's polynomial, bits reversed.
 _POLYNOMIAL = 0x82F63B78
-#: Bytes that are taken one after another; pieces of so many bytes are taken side by side.
+#: Bytes that are taken one after another; pieces of this many bytes are taken side by side.
 _PIECE = 256
 _UInt32Array = npt.NDArray[np.uint32]
 Feature = bytes | npt.NDArray[np.float32] | tuple[int, ...]
@@ -121,7 +121,7 @@ def _varint(value: int) -> bytes:
 
 
 _MOTION, _RATE = "fact219", 60
-#: Frames of a training example: the loader cuts so many frames of music from a random place in the motion.
+#: Frames of a training example: the loader cuts this many frames of music from a random place in the motion.
 _LEAST = 240
 _SHARDS = 20
 #: The seed with which mint's script draws the file of each record.

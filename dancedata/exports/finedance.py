@@ -41,7 +41,7 @@ def needs_tracks(job: ExportJob, motion: str, feature: str) -> list[Missing]:
 
 
 def note_missing(job: ExportJob, folder: ExportFolder, ignored: frozenset[str], loader: str) -> None:
-    """Note the ids that a loader opens but that are not there: it would end with FileNotFoundError."""
+    """Note the ids that a loader opens but that are missing: it would end with FileNotFoundError."""
     exported = {clip.id for clip in job.clips()}
     missing = [name for name in facts().ids if name not in ignored and name not in exported]
     if missing:

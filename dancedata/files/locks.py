@@ -112,7 +112,7 @@ def lock_abandoned(fd: int) -> bool:
 def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[None]:
     """Hold the lock of a folder that is written within the context; the folder need not exist.
 
-    The lock is an empty file beside the folder, ``.dancedata-NAME.lock``, that is removed afterwards: a finished
+    The lock is an empty file next to the folder, ``.dancedata-NAME.lock``, that is removed afterwards: a finished
     folder holds nothing of it. Where no file can be made there, the folder itself is locked.
 
     Parameters
@@ -127,7 +127,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
     StoreError
         If another process has the lock.
     OSError
-        If neither the folder nor a file beside it can be locked.
+        If neither the folder nor a file next to it can be locked.
     """
     fd, path = _open_lock(folder, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), what)
     try:

@@ -6,7 +6,7 @@ A folder OUT that is empty, or holds other files, is filled from a folder within
     OUT/.dancedata-dataset.json      last file of a folder that is complete: now the others are moved
     OUT/dataset.json                 complete, and nothing else of dancedata's
 
-A folder OUT that is replaced is written beside it (`swapped`); of a writer that is running or was killed there are::
+The replacement of a folder OUT is written next to it (`swapped`); a running or killed writer leaves::
 
     .dancedata-NAME.lock              held by the writer
     .dancedata-NAME.new-<8 digits>    the folder that will be OUT, with the marker
@@ -184,7 +184,7 @@ def recover(out: Path, layout: Layout) -> None:
 
 
 def tidy(out: Path, layout: Layout) -> None:
-    """Finish moving the files of a complete folder, and remove unfinished ones in `out` and beside it.
+    """Finish moving the files of a complete folder, and remove unfinished ones in `out` and next to it.
 
     Raises
     ------

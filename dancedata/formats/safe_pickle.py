@@ -3,7 +3,7 @@
 A pickle is a program, and its result can be far larger, deeper or slower to traverse than its bytes suggest. All
 opcodes that build anything are therefore replaced by checked ones (`checked_unpickler`): keys are texts and small
 integers, objects of allowed classes are stand-ins without behaviour, containers are nested at most MAX_DEPTH deep,
-and calls build (arrays, bytes, sets) not much more than the file's size. A list can still occur so often that
+and calls build (arrays, bytes, sets) not much more than the file's size. A list can still occur so many times that
 expanding it fills any memory: `as_array` accepts no nested lists, and `core.text.shown` does not expand them.
 """
 
@@ -105,7 +105,7 @@ MAX_PICKLE_BYTES = 1 << 29
 MAX_DEPTH = 100
 #: Containers of one file: each takes a byte of it and up to 216 of memory.
 MAX_CONTAINERS = 100_000
-#: Larger files may begin one in so many bytes: an array of joblib takes about 250 bytes and 8 containers of opcodes.
+#: Bytes of a larger file per container: an array of joblib takes about 250 bytes and 8 containers of opcodes.
 _BYTES_PER_CONTAINER = 24
 #: Calls may build this many times the size of the file, plus a constant. Protocol 2 stores the bytes of an array as
 #: text, which is encoded to bytes and then copied.
@@ -204,7 +204,7 @@ class ArrayUnpickler(CheckedUnpickler):
     stream
         The file, behind the opcodes that were read.
     names
-        What the pickle may name, and what stands for it.
+        The names that the pickle may use, and their substitutes.
     size
         Size of the file, before it was unpacked.
     left
@@ -254,7 +254,7 @@ class ArrayUnpickler(CheckedUnpickler):
         return value
 
     def find_class(self, module: str, name: str) -> Callable[..., Any]:
-        """Return what stands for a name; UnsafePickleError if the name is not allowed."""
+        """Return the substitute for a name; UnsafePickleError if the name is not allowed."""
         try:
             stand_in: Callable[..., Any] = self.names[module, name]
         except KeyError:
@@ -336,7 +336,7 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES) -> Any:
     Parameters
     ----------
     names
-        (module, name) -> the function or `ClassName` that stands for it.
+        (module, name) -> the function or `ClassName` that replaces it.
 
     Raises
     ------

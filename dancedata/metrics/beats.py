@@ -32,7 +32,7 @@ class BeatDetector:
         Paper or file.
     curve
         "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
-        t - 1 -> t in float32, T values, the first 0, so that no beat lies at `order` or before.
+        t - 1 -> t in float32, T values, the first 0, so that no beat is at `order` or before.
     sigma_frames, sigma_s
         Of the Gaussian that smooths the curve, in frames whatever the rate or in seconds; both None: none.
     order
@@ -87,7 +87,7 @@ def summed_steps(joints: Float64Array) -> npt.NDArray[np.float32]:
 def motion_beats(joints: Float64Array, fps: float, *, detector: str = "seconds") -> IntArray:
     """Return the beats of a motion: frames in which it is slowest.
 
-    Index t of "seconds" and "bailando" stands for the step from frame t to t + 1, so the instant is t + 1/2.
+    Index t of "seconds" and "bailando" is the step from frame t to t + 1, so the instant is t + 1/2.
 
     Parameters
     ----------

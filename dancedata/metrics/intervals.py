@@ -69,7 +69,7 @@ def jackknife(
     Returns
     -------
     dict
-        By score. One that no clip changes, or that lies at a bound, has no interval.
+        By score. A score that no clip changes, or that is at a bound, has no interval.
 
     Raises
     ------

@@ -60,7 +60,7 @@ PFC_VARIANTS = {
 
 
 def pfc(joints: Float64Array, fps: float, *, variant: str = "rescaled", up: Up = "y") -> float:
-    """Return the physical foot contact score: lower is better, 0 if one foot always stands (EDGE, Tseng et al. 2023).
+    """Return the physical foot contact score: lower is better, 0 if one foot is planted (EDGE, Tseng et al. 2023).
 
     The mean over the frames 1 ... T - 2 of ``|a| / max |a|`` times the speeds of both feet. a is the acceleration of
     the root with its downward part set to 0; the speed of a foot is the lesser of its ankle's and its toe's,

@@ -229,7 +229,7 @@ def extract_track(
 ) -> CachedArray | Reject:
     """Compute a feature of a whole signal, and publish it under `key`.
 
-    `ahead` is the file of the next unit, decoded meanwhile for features that compute on a device.
+    `ahead` is the file of the next unit, decoded ahead for features that compute on a device.
     """
     try:
         return cache.once(

@@ -54,7 +54,7 @@ def check(
 def _implausible(path: Path) -> list[Problem]:
     """Return notes on implausible clips of a sound dataset, and on songs that could not be compared.
 
-    Clips are judged by the dataset's flags, and by its motion as today's rules see it.
+    Clips are judged by the dataset's flags, and by its motion under today's rules.
     """
     with open_store(path) as store:
         flagged = {(row.get("clip"), row.get("kind")) for row in store.quality}

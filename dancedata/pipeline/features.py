@@ -46,7 +46,7 @@ class ExtractedClip:
 def extract_features(
     cache: Cache, recipe: Recipe, clips: Sequence[WindowedClip], *, jobs: Jobs, progress: Progress
 ) -> tuple[list[ExtractedClip], list[Reject]]:
-    """Extract all audio fields; a clip whose music fails is left out, and skipped for the fields after it."""
+    """Extract all audio fields; a clip whose music fails is left out and skipped for later fields."""
     audio: dict[str, dict[str, Blocks]] = {clip.source.ref.id: {} for clip in clips}
     left, rejects = list(clips), []
     for job in recipe.audio:
@@ -82,7 +82,7 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
 
 
 class _Window(NamedTuple):
-    """A window's rows: their key, and the song that they are computed of, with the tempo to start from."""
+    """A window's rows: their key, and the song that they are computed from, with the tempo to start from."""
 
     key: str
     song: tuple[SignalId, float | None]
@@ -150,7 +150,7 @@ class _Extraction:
         return blocks, failed
 
     def _compute_windows(self, units: Sequence[_Unit]) -> tuple[dict[str, CachedArray], dict[SignalId, Reject]]:
-        """Return rows by key, and what failed by song."""
+        """Return rows by key, and failures by song."""
         cached = [known_windows(self.cache, unit.keys) for unit in units]
         arrays: dict[str, CachedArray] = {}
         broken: dict[SignalId, Reject] = {}
@@ -204,7 +204,7 @@ def _jobs_for(feature: AudioFeature, jobs: Jobs) -> Jobs:
 
 
 def _next_songs(feature: AudioFeature, songs: Sequence[Path]) -> list[Path | None]:
-    """Return, for each unit of work, the file of the next one, if the feature computes on a device meanwhile."""
+    """Return, for each unit of work, the file of the next one, if the feature computes on a device."""
     if not (isinstance(feature, NetworkFeature) and feature.prefetch):
         return [None] * len(songs)
     return [then if then != path else None for path, then in zip(songs, [*songs[1:], None], strict=False)]

@@ -89,7 +89,7 @@ def _writing(out: Path) -> AbstractContextManager[None]:
     return writable(
         out,
         "the output folder cannot be written",
-        "choose an --out that is a folder of your own, on a disk with room",
+        "choose an --out that you can write to, on a disk with free space",
     )
 
 

@@ -139,7 +139,7 @@ def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -
             "refusing to overwrite files that dancedata did not write; nothing was computed",
             where=out,
             found=listed(path.name for path in foreign),
-            allowed="no such files, or a .npy with the .json that was written beside it",
+            allowed="no such files, or a .npy with the .json that was written with it",
             fix="choose another --out, or move them away",
         )
 

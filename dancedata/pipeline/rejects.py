@@ -115,7 +115,7 @@ def _detail(row: Mapping[str, Any]) -> str:
         "arms are swapped",
         "implausible_elbows": f"the elbows bend backwards ({value:.2f}, where 0.4 to 0.9 is usual); left and right "
         "of the arms or of the whole motion are swapped, or it is mirrored",
-        "implausible_up": f"the body does not stand along +Y (cosine {value:.2f}), and the floor lies along another "
+        "implausible_up": f"the body does not stand along +Y (cosine {value:.2f}), and the floor is along another "
         "axis; the up axis is probably wrong",
         "crossed_legs": f"the left ankle is {value:.2f} widths of the hips to the left of the right one, where 0.6 "
         "to 4 is usual",

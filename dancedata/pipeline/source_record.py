@@ -19,7 +19,7 @@ DIGITS = 12
 #: Of more clips no record is kept: dataset.json has to stay small enough to be read (`store.dataset_json.MAX_BYTES`).
 MAX_CLIPS = 200_000
 NO_MUSIC = "-"
-#: Attributes of a clip that are compared besides the hashes of its files.
+#: Attributes of a clip that are compared, in addition to the hashes of its files.
 _ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
 _SHOWN, _MESSAGE = 5, 600
 

@@ -106,7 +106,7 @@ def text_font(size: float) -> Any:
     return load("PIL.ImageFont", "video").load_default(size)
 
 
-#: Turn about the vertical axis and downward tilt, radians; height of the point looked at above the floor, metres.
+#: Turn about the vertical axis and downward tilt, radians; height of the target point above the floor, metres.
 _YAW, _PITCH, _LOOK_AT = 0.55, 0.2, 0.85
 #: Focal length in heights of the picture, and distance of the camera, metres.
 _FOCAL, _DISTANCE = 1.25, 3.9
@@ -123,7 +123,7 @@ class Camera:
     width, height
         Of the picture, pixels.
     target
-        (x, floor, z) of the point on the floor below the point looked at, metres.
+        (x, floor, z) of the point on the floor below the target point, metres.
     """
 
     width: int

@@ -226,7 +226,7 @@ def write_video(
     try:
         write_mp4(target, frames, size, scene.figure.grid.rate, sound, comment=notice)
     except OSError as error:
-        fix = "name a file in a folder of your own, on a disk with room; nothing was left there"
+        fix = "name a file in a folder that you can write to, on a disk with free space; nothing was left there"
         raise StoreError("the video cannot be written", where=target, found=str(error), fix=fix) from error
     return target
 

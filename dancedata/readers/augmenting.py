@@ -21,7 +21,7 @@ from dancedata.store.normalize import MinMax
 
 
 def _sample_field(store: Store, name: str) -> SampleField:
-    """Return a field with the plug-ins that made it, where the dataset's recipe names installed ones."""
+    """Return a field with the plug-ins that made it, if the dataset's recipe names installed ones."""
     field, recipe = store.field(name), store.meta.get("recipe")
     plain = SampleField(name, field.kind, field.columns, field.grid)
     if field.kind != "motion":
@@ -116,7 +116,7 @@ class Augmenter:
         mirrored
             Whether samples are mirrored by other means already.
         allow_crop
-            Whether other windows may be read.
+            Whether windows other than the stored ones may be read.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class Augmenter:
 
     @property
     def crops(self) -> bool:
-        """Whether other windows are read than those that are listed."""
+        """Whether windows other than the listed ones are read."""
         return any(step.augmentation.chooses_windows for step in self.steps)
 
     def start(self, start: int, starts: range, stride: int, epoch: int, index: int) -> int:
@@ -158,7 +158,7 @@ class Augmenter:
     def rows(self, field: str, rows: npt.NDArray[Any], epoch: int, index: int) -> npt.NDArray[Any]:
         """Return the rows of a field of sample `index`, (L, D), not normalised; the same array if nothing changes it.
 
-        The array that is given is not written to.
+        The input array is not modified.
         """
         if not self.steps:
             return rows
@@ -262,7 +262,7 @@ def _step(name: str, augmentation: Augmentation, chance: float) -> _Step:
 
 
 def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
-    """Yield steps under different names, so that steps of one name draw different numbers."""
+    """Yield steps under different names, so that steps with the same name draw different numbers."""
     counts: dict[str, int] = {}
     for step in steps:
         nth = counts[step.name] = counts.get(step.name, 0) + 1
@@ -291,7 +291,7 @@ def _check_windows(step: _Step, store: Store, allow_crop: bool) -> None:
         )
     if augmentation.chooses_windows and store.scope == "window":
         raise UsageError(
-            f"the augmentation {step.name} reads other windows than the stored ones",
+            f"the augmentation {step.name} reads windows other than the stored ones",
             where=str(store.path),
             found="a dataset of window scope, which holds only the windows that were built",
             fix="build with scope: track",

@@ -28,7 +28,7 @@ class ClipDataset(SplitDataset):
     """Clips of one split, each a dict of tensors and metadata, as `WindowDataset` has them.
 
     A sample is a whole clip, all frames for which every field has whole rows; or, with `crop_s` or `crop_frames`, a
-    piece of that length from a random place of it, another one in every epoch::
+    piece of that length from a random place, a new one in every epoch::
 
         clips = ClipDataset(out, fields=("edge151", "librosa35"))
         loader = DataLoader(clips, batch_size=8, collate_fn=pad_clips, sampler=EpochSampler(clips, seed=0))

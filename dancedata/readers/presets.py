@@ -71,7 +71,9 @@ def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, v
     """
     motion = [f.name for f in map(store.field, fields) if f.kind == "motion" and f.rate == store.fps]
     if not motion:
-        raise UsageError("primitives need a motion field beside them", found=", ".join(fields), fix="read lodge139")
+        raise UsageError(
+            "primitives need a motion field to be read with them", found=", ".join(fields), fix="read lodge139"
+        )
     if length % n:
         raise UsageError(
             "a window is not a whole number of local segments",
@@ -227,7 +229,7 @@ def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
     from dancedata.recipes.yaml import recipes_with  # here, as readers need no YAML
 
     makers = recipes_with(name)
-    build = f"build with a recipe that has it, such as {' or '.join(makers)}, or add it to a recipe of your own"
+    build = f"build with a recipe that has it, such as {' or '.join(makers)}, or add it to your own recipe"
     if not makers:
         fix = did_you_mean(name, store.fields)
     else:

@@ -118,7 +118,7 @@ class EpochSampler(Sampler[int]):
 
     @property
     def epoch(self) -> int:
-        """The epoch that iterating goes on with."""
+        """The epoch with which iteration continues."""
         return self._epoch
 
     @property

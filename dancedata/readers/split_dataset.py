@@ -317,7 +317,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
             raise UsageError(
                 "the state is of a reader with other scalers",
                 found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
-                allowed=listed(f"{n} {v}" for n, v in hashes.items()),
+                allowed=listed(f"{n} {v}" for n, v in hashes.items()) or "none",
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
             )
 
@@ -337,9 +337,9 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
-        """Return the values of samples besides their arrays, (B,) each by name, in the order of a sample's keys.
+        """Return the values of samples other than their arrays, (B,) each by name, in the order of a sample's keys.
 
-        Places are of `windows`, by default the dataset's; `changes` are those of every sample besides augmentations.
+        Places are of `windows`, by default the dataset's; `changes` are those of every sample, without augmentations.
         """
         windows = self.windows if windows is None else windows
         places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch

@@ -44,7 +44,7 @@ SLOTS: dict[str, Registry[Any]] = {
     "keymotion": KEYMOTIONS,
     "augment": AUGMENTATIONS,
 }
-#: Keys of a slot beside the plug-in's.
+#: Keys of a slot in addition to the plug-in's.
 _SLOT_KEYS = {"motion": ("contacts",), "audio": ("fps",)}
 #: Motion is resampled to a recipe's rate however slowly it was captured: a billion per second would fill any memory.
 MAX_FPS = 1000
@@ -295,7 +295,7 @@ def make_named(registry: Registry[P], where: str, name: str, parameters: dict[st
     RecipeError
         For parameters that it does not take, all of them.
     """
-    registry.get(name)  # an unknown name is an error of its own, with the closest known one
+    registry.get(name)  # an unknown name is a separate error, with the closest known one
     problems: list[str] = []
     plugin = make_plugin(registry, where, name, parameters, problems)
     if plugin is None:

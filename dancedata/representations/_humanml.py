@@ -1,4 +1,4 @@
-"""HumanML3D's way from joint positions to columns and back (Guo et al., CVPR 2022; MIT), written anew.
+"""HumanML3D's way from joint positions to columns and back (Guo et al., CVPR 2022; MIT), rewritten.
 
 Its bones are those of the first frame of AMASS's clip 000021, to which every clip is retargeted: each bone keeps its
 direction, and gets the length of the target's. Two peculiarities of the original are part of the numbers:
@@ -6,7 +6,7 @@ direction, and gets the length of the target's. Two peculiarities of the origina
 - The facing direction of a frame is computed from hips and shoulders taken in opposite directions, so that the hips
   count against the shoulders (`inverse_kinematics_np` swaps its names for the hips). The clip itself is turned to
   +Z by hips and shoulders taken the same way.
-- The facing angle of a frame lies within half a turn, and its step to the next is taken as the arc sine of half the
+- The facing angle of a frame is within half a turn, and its step to the next is taken as the arc sine of half the
   difference. Where it passes half a turn, the step has the wrong sign, and recovered positions face elsewhere from
   there on.
 """

@@ -128,7 +128,7 @@ class SmplX6D(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion on the layout's own bones, those on which `decode` stands.
+        """Encode a motion on the layout's own bones, those that `decode` uses.
 
         Parameters
         ----------

@@ -39,7 +39,7 @@ class ClipRecord:
         Number of quality flags raised for the clip; `Store.quality` has them.
     trim_start
         First frame, at the store's fps, that belongs to the dance: according to the source, earlier ones should be
-        cut. They are stored; readers skip them when asked to trim.
+        cut. They are stored; readers skip them when trimming is requested.
     height_m
         Vertical extent of the dancer's joints, median over frames, metres; None if unknown.
     source_rate

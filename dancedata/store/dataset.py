@@ -186,8 +186,8 @@ class Store:
         split
             One of `splits`.
         length_s, length_frames, stride_s, stride_frames
-            Length and stride of the windows, at most one of each pair; default: as stored. Others than the stored
-            ones need a store of track scope.
+            Length and stride of the windows, at most one of each pair; default: as stored. Other values need a store of
+            track scope.
         fields
             Fields in which these windows have to begin and end at whole rows. Default: all.
         trim
@@ -264,7 +264,7 @@ class Store:
         UsageError
             For an unknown clip.
         StoreError
-            In window scope, where no other windows than the stored ones can be read.
+            In window scope, which holds only the stored windows.
         """
         if self.scope == "window":
             raise self._only_built_windows()

@@ -1,4 +1,4 @@
-"""Reads and checks dataset.json and the JSON files beside it."""
+"""Reads and checks dataset.json and the JSON files next to it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ MAX_BYTES = 1 << 26
 MAX_RECIPE = 1 << 17
 #: Larger numbers are refused.
 _LARGE = 1e300
-#: Frames after which frames and rows coincide, at most: numbers of frames times that fit into 64 bits.
+#: Frames after which frames and rows coincide, at most: this multiple of a frame number fits into 64 bits.
 _MAX_PERIOD = 1 << 31
 #: Largest rejects.jsonl and quality.jsonl, bytes.
 MAX_LINES_BYTES = 1 << 28
@@ -88,7 +88,9 @@ def load_description(folder: Path) -> Description:
     except ValueError as error:
         raise StoreError("dataset.json is not valid JSON", where=str(path), found=str(error), fix=REBUILD) from error
     if not isinstance(document, dict) or "format" not in document:
-        raise StoreError("dataset.json is not that of a dancedata dataset", where=str(path), found="no key 'format'")
+        raise StoreError(
+            "dataset.json does not describe a dancedata dataset", where=str(path), found="no key 'format'"
+        )
     if document["format"] != FORMAT:
         raise StoreError(
             "the dataset has another format version",
@@ -209,7 +211,7 @@ _ABOUT: dict[str, type] = {
 
 
 def _check_rates(description: Description) -> None:
-    """Raise ValueError for rates that frames and rows in 64-bit integers cannot be converted between."""
+    """Raise ValueError for rates between which 64-bit frame and row numbers cannot be converted."""
     for field in description.fields:
         if max(description.grid.common_period(field.grid)) > _MAX_PERIOD:
             rates = f"{shown(field.rate)} rows per second, at {shown(description.fps)} frames"
@@ -217,7 +219,7 @@ def _check_rates(description: Description) -> None:
 
 
 def _check_about(document: Mapping[str, Any]) -> None:
-    """Raise ValueError for a value of another type than a build writes: code that shows it relies on the type."""
+    """Raise ValueError for a value whose type a build does not write: code that shows it relies on the type."""
     for key, kind in _ABOUT.items():
         if not isinstance(document.get(key, kind()), kind):
             raise ValueError(f"{key} is a {type(document[key]).__name__}, not a {kind.__name__}")

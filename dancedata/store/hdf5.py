@@ -151,7 +151,9 @@ def find_dataset(file: Any, name: str) -> Any:
     if at.dtype.kind not in "iufS" or at.dtype.subdtype is not None:
         raise _refused("a dataset has a type that shards do not use", where, at.dtype, "numbers or fixed-length text")
     if at.is_virtual or at.external:
-        raise _refused("a dataset lies in another file", where, "virtual or external storage", "data in the shard")
+        raise _refused(
+            "a dataset is stored in another file", where, "virtual or external storage", "data in the shard"
+        )
     _check_size(at, where)
     return at
 

@@ -1,4 +1,4 @@
-"""Files that dataset.json lists, recognised when they are opened later: a dataset may be built again meanwhile."""
+"""Files that dataset.json lists, recognised when they are opened later: a dataset may have been rebuilt since."""
 
 from __future__ import annotations
 

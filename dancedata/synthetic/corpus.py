@@ -214,7 +214,7 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
             where=str(folder),
             found=listed(names, 8),
             allowed=f"a new folder, an empty folder, or one with a {MARKER}",
-            fix="set --source to a folder of its own",
+            fix="set --source to a separate folder",
         )
     raise SourceError(
         "synthetic: the source folder contains a synthetic corpus with other parameters; nothing was changed",

@@ -125,7 +125,7 @@ def check_representation(cls: type[Any]) -> None:
     _check_spatial(representation, motion, array)
     if representation.decodes and representation.positions_only:
         decoded = representation.decode(array, FPS)
-        require(decoded.n_frames == 40 and decoded.grid == FPS, "decode gives as many frames, at the rate asked for")
+        require(decoded.n_frames == 40 and decoded.grid == FPS, "decode gives as many frames, at the requested rate")
     elif representation.decodes:
         decoded = representation.decode(array, FPS)
         wanted = motion
@@ -337,7 +337,7 @@ def recipe_with(
 
 def _check_columns(columns: Any) -> None:
     labels = columns.labels
-    require(len(labels) == columns.width == len(set(labels)), "every column has a label of its own")
+    require(len(labels) == columns.width == len(set(labels)), "every column has a unique label")
     require(json.loads(json.dumps(columns.to_json())) == columns.to_json(), "columns are JSON")
 
 
@@ -347,11 +347,11 @@ def _check_scan(scan: Scan) -> None:
 
     ids = [c.id for c in scan.clips]
     require(len(ids) >= 2, "the example has two clips or more")
-    require(ids == sorted(set(ids)), "clips have ids of their own and are sorted by them")
+    require(ids == sorted(set(ids)), "clips have unique ids and are sorted by them")
     for ref in scan.clips:
         check_name(ref.split, "split")
-        require(ref.motion_path.is_file(), f"clip {ref.id}: the motion file is there")
-        require(ref.audio_path is not None and ref.audio_path.is_file(), f"clip {ref.id}: the music is there")
+        require(ref.motion_path.is_file(), f"clip {ref.id}: the motion file exists")
+        require(ref.audio_path is not None and ref.audio_path.is_file(), f"clip {ref.id}: the music exists")
     for path in {c.audio_path for c in scan.clips if c.audio_path is not None}:
         require(load_audio(path).n_samples > 0, f"{path}: the music can be decoded")
 

@@ -63,13 +63,13 @@ def _check_exported(plugin: Export, one: Path, two: Path) -> None:
     require(record is not None, "export.json is whole")
     require(record is not None and set(record["files"]) == listed[0].keys() - {ABOUT}, "export.json lists all files")
     for folder in plugin.listed_folders:
-        require((one / folder).is_dir(), f"the folder {folder} that a loader lists is there")
+        require((one / folder).is_dir(), f"the folder {folder} that a loader lists exists")
     base_files = {"README.md", ABOUT, "LICENCE.txt"}
     inside = [name for name in listed[0] if Path(name).name in base_files and len(Path(name).parts) > 1]
     require(not inside, f"README, licence and export.json are not among the files of a loader: {inside}")
     require(len((one / "README.md").read_text()) > 200, "README.md explains the files")
     leftovers = [p.name for p in one.parent.iterdir() if p != one]
-    require(not leftovers, f"nothing is left beside the export: {leftovers}")
+    require(not leftovers, f"nothing is left next to the export: {leftovers}")
 
 
 def _check_refusal(plugin: Export, folder: Path, source: Path) -> None:

@@ -86,7 +86,7 @@ def check_metric(cls: type[Metric]) -> None:
     metric = cls()
     width = len(metric.columns)
     require(bool(cls.source), "source says where the definition is from")
-    require(width > 0 and len(set(metric.columns)) == width, "every number of a clip has a name of its own")
+    require(width > 0 and len(set(metric.columns)) == width, "every number of a clip has a unique name")
     rows = [row for row in (_measured(metric, dance) for dance in example_dances()) if row is not None]
     require(len(rows) >= 2, "ordinary dances have values")
     table = np.array(rows)
@@ -140,7 +140,7 @@ def check_plugin(cls: type[Any]) -> None:
     require(type(cls.version) is int and cls.version > 0, "version is a whole number above 0")
     text = inspect.getdoc(cls) or ""
     require(bool(text) and not text.startswith(f"{cls.__name__}("), f"{cls.__name__} has a docstring")
-    described = "\n".join(inspect.getdoc(base) or "" for base in cls.__mro__)  # a base may add fields of its own
+    described = "\n".join(inspect.getdoc(base) or "" for base in cls.__mro__)  # a base may add fields
     for field in dataclasses.fields(cls):
         require(re.search(rf"^{field.name}\b", described, re.M) is not None, f"the docstring describes {field.name}")
     from dancedata.recipes.documents import document_of

@@ -1,4 +1,4 @@
-"""The parts of the fast librosa35, each against the librosa function that it stands for."""
+"""The parts of the fast librosa35, each against the librosa function that it replaces."""
 
 import librosa
 import numpy as np

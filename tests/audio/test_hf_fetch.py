@@ -1,4 +1,4 @@
-"""Fetching models, from a hub of our own on this machine."""
+"""Fetching models from a test hub on this machine."""
 
 import hashlib
 import json
@@ -151,7 +151,7 @@ def test_a_model_is_fetched_without_code_and_pickles(hub: Hub, tmp_path: Path) -
         "licence": "cc-by-nc-4.0",
         "files": {name: sha256(FILES[name]) for name in kept},
     }
-    # Nothing is left beside it.
+    # No other file is left in the folder.
     assert names(tmp_path / "models") == {"tiny", *(f"tiny/{name}" for name in names(out))}
     made = open_model(str(out))
     assert (made.source, made.revision) == (NAME, COMMIT)

@@ -1,6 +1,6 @@
-"""A window's numbers do not depend on the windows that are asked for with it, whatever the processor.
+"""A window's numbers do not depend on the windows requested with it, on any processor.
 
-OpenBLAS has kernels for many processors, chosen when it is loaded: each is tried in a process of its own. On a kernel
+OpenBLAS has kernels for many processors, chosen when it is loaded: each is tried in a separate process. On a kernel
 for AVX2 (AMD's processors, Intel's without AVX-512) a row of a product depends on its place among the rows, so that
 any sum whose place is not the window's own shows here.
 """

@@ -1,4 +1,4 @@
-"""Copies at another speed: beats, contacts and key motions stay where they belong, and a build computes all anew."""
+"""Copies at another speed: beats, contacts and key motions stay aligned, and a build recomputes everything."""
 
 import json
 from fractions import Fraction

@@ -144,7 +144,7 @@ def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, tmp_path
         assert not [command for command in commands if b"popen_loky" in command], commands
     """
     command = ["build", "aist++", "--set", "audio={}", "--jobs", "2", "--source", str(corpus), "--quiet"]
-    # A cache of its own: from a full one no worker is started.
+    # A separate cache: from a full one no worker is started.
     command += ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     subprocess.run([sys.executable, "-c", code, *command], check=True)
 

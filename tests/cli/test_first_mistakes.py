@@ -329,7 +329,7 @@ def test_flags_are_summed_up_by_kind(built_copy: Path):
     assert "  flagged, not repaired (quality.jsonl): fast_turn in 1 clip, root_jump in 2 clips\n" in said
 
 
-# Features of one's own songs
+# Features of the user's own songs
 
 
 def about_of(folder: Path) -> dict[str, Any]:
@@ -421,7 +421,7 @@ def test_features_replace_no_file_of_others(corpus: Path, tmp_path: Path, name: 
     before = (out / "mBR0.librosa35.npy").read_bytes()
     run("features", song, "--out", out, "--bpm", 160)
     assert (out / "mBR0.librosa35.npy").read_bytes() != before
-    (out / "mBR0.librosa35.npy").write_bytes(before)  # others' numbers beside the description of ours
+    (out / "mBR0.librosa35.npy").write_bytes(before)  # foreign numbers next to our description
     assert "move them away" in run("features", song, "--out", out, "--bpm", 120, code=2).output
     assert (out / "mBR0.librosa35.npy").read_bytes() == before
 

@@ -14,7 +14,7 @@ THIRTY = FrameGrid.of(30)
 
 
 def feet(left_ankle: float, right_ankle: float, left_toe: float, right_toe: float, n_joints: int = 24) -> np.ndarray:
-    """Joints (1, J, 3), all at y = 0 but for the feet."""
+    """Joints (1, J, 3), all at y = 0 except the feet."""
     joints = np.zeros((1, n_joints, 3))
     joints[0, [7, 8, 10, 11], 1] = left_ankle, right_ankle, left_toe, right_toe
     return joints

@@ -42,7 +42,7 @@ def motion_on(skeleton: Skeleton, trim: int = 0) -> Motion:
 
 
 def test_smplx55_is_as_published() -> None:
-    # Order, parents and some rest positions of FACTS 7, typed anew.
+    # Order, parents and some rest positions of FACTS 7, retyped.
     assert SMPLX55.n_joints == 55
     assert SMPLX55.joints[:22] == SMPL24.joints[:22] == BODY_JOINTS
     assert SMPLX55.parents[:22] == SMPL24.parents[:22]
@@ -126,7 +126,7 @@ def test_a_body_of_ones_own_keeps_its_bones() -> None:
         assert found.skeleton.name == f"tall-{target.n_joints}"
         # The joints stand where the whole body's do.
         np.testing.assert_allclose(found.joints()[:, :22], motion_on(tall).joints()[:, :22], atol=1e-12)
-        # On the target's bones if it is asked for.
+        # On the target's bones if requested.
         assert on_body(motion_on(tall), target).skeleton is target
     # SMPL's hands are no joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
     assert carried_over(motion_on(tall), SMPL24).skeleton is SMPL24
@@ -149,7 +149,7 @@ def test_other_families_are_refused() -> None:
 
 
 def test_smplhs_mean_body_is_smpls() -> None:
-    """Which SMPL's 24 joints have too: a dance of either stands alike on SMPL-X's bones."""
+    """As SMPL's 24 joints do: both bodies put a dance on SMPL-X's bones in the same place."""
     motion = motion_on(SMPL24)
     smplh = on_body(motion, SMPLH52)
     np.testing.assert_array_equal(smplh.joints()[:, :22], motion.joints()[:, :22])

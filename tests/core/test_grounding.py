@@ -16,7 +16,7 @@ THIRTY = FrameGrid.of(30)
 
 
 def feet(left: float, right: float) -> np.ndarray:
-    """Joints (1, 24, 3) at y = -5 (ankles, hands and all), but for the two toes."""
+    """Joints (1, 24, 3) at y = -5 (including ankles and hands), except the two toes."""
     joints = np.full((1, 24, 3), -5.0)
     joints[0, 10, 1], joints[0, 11, 1] = left, right
     return joints

@@ -79,7 +79,7 @@ class Without(MetaPathFinder):
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a place for the demo's files, which the first command makes; a model lies beside it."""
+    """Give a place for the demo's files, which the first command makes, next to a model."""
     pytest.importorskip("transformers")
     folder = tmp_path_factory.mktemp("packages")
     HuggingFace.make_example(folder / "model")
@@ -88,7 +88,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def without(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], None]:
-    """Take a package away; the current folder is empty but for a song."""
+    """Take a package away; the current folder contains only a song."""
     import soundfile
 
     monkeypatch.chdir(tmp_path)

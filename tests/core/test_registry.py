@@ -45,7 +45,7 @@ def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
     (package / "late.py").write_text(
         "import time\ntime.sleep(0.5)\n"
         "from dancedata.core import registry\n"
-        "assert registry.SLOW.names() == ()  # a plug-in that asks meanwhile gets what there is\n"
+        "assert registry.SLOW.names() == ()  # a concurrent call gets the registered ones\n"
         "registry.SLOW.register('late')(type('Late', (registry.Plugin,), {'version': 1}))\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -67,7 +67,7 @@ def test_a_module_that_cannot_be_imported_is_an_error_every_time(
             registry.names()
 
 
-#: In a process of its own, with a distribution beside dancedata whose contact rule has the name of a shipped one.
+#: In a separate process, with another distribution whose contact rule has the name of a shipped one.
 ASKING = """
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import CONTACTS

@@ -12,7 +12,7 @@ from tests.messages import raises_message
 
 
 def test_smpl24() -> None:
-    # Joint order and parents of FACTS 7, typed anew.
+    # Joint order and parents of FACTS 7, retyped.
     assert SMPL24.n_joints == 24
     assert SMPL24.parents == (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
     for index, name in ((0, "pelvis"), (4, "left_knee"), (11, "right_foot"), (13, "left_collar"), (23, "right_hand")):

@@ -1,4 +1,4 @@
-"""Text from files: cut, printable, and made in no time whatever a value holds."""
+"""Text from files: truncated, printable, and fast to make for any value."""
 
 import json
 import pickle
@@ -18,7 +18,7 @@ SAFE = r"a\x1b[2J\x9b1m\u202e\n\r\x00\udcff\ud800\U000e0001é舞" + "　\u00a0z"
 
 
 def doubled(depth: int) -> tuple[Any, ...]:
-    """A tuple that holds itself twice, so often."""
+    """A tuple that holds the same tuple twice, nested `n` deep."""
     value: tuple[Any, ...] = ()
     for _ in range(depth):
         value = (value, value)
@@ -26,10 +26,10 @@ def doubled(depth: int) -> tuple[Any, ...]:
 
 
 class Loud:
-    """Whatever its representation is, nobody asks for it."""
+    """An object whose `repr` must not be called."""
 
     def __repr__(self) -> str:
-        raise AssertionError("somebody asked")
+        raise AssertionError("repr was called")
 
     __str__ = __repr__
 

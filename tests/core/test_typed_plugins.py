@@ -67,7 +67,7 @@ def test_misspelt_calls_and_wrong_signatures_are_errors(tmp_path: Path) -> None:
     # With what mypy knows of the package if it was run there before: that is most of the time.
     cache = root / ".mypy_cache"
     known = ["--cache-dir", str(cache if cache.is_dir() else tmp_path / "cache")]
-    # In a process of its own: mypy leaves millions of objects behind, which slow every later test down.
+    # In a separate process: mypy leaves millions of objects behind, which slow every later test down.
     command = [sys.executable, "-m", "mypy", "--config-file", str(root / "pyproject.toml"), *known, *files]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     out = run.stdout

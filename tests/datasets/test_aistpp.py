@@ -89,7 +89,7 @@ def test_mixed_music_own_file_wins(official: Any) -> None:
 @pytest.mark.parametrize("file", ["music/mBR2.FLAC", "audio/mBR2.mp3", "musics/mBR2.Ogg", "mBR2.WAV"])
 def test_music_folders_and_extensions(empty_copy: Any, file: str) -> None:
     empty_copy.motion(TRAIN)
-    empty_copy.write("LICENSE", b"not looked at")
+    empty_copy.write("LICENSE", b"not inspected")
     path = empty_copy.song(file)
     scan = AistPP().scan(empty_copy.root)
     assert scan.clips[0].audio_path == path

@@ -39,7 +39,7 @@ def load(path: Path, declared: dict[str, str] | None = None, **parameters: Any) 
 
 
 def standing(joints: int, n: int = N) -> tuple[Floats, Floats]:
-    """Poses (n, joints, 3) of somebody who stands and sways, and translation, +Y up."""
+    """Poses (n, joints, 3) of a person who stands and sways, and translation, +Y up."""
     rng = np.random.default_rng(4)
     poses = rng.normal(0, 0.1, (n, joints, 3))
     return poses, np.add(rng.normal(0, 0.05, (n, 3)), (0, 1.15, 0))

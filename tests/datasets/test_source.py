@@ -56,7 +56,7 @@ def test_one_parser_of_npy_headers() -> None:
     # Templates of `dancedata new` become the code of users.
     files = [path for path in PACKAGE.rglob("*.py") if "templates" not in path.parts]
     using = {path.relative_to(PACKAGE).as_posix() for path in files if any(c in path.read_text() for c in calls)}
-    # The README that `export --to npz` writes shows its readers a line of their own.
+    # The README that `export --to npz` writes shows a line for each reader.
     assert using == {"formats/arrays.py", "exports/npz.py"}
 
 

@@ -1,4 +1,4 @@
-"""The code of the pages runs as it stands there, and prints what they show; lines, links and lists are right."""
+"""The code of the pages runs unchanged and prints the output shown; lines, links and lists are right."""
 
 import json
 import os
@@ -119,7 +119,7 @@ augment: {mirror: true, aside: {step_m: 0.25}}
 
 
 def _plugins(folder: Path) -> dict[str, tuple[str, str]]:
-    """Group and code of the templates of all kinds that a recipe names beside its dataset, by module."""
+    """Group and code of the templates of all kinds that a recipe names in addition to its dataset, by module."""
     kinds = {
         "small": ("filter", "filters"),
         "low": ("contact-rule", "contacts"),

@@ -25,7 +25,7 @@ SMALL = {
 
 @dataclass(frozen=True)
 class Demo:
-    """A folder with data/demo in it, and the clip that stands for the page's."""
+    """A folder with data/demo in it, and the clip used in place of the page's."""
 
     folder: Path
     clip: str

@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In this process; test_server.py ends a process of its own with Ctrl-C."""
+    """In this process; test_server.py ends a separate process with Ctrl-C."""
     monkeypatch.chdir(folder)
     over = threading.Event()
     over.set()

@@ -1,4 +1,4 @@
-"""Whole protocols against what the published programs give for the same dances (golden set `metrics`)."""
+"""Whole protocols against the published programs' results for the same dances (golden set `metrics`)."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -42,7 +42,7 @@ class Golden:
 
 @pytest.fixture
 def whole(metrics_golden: Any) -> None:
-    """For what is in the whole set only."""
+    """Skip unless the whole set is available."""
     if not metrics_golden.whole:
         pytest.skip("sets of windows, and dances of some lengths, are in the whole set of metrics")
 

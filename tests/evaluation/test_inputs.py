@@ -1,4 +1,4 @@
-"""One motion gives one result, whatever it is read from and whoever computes it."""
+"""One motion gives one result, for every source and every process."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -63,7 +63,7 @@ def evaluated(store: Store, rows: Any, **options: Any) -> Any:
 def test_what_readers_normalise_comes_back(store: Store, tmp_path: Path, kind: str, reader: Any) -> None:
     changed, plain = (reader(store, fields=(FIELD,), normalize=n, **KINDS[kind]) for n in (True, False))
     for one in (changed, plain):
-        one.set_epoch(0)  # else each read draws anew
+        one.set_epoch(0)  # otherwise each read draws again
     beyond = 0.0
     for place in (0, 3):
         rows, wanted = changed[place][FIELD].numpy(), joints(plain[place][FIELD], store)
@@ -176,7 +176,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
             comparison_of(tmp_path, store, file_format(store, representation=FIELD))
     with raises_message(UsageError):
         Evaluator.of(store, FIELD)
-    # A file may state it; then nobody has to.
+    # A file may state it; then no argument is needed.
     (tmp_path / "x.npy").unlink()
     for normalized, columns in ((True, normal), (False, rows)):
         np.savez(tmp_path / "x.npz", columns=columns, normalized=normalized)

@@ -135,7 +135,7 @@ def test_only_the_metrics_that_are_asked_for(store: Store, tmp_path: Path) -> No
         assert {s.name: s.value for s in found.scores} == {name: whole[name] for name in names}
     found = dancedata.evaluate(store, metrics=["pfc"], save_pool=tmp_path / "pool.npz", bootstrap=0)
     again = dancedata.evaluate(store, pool=tmp_path / "pool.npz", split="test", bootstrap=0)
-    assert again["fid_k"] == whole["fid_k"]  # a pool is whole, whatever is asked for
+    assert again["fid_k"] == whole["fid_k"]  # a pool is whole, for any request
     text = run(store.path, "--metric", "pfc", "--metric", "bas", "--split", "test", "--quiet", "--jobs", 1)
     assert "  PFC " in text
     assert "FID" not in text

@@ -1,4 +1,4 @@
-"""evaluate --self-test: a copy of a data set against the rows that were published of it."""
+"""evaluate --self-test: a copy of a dataset against its published rows."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The examples train, generate and resume; what they write is what they say."""
+"""The examples train, generate and resume; they write the documented files."""
 
 import importlib.util
 import json
@@ -33,7 +33,7 @@ SMALL = ["--cpu", "--width", "16", "--layers", "1", "--ddim", "2", "--rate", "5e
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small demo with the fields of both examples; its music is beside it."""
+    """A small demo with the fields of both examples, and its music next to it."""
     folder = tmp_path_factory.mktemp("examples")
     overrides = {
         "dataset.synthetic": {"songs": 3, "clips_per_song": 3, "clip_s": 7},
@@ -71,7 +71,7 @@ def losses(out: Path) -> list[float]:
 
 
 def check_dance(out: Path, frames: int) -> None:
-    """The BVH is read back, stands where the figure in the browser stands, and has bones of constant length."""
+    """The BVH is read back, is at the position of the figure in the browser, and has bones of constant length."""
     bvh = read_bvh(out / "dance.bvh")
     assert not np.any(bvh.joints[0].offset)  # readers that add it to the channels agree with those that do not
     _, places = world(bvh, range(len(bvh.joints)), slice(None))

@@ -1,4 +1,4 @@
-"""The same bytes whatever kernels a machine would choose, whatever the user has set, and whoever computes."""
+"""The same bytes for all kernels that a machine would choose, all user settings and all processes."""
 
 import hashlib
 import multiprocessing
@@ -93,7 +93,7 @@ def expected(recipe: Path) -> dict[str, str]:
 
 
 def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, str]:
-    """Make source, dataset and cache anew."""
+    """Make a new source, dataset and cache."""
     command = ["-m", "dancedata", "build", recipe, "--source", folder / "source", "--out", folder / "out"]
     run(*command, "--cache", folder / "cache", "--jobs", 1, "--quiet", **settings)
     return hashes(folder / "out")
@@ -284,7 +284,7 @@ IN_THE_WAY = ("json", "random", "queue", "struct", "signal", "multiprocessing", 
 
 
 def test_modules_of_the_working_folder_do_not_stand_in_for_others(tmp_path: Path) -> None:
-    """Nothing in a folder of data runs because one stands in it."""
+    """No file of a data folder runs because it is the working folder."""
     for name in IN_THE_WAY:
         (tmp_path / f"{name}.py").write_text("open('ran', 'w').close()\nraise SystemExit('foreign code')\n")
     script = tmp_path / "elsewhere" / "script.py"

@@ -208,7 +208,7 @@ def test_an_array_comes_back(own: Cache, array: Any):
     for rows in (np.asarray(found), found.mapped()):
         assert rows.dtype == array.dtype
         np.testing.assert_array_equal(rows, array)
-    # It is a file that numpy reads, for whoever wants to look.
+    # It is a file that numpy reads, for inspection.
     np.testing.assert_array_equal(np.load(found.path), array)
 
 

@@ -223,7 +223,7 @@ def test_files_that_come_into_out_during_a_build(
         (out / name).write_text(MINE)
 
     monkeypatch.setattr(build_module, "write_store", meanwhile)
-    if not overwrite and name == "notes.txt":  # in nobody's way
+    if not overwrite and name == "notes.txt":  # does not conflict with any file
         assert run_build(corpus, out, set=QUICK).built
     else:
         with raises_message(StoreError):

@@ -1,4 +1,4 @@
-"""Progress: lines where there is no terminal, a bar where there is one, nothing if asked; units keep their order."""
+"""Progress: lines without a terminal, a bar with one, nothing if quiet; units keep their order."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_a_bar_in_a_notebook(is_notebook: bool, monkeypatch: pytest.MonkeyPatch)
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress())
     assert [bar for bar, _ in bars] == [[1, 1, 1]] * is_notebook
     assert ("squaring: 3/3 in" in sys.stderr.getvalue()) is not is_notebook  # type: ignore[attr-defined]
-    # What a program keeps in a stream of its own stays text.
+    # Output that a program writes to its own stream stays text.
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=io.StringIO()))
     assert len(bars) == is_notebook
 

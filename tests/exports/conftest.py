@@ -62,15 +62,15 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.fixture(scope="session")
 def built(sources: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Built]:
     """Return a function that builds one of `RECIPES`, once."""
-    folder, stores = tmp_path_factory.mktemp("exports"), {}
+    cache, stores = tmp_path_factory.mktemp("cache"), {}
 
     def of(name: str, source: Path | None = None, **keys: Any) -> Built:
         label = f"{name} {source} {keys}"
         if label not in stores:
             recipe = {**RECIPES[name], **keys, "name": name}
             folder_of = source or sources[next(iter(recipe["dataset"]))]
-            out = folder / str(len(stores))
-            dancedata.build(recipe, folder_of, out, jobs=1, cache=folder / "cache", progress=False)
+            out = tmp_path_factory.mktemp("exports") / name  # the same in messages, whatever was built before
+            dancedata.build(recipe, folder_of, out, jobs=1, cache=cache, progress=False)
             stores[label] = Built(out, folder_of)
         return stores[label]
 

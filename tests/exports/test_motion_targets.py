@@ -254,7 +254,7 @@ def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) 
     np.testing.assert_allclose(motion.joints()[:, :22], wanted, rtol=0, atol=1e-4)
 
 
-#: In a process of its own: Blender as a module is built for another numpy.
+#: In a separate process: Blender as a module is built for another numpy.
 BLENDER = """
 import bpy, json, sys
 path, scale, frames, out = sys.argv[1], float(sys.argv[2]), json.loads(sys.argv[3]), sys.argv[4]

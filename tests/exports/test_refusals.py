@@ -44,7 +44,7 @@ def test_everything_is_said_at_once(built, tmp_path: Path, to: str, wanted: list
 
 
 def test_thirty_per_second_beside_sixty(built, tmp_path: Path) -> None:
-    """A recipe at 30 gives motion at 60 beside music at 30: the trap of FACT and Bailando."""
+    """A recipe at 30 gives motion at 60 next to music at 30: the trap of FACT and Bailando."""
     made = built("sixty", fps=30, audio={"librosa35": {}}, motion={"fact219": {}, "bailando72": {}})
     text = refusal(made.path, "fact", tmp_path / "out")
     assert text.count("fix:") == 1

@@ -18,7 +18,7 @@ SONGS = 4
 #: How the names of folders begin that joblib makes for large arguments, unless it is told otherwise.
 JOBLIB = "joblib_memmapping_folder"
 
-#: The feature, installed as somebody's distribution. What it does besides is in files of the folder $SLOW.
+#: The feature, installed as a third-party distribution. Files of the folder $SLOW control its side effects.
 FEATURE = '''
 import os, signal, time
 from dataclasses import dataclass
@@ -93,7 +93,7 @@ class Slow:
             "DANCEDATA_CACHE": str(cache),
             "SLOW": str(folder),
             "TMPDIR": str(self.tmp),
-            # Workers of Dask and loky write no code of their own anywhere.
+            # Workers of Dask and loky write no compiled code.
             "PYTHONDONTWRITEBYTECODE": "1",
         }
         self.pids: list[int] = []
@@ -186,7 +186,7 @@ def make_slow(site: Path) -> Callable[[Path], Slow]:
 
 @pytest.fixture
 def slow(make_slow: Callable[[Path], Slow], tmp_path: Path) -> Slow:
-    """The feature with a cache of its own."""
+    """The feature with a separate cache."""
     return make_slow(tmp_path)
 
 
@@ -212,7 +212,7 @@ def undisturbed(
 
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
-    """Where to build; not there yet, nothing beside it."""
+    """Output folder; does not exist yet, in an empty folder."""
     return tmp_path / "outs" / "out"
 
 

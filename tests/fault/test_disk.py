@@ -70,7 +70,7 @@ def test_a_disk_that_fills_up_is_a_clear_error_and_room_mends_it(
     monkeypatch: pytest.MonkeyPatch,
     written: int,
 ):
-    """The disk takes so many writes of the cache, and flushes of the store, and no more."""
+    """The disk takes this many writes of the cache and flushes of the store, then is full."""
     left = written
 
     def limited(original: Callable[..., Any]) -> Callable[..., Any]:
@@ -96,7 +96,7 @@ def test_a_disk_that_fills_up_is_a_clear_error_and_room_mends_it(
     assert [p for p in verify_store(out) if p.severity == "error"] == []
 
 
-#: Files may be no larger than so many bytes, as where a quota is used up.
+#: Files may not be larger than this many bytes, as with an exhausted quota.
 LIMITED = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
@@ -350,7 +350,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
     stray.touch()
     shutil.rmtree(out)
     run()
-    assert stray.exists(), "it may be somebody's"
+    assert stray.exists(), "it may be a foreign file"
     os.utime(stray, (0, 0))
     shutil.rmtree(out)
     run()
@@ -369,7 +369,7 @@ def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
 
 
 def test_a_worker_that_cannot_write_to_the_cache_says_so():
-    # A folder in which no file can be made, whoever one is.
+    # A folder in which no user can create a file.
     cache = Cache(Path("/proc/self/fd"))
     calls = [("features", f"{number:064x}", partial(np.zeros, 3)) for number in range(2)]
     with pytest.raises(DanceDataError, match="the cache cannot be written"):

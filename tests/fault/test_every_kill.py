@@ -41,7 +41,7 @@ augment: {mirror: true}
 store: {shard_mb: 1}
 """
 HEX = "0123456789abcdef" * 4
-#: Files of somebody in the cache and beside OUT, with names that look like ours.
+#: Foreign files in the cache and next to OUT, with names that look like ours.
 FOREIGN = {
     "cache": ["notes.txt", "tmp/a.tmp", f"tmp/{HEX[:32]}.tmp", "locks/build-1", f"features/01/{HEX}.txt"],
     "outs": [".out.new/thesis.tex", ".out.old/dataset.json", ".dancedata-out.new-01234567/thesis.tex", "out.lock"],
@@ -174,7 +174,7 @@ def undisturbed(command: list[Any], environment: dict[str, str]) -> float:
 
 
 def plant(folder: Path, kind: str) -> Callable[[], None]:
-    """Put somebody's files there; returns a function that sees that they are as they were."""
+    """Create foreign files; return a function that checks that they are unchanged."""
 
     def state() -> dict[str, Any]:
         found = {name: (folder / name).lstat() for name in FOREIGN[kind]}
@@ -192,7 +192,7 @@ def plant(folder: Path, kind: str) -> Callable[[], None]:
 
 
 def beside(out: Path) -> set[str]:
-    """Return what is beside OUT and nobody's."""
+    """Return the entries next to OUT that are not foreign files."""
     return {p.name for p in out.parent.iterdir()} - {Path(n).parts[0] for n in FOREIGN["outs"]} - {out.name}
 
 
@@ -262,7 +262,7 @@ def test_builds(slow: Any, hunter: Hunter, recipes: list[Path], command: Any, ou
 
     while hunter.kills.total() < 70:
         anew = not hunter.kills.total() % 3 or hunter.next_way(WAYS) == "worker"
-        if anew:  # else all that is left to do is what was cut short, and writing
+        if anew:  # otherwise only interrupted units and writing remain
             remove_entries(slow.cache)
             published.clear()
         if hunter.run("build", build, computing if anew else writing, WAYS, meanwhile=meanwhile):

@@ -1,4 +1,4 @@
-"""Ctrl-C at any moment: one line, exit code 130, nothing left running, and the same command goes on."""
+"""Ctrl-C at any moment: one line, exit code 130, nothing left running, and the same command resumes."""
 
 import os
 import random
@@ -30,7 +30,7 @@ def workers(group: int) -> list[int]:
 
 
 def when_workers_start(process: subprocess.Popen[Any]) -> None:
-    """Wait until the first worker process is there, which takes a quarter of a second to be ready."""
+    """Wait for the first worker process, which takes a quarter of a second to be ready."""
     while process.poll() is None and not workers(process.pid):
         time.sleep(0.002)
 

@@ -1,4 +1,4 @@
-"""Builds killed with SIGKILL: the same command goes on, nothing is computed twice, nothing is left lying about."""
+"""Builds killed with SIGKILL: the same command resumes, nothing is computed twice, no stray files are left."""
 
 import os
 import random
@@ -39,7 +39,7 @@ def test_a_build_killed_at_random_moments_ends_as_if_undisturbed(
         try:
             process.wait(timeout=chance.uniform(start_s, longest))
         except subprocess.TimeoutExpired:
-            # Alternately the machine, as it were, and the one process: its workers live on for a moment.
+            # Alternately all processes, as in a power failure, and the main one: its workers live on for a moment.
             (os.killpg if done % 2 else os.kill)(process.pid, signal.SIGKILL)
             assert process.wait() == -signal.SIGKILL
             done += 1

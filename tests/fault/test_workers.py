@@ -1,4 +1,4 @@
-"""Worker processes that die, under loky and under Dask: the build goes on, or names the unit that is to blame."""
+"""Worker processes that die, under loky and under Dask: the build continues, or names the unit at fault."""
 
 import os
 import signal
@@ -219,7 +219,7 @@ def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Pat
 
 @pytest.mark.parametrize(("end", "said"), [("os.kill(os.getpid(), signal.SIGSEGV)", True), ("None", False)])
 def test_a_crash_in_the_only_process_names_the_file(end: str, said: bool) -> None:
-    """A decoder that crashes with --jobs 1, where no worker stands between it and the command."""
+    """A decoder that crashes with --jobs 1, where no worker shields the command."""
     code = f"""
 import os, signal
 from pathlib import Path

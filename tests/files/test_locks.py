@@ -1,4 +1,4 @@
-"""Locks that die with their holder: one writer of a folder, and no file of somebody's taken for a lock."""
+"""Locks that die with their holder: one writer of a folder, and no foreign file taken for a lock."""
 
 import errno
 import multiprocessing
@@ -137,7 +137,7 @@ def test_a_pipe_with_the_locks_name_stays(tmp_path: Path) -> None:
 
 
 def no_file_beside(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where the folder above may not be written to, or OUT is a volume of its own."""
+    """As where the folder above may not be written to, or OUT is a mounted volume."""
     plain = os.open
 
     def refuse(path: Any, flags: int, *args: Any, **options: Any) -> int:

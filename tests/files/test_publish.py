@@ -1,4 +1,4 @@
-"""Folders that appear whole: killed at any moment they are finished or begun anew; nothing of others is touched."""
+"""Folders that appear whole: killed at any moment they are finished or restarted; foreign files are not touched."""
 
 import os
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from tests.messages import raises_message
 
 NAMES = ["a.bin", "b.bin", "last.json"]
 LAYOUT = Layout("last.json", lambda path: path.read_text() == "last.json", lambda name: name in NAMES)
-#: What stands for being killed: no clean-up runs.
+#: Simulates a kill: no clean-up runs.
 KILL = RuntimeError("killed")
 
 

@@ -175,7 +175,7 @@ def test_four_joints_of_a_back_bend_as_one_line(tmp_path: Path, danced: Motion) 
     """A joint between two mapped ones bends: the joint above looks at the one below, positions agree."""
     tree = [*SMPL24.parents]
     names = [*MIXAMO.split(), "Extra"]
-    # Extra lies between Spine1 (6) and Spine2 (9), half way.
+    # Extra is between Spine1 (6) and Spine2 (9), half way.
     order = [0, 1, 2, 3, 4, 5, 6, 24, *range(7, 24)]
     offsets = np.array([*SMPL24.offsets, SMPL24.offsets[9] / 2])
     offsets[9] /= 2
@@ -358,7 +358,7 @@ def test_joint_map_of_no_joint() -> None:
 
 
 def test_optional_joints_may_be_missing(tmp_path: Path, danced: Motion) -> None:
-    """No spine, collars, toes, hands or head: the joints that are there lie where the file has them."""
+    """No spine, collars, toes, hands or head: the existing joints are where the file has them."""
     kept = [0, 1, 2, 4, 5, 7, 8, 12, 16, 17, 18, 19, 20, 21]
     world_offsets = np.zeros((24, 3))
     for j in range(1, 24):

@@ -145,7 +145,7 @@ def test_arrays_that_numpy_never_writes(path: Path, value: Any) -> None:
 
 
 def test_array_of_an_arrays_memory(path: Path) -> None:
-    """A view of an array that is then filled anew would read memory that is gone."""
+    """A view of an array that is then refilled would read freed memory."""
     call = Call(np._core.numeric._frombuffer, np.arange(9.0), np.dtype("f8"), (9,), "C")
     refused(path, pickle.dumps(call, 2), "broken_file")
 

@@ -1,4 +1,4 @@
-"""Files made up to hurt: each is refused by name within a second and 200 MB, and a build with all of them goes on."""
+"""Files made to do harm: each is refused by name within a second and 200 MB, and a build with all of them runs."""
 
 import json
 import os

@@ -7,7 +7,7 @@ and the names and shapes of the tensors as transformers 4.57 and 5.23 both write
 
     python tests/hf/golden.py
 
-writes both anew. That is right only for a model that was added: other outputs for the same files mean that the
+rewrites both. That is right only for a model that was added: other outputs for the same files mean that the
 family's `version` and the feature's key have to change.
 """
 
@@ -142,7 +142,7 @@ def _layout(kind: str, folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Write layouts and outputs anew."""
+    """Rewrite layouts and outputs."""
     from dancedata.audio.hf.random_models import KINDS
 
     with tempfile.TemporaryDirectory() as temporary:

@@ -35,7 +35,7 @@ def _extractor(folder: Path) -> dict[str, Any]:
 
 
 def _by_hand(folder: Path, extractor: Any, model: Any, samples: np.ndarray) -> Any:
-    """Call a model of transformers on what its extractor makes of samples."""
+    """Call a model of transformers on its extractor's output for these samples."""
     rate = extractor.sampling_rate
     inputs = extractor(samples, sampling_rate=rate, return_tensors="pt")
     with torch.inference_mode():
@@ -50,7 +50,7 @@ def _same(found: np.ndarray, wanted: Any) -> None:
 
 
 def _check_layers(encoder: Callable[..., HuggingFaceEncoder], kind: str, samples: np.ndarray, wanted: Any) -> None:
-    """The last layer, and two others of a network that is cut behind the second."""
+    """The last layer, and two others of a network that is cut after the second."""
     rate = encoder(kind).settings.family.sample_rate
     _same(encoder(kind).frames(samples, rate).values, wanted.last_hidden_state[0])
     _same(encoder(kind, layers=0).frames(samples, rate).values, wanted.hidden_states[0][0])
@@ -140,7 +140,7 @@ def test_encodec_at_48_khz_divides_a_chunk_by_its_level(
     _same(encoder("encodec48").frames(samples, 48_000).values, embedding)
     own = encoder("encodec48", output="codes").frames(samples, 48_000).values
     assert own.shape == codes.shape
-    assert np.mean(own == codes.numpy()) > 0.99  # a code may flip where two are equally near
+    assert np.mean(own == codes.numpy()) > 0.99  # a code may flip between two equally near ones
 
 
 def test_dac(model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder]) -> None:
@@ -215,7 +215,7 @@ def test_muq_front_end_and_conformer(
         wanted = conformer(x[None]).last_hidden_state[0]
     found = encoder("muq").frames(samples, 24_000)
     assert found.values.shape == wanted.shape
-    # librosa's spectrum is computed otherwise: 1e-4 in decibels.
+    # librosa computes its spectrum differently: 1e-4 in decibels.
     np.testing.assert_allclose(found.values, wanted, atol=2e-3)
     np.testing.assert_allclose(found.stamps_s, np.arange(len(wanted)) / 25, atol=1e-12)
 

@@ -1,4 +1,4 @@
-"""Peak memory of long songs, of a process of its own."""
+"""Peak memory of long songs, of a separate process."""
 
 import json
 import subprocess
@@ -13,7 +13,7 @@ pytest.importorskip("transformers")
 from dancedata.audio.hf.random_models import write_random_model
 
 #: Prints by how many MB the resident set rises over what it is before, for songs of 1 and of 10 minutes. The first
-#: song is computed twice: what is imported and allocated once is there then.
+#: song is computed twice, so that one-time imports and allocations are done.
 CODE = """
 import json, sys
 from pathlib import Path

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def main(folder: Path, arguments: list[str]) -> int:
-    """Install what differs, unless it is there, and run pytest."""
+    """Install the packages that differ, unless they are installed, and run pytest."""
     if not (folder / "transformers").exists():
         install = [
             sys.executable,

@@ -122,7 +122,7 @@ def test_limit_of_its_own(tiny: SimpleNamespace, noise: np.ndarray, tiny_encoder
         encoder(noise, 44100)
     cut = encoder(noise, 44100, too_long="truncate")[6]
     assert cut.shape == (9, 40)
-    # Codes near the cut hear what lies behind it, as in the reference.
+    # Codes near the cut are influenced by the music after it, as in the reference.
     codes = tiny_encoder.encode(noise, 44100)[:100]
     expected = scipy.signal.resample(tiny_encoder.activations(codes)[6], 9)
     np.testing.assert_allclose(cut, expected, rtol=0, atol=TOLERANCE)

@@ -105,7 +105,7 @@ def test_whole_file_with_progress(server: _Server, tmp_path: Path) -> None:
     assert path.read_bytes() == DATA
     assert _left(tmp_path / "new") == ["a.bin"]
     assert seen[-1] == ("a.bin", len(DATA), len(DATA))
-    # The second time the file is checked and nothing is asked for.
+    # The second time the file is checked and nothing is requested.
     _fetch(tmp_path / "new", server.url)
     assert len(server.asked) == 1
 

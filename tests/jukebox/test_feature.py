@@ -39,7 +39,7 @@ def song() -> AudioSignal:
 
 
 def _same(rows: np.ndarray, wanted: np.ndarray) -> None:
-    """Equal but for a step of float16: on another number of threads float32 sums end in other last digits."""
+    """Equal up to one step of float16: on another number of threads float32 sums end in other last digits."""
     np.testing.assert_allclose(rows.astype(np.float32), wanted, rtol=2**-10, atol=2**-12)
 
 

@@ -87,7 +87,7 @@ def test_lengths_that_are_none(server: Server, tmp_path: Path, length: bytes) ->
     "tag", [b"\xe9\xff", b'"\xe9"', b'"a b"', b"W/x", b'"' + b"x" * 5000 + b'"', b'"a"\r\n "b"', b"no quotes"]
 )
 def test_tags_that_are_none(server: Server, tmp_path: Path, tag: bytes) -> None:
-    """They are not used: the next part is asked for without."""
+    """They are not used: the next part is requested without."""
     head = OK + b"ETag: " + tag + b"\r\n"
     rest = b"HTTP/1.1 206 Partial\r\nContent-Range: bytes 500-6999/7000\r\nContent-Length: 6500\r\n\r\n" + DATA[500:]
     server.answers = [said(head + b"Content-Length: 7000\r\n\r\n" + DATA[:500]), said(rest)]

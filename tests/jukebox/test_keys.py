@@ -1,4 +1,4 @@
-"""At real size, without memory: what is asked of the files is what they hold."""
+"""At real size, without memory: the names requested are the names in the files."""
 
 import csv
 import math
@@ -21,7 +21,7 @@ REAL = JukeboxConfig()
 
 
 class MetaSource:
-    """Tensors of the meta device; remembers what was asked for."""
+    """Tensors of the meta device; records the requested names."""
 
     path = Path("meta")
 

@@ -45,7 +45,7 @@ def test_attention_is_masked_softmax(kind: int, n_clips: int, n_rows: int) -> No
         for head in range(heads):
             q, k, v = one[:, :, head].unbind(1)
             scores = (q @ k.T / (width // heads) ** 0.5).masked_fill(~allowed, -torch.inf)
-            weights = torch.nan_to_num(torch.softmax(scores, 1))  # nobody to attend to: the zero vector
+            weights = torch.nan_to_num(torch.softmax(scores, 1))  # nothing to attend to: the zero vector
             part = slice(head * width // heads, (head + 1) * width // heads)
             torch.testing.assert_close(found[clip, :, part].double(), weights @ v, rtol=0, atol=1e-6)
 
@@ -124,7 +124,7 @@ def test_guard_restores_the_programs_setting(setting: str) -> None:
 
 @pytest.mark.skipif(not hasattr(torch.backends.cudnn, "conv"), reason="the newer switches are of torch 2.9")
 def test_guard_with_the_newer_switches() -> None:
-    # Each in a process of its own: what is read of a switch may be that above it, and could not be put back.
+    # Each in a separate process: a switch may report its parent's value, and could not be restored.
     code = """
 import os, torch
 from dancedata.audio.networks.devices import exact_float32

@@ -46,7 +46,7 @@ def test_joints_are_lodges(peers: Any, track: str) -> None:
     rows = rows[np.isin(places, golden.index(f"{track}.fk139"))]
     assert len(rows) >= 20
     for width in (139, 319):
-        # Hands are not looked at.
+        # Hands are ignored.
         window = np.pad(rows, ((0, 0), (0, 319 - rows.shape[1])))[:, :width]
         assert np.abs(joints_of(window) - golden[f"{track}.fk139"]).max() <= REST_DECIMALS
 

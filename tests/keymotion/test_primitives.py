@@ -75,7 +75,7 @@ def check_clip(motion: Motion, columns, n_window: int, n: int) -> None:
         n_filled += int(cues.filled.sum())
         cues.frames[:] = 0  # the caller's own, no view of the window
     assert (digest(clip), digest(rows)) == before
-    assert n_filled == 0  # both dances have minima enough: the loop above looked at minima
+    assert n_filled == 0  # both dances have enough minima: the loop above tested minima
 
 
 def test_the_most_prominent_are_taken(dance, columns) -> None:

@@ -30,7 +30,7 @@ def golden(peers: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def windows(peers: Any, golden: Any) -> list[np.ndarray]:
-    """What Lodge looked at: its own columns, or where only some of them are there, ours of the same motion."""
+    """Lodge's input: its own columns, or where only some of them exist, ours of the same motion."""
     sources = [source.split("+") for source in golden["clip_source"].tolist()]
     assert len(sources) == len(CLIPS)
     tracks = peers.load("lodge_mofea319.npz")
@@ -75,7 +75,7 @@ def test_get_list(peers: Any) -> None:
 
 
 def test_the_next_of_a_dropped_minimum_survives() -> None:
-    # By hand: 3 goes, 7 is not looked at; 11 goes, 500 is not; 1015 goes, 1020 is not.
+    # By hand: 3 goes, 7 is not examined; 11 goes, 500 is not; 1015 goes, 1020 is not.
     kept = [key for key in key_frames([3, 7, 11, 500, 1015, 1020, 1023], 3, 1024) if not key.filled]
     assert [key.frame for key in kept] == [7, 500, 1020]
 
@@ -151,7 +151,7 @@ def test_later_pieces_leave_the_first_as_it_is() -> None:
     window[:, 4] = np.arange(512.0)
     keys = [Key(frame, False) for frame in range(60, 460, 25)]
     taken = pieces(window, keys, 64, 0)
-    # The first "border" lies at 64 * 2 / 16 = 8, on frames 4 .. 11.
+    # The first "border" is at 64 * 2 / 16 = 8, on frames 4 .. 11.
     assert (taken.source[3], taken.start[3]) == ("border", 4)
     assert taken.frames[0][:, 4].tolist() == list(range(8))
 
@@ -173,7 +173,7 @@ def test_any_window(n: int, segments: int, bias: int, data: st.DataObject) -> No
     try:
         taken = pieces(window, keys, n, bias)
     except UsageError as error:
-        # The first inner border lies at n / K, which a small n puts before frame 4 - bias.
+        # The first inner border is at n / K, which a small n puts before frame 4 - bias.
         assert n // segments < 4 - bias  # noqa: PT017
         assert "outside the window" in str(error)  # noqa: PT017
         return

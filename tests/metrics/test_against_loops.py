@@ -152,7 +152,7 @@ ALL: dict[str, Metric] = {
     **{f"skating {rule}": FootSkating(rule) for rule in SKATING_RULES},
     "physics": MotiusPhysics(),
 }
-#: What depends on where the dancer looks to, on where she stands, and on the height of the floor.
+#: Metrics that depend on the dancer's direction, on her position, and on the height of the floor.
 FEEL_YAW = {"skating lodge-code", "skating duolando"}
 FEEL_PLACE = {f"kinetic {v} absolute" for v in ("code", "gcd-code")}
 FEEL_FLOOR = FEEL_PLACE | {"skating gmd"}
@@ -213,7 +213,7 @@ def test_the_other_kinetic_definitions() -> None:
     found = kinetic(path, 10).reshape(4, 3)
     np.testing.assert_allclose(found, [[0.1, 0.04, 0]] * 4, atol=1e-9)
     np.testing.assert_allclose(kinetic_megadance(path, 10).reshape(4, 3)[:, :2], [[0.1, 0.04]] * 4, rtol=0.02)
-    # The last frame of FlowerDance is followed by the first: a circle goes on, a line jumps back.
+    # The last frame of FlowerDance is followed by the first: a circle continues, a line jumps back.
     angle = np.arange(200) * (2 * np.pi / 200)
     circle = np.stack([np.cos(angle), np.zeros(200), np.sin(angle)], axis=1)[:, None]
     np.testing.assert_allclose(kinetic_flowerdance(circle, 10)[0], (10 * 2 * np.pi / 200) ** 2, rtol=0.02)

@@ -1,4 +1,4 @@
-"""Motius' physical metrics of made-up feet, counted by hand."""
+"""Motius' physical metrics on constructed feet, counted by hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Bad input beside good: each has its reason and a clear message, and the rest is built unharmed."""
+"""Bad input among good: each has a reason and a clear message, and the rest is built intact."""
 
 import os
 import pickle
@@ -22,7 +22,7 @@ RATE = 48_000
 
 
 class Attack:
-    """Runs a command when it is unpickled without care."""
+    """Runs a command when it is unpickled unsafely."""
 
     def __init__(self, command: str) -> None:
         self.command = command
@@ -32,7 +32,7 @@ class Attack:
 
 
 def name_of(number: int) -> str:
-    """Name of a clip that is not in the corpus, to a song that is."""
+    """Name of a clip that is not in the corpus, danced to a song that is."""
     return f"gHO_sBM_cAll_d19_mHO3_ch{number:02d}"
 
 
@@ -43,7 +43,7 @@ def tone(seconds: float, channels: int = 1) -> np.ndarray[Any, Any]:
     return samples if channels == 1 else np.stack([samples, 0.5 * samples], axis=1)
 
 
-#: Clip -> (what is wrong, reason, what the message says besides the file's name).
+#: Clip -> (what is wrong, reason, the message in addition to the file's name).
 MOTIONS = {
     name_of(11): ("truncated", "broken_file", "truncated"),
     name_of(12): ("attack", "unsafe_pickle", "posix.system"),
@@ -55,7 +55,7 @@ MOTIONS = {
     name_of(18): ("short", "too_short", "120 frames at 60 per second (2.00 s)"),
     name_of(19): ("no bytes", "broken_file", "EOFError"),
 }
-#: Song -> (what is wrong, reason, what the message says besides the file's name).
+#: Song -> (what is wrong, reason, the message in addition to the file's name).
 SONGS = {
     "mBR1": ("0 samples", "empty_audio", "0 samples"),
     "mBR2": ("0 bytes", "broken_audio", "0 bytes"),
@@ -111,7 +111,7 @@ def write_bad_song(path: Path, kind: str) -> None:
 
 
 class Bad:
-    """A source with all that can be wrong in it, and what was built of it."""
+    """A source with every kind of error, and the dataset built from it."""
 
     def __init__(self, root: Path, corpus: Path) -> None:
         self.source = shutil.copytree(corpus, root / "bad source ø")
@@ -143,7 +143,7 @@ def bad(corpus: Path, run_build: Any, tmp_path_factory: pytest.TempPathFactory) 
 
 def reject_of(bad: Bad, rejects: Any, **wanted: Any) -> dict[str, Any]:
     found = [r for r in rejects(bad.out) if all(r.get(k) == v for k, v in wanted.items())]
-    assert len(found) == 1, f"{wanted} is there {len(found)} times"
+    assert len(found) == 1, f"{wanted} occurs {len(found)} times"
     return found[0]
 
 
@@ -160,7 +160,7 @@ def test_the_attack_was_not_run(bad: Bad):
     path = bad.source / "motions" / f"{name_of(12)}.pkl"
     assert not bad.marker.exists()
     pickle.loads(path.read_bytes())
-    assert bad.marker.exists(), "the test's attack is none"
+    assert bad.marker.exists(), "the test's attack does not work"
 
 
 @pytest.mark.parametrize(("song", "kind", "reason", "said"), [(s, *v) for s, v in SONGS.items()])
@@ -223,7 +223,7 @@ def test_rejects_are_counted_in_the_card_and_in_dataset_json(bad: Bad, rejects: 
 
 
 def test_bad_input_is_set_aside_in_window_scope_too(bad: Bad, run_build: Any, rejects: Any, out: Path):
-    # A few clips are enough: what is set aside before the scopes differ was seen above.
+    # A few clips are enough: rejects before the scopes differ are tested above.
     few = shutil.copytree(bad.source, out.parent / "few")
     keep = [clip_to(s) for s in ("mBR1", "mBR5", "mKR0")] + [name_of(13), name_of(18)]
     for path in (few / "motions").iterdir():
@@ -253,7 +253,7 @@ def test_a_wrong_folder_is_described(run_build: Any, tmp_path: Path, out: Path):
 
 @pytest.mark.parametrize("place", ["a file", "below a file", "/proc/dancedata/out", "/sys/dancedata"])
 def test_an_output_that_cannot_be_written_is_named(run_build: Any, corpus: Path, tmp_path: Path, place: str):
-    # Not by permissions: tests may run as root, whom these do not stop. A file in the way and /proc do.
+    # Not by permissions, which root ignores: tests may run as root. A file in the way and /proc do.
     file = tmp_path / "file"
     file.write_text("mine")
     out = {"a file": file, "below a file": file / "out"}.get(place, Path(place))

@@ -1,4 +1,4 @@
-"""FeatureCache: equal to builds and shared with them, computed once whoever asks, and the page's dataset."""
+"""FeatureCache: equal to builds and shared with them, computed once for all processes, and the page's dataset."""
 
 import multiprocessing
 import pickle
@@ -38,7 +38,7 @@ def own(tmp_path: Path) -> FeatureCache:
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], int]:
-    """Count computations, also those of forked processes; each takes a moment, so that others come meanwhile."""
+    """Count computations, also those of forked processes; each takes a moment, so that calls overlap."""
     log = tmp_path / "log"
     log.touch()
 

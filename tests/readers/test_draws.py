@@ -226,7 +226,7 @@ def test_a_batch_loader_passes_on_the_epoch_of_a_sampler_that_has_no_dataset(tra
     found = draws(BatchLoader(train, 8, sampler=EpochSampler(len(train), seed=1)))
     assert train.epoch is None
     shuffled = draws(BatchLoader(train, 8, shuffle=True))
-    assert train.epoch is None  # so that a later loop without a sampler draws anew
+    assert train.epoch is None  # so that a later loop without a sampler draws new numbers
     assert found == draws(loader_of(train, sampler=EpochSampler(train, seed=1)))
     assert shuffled == found
 

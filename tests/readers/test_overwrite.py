@@ -114,7 +114,7 @@ def of_batch_loader(out: Path, **options: Any) -> Callable[[], Rows]:
 
 def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Callable[[], Rows]:
     dataset = WindowDataset(out, fields=FIELDS, normalize=False, **options)
-    # One where they start slowly: torch complains if the first one's error comes before the second one is there.
+    # One where they start slowly: torch complains if the first one's error comes before the second one exists.
     n_workers = 2 if method == "fork" else 1
     loader = DataLoader(
         dataset, 8, num_workers=n_workers, persistent_workers=persistent, multiprocessing_context=method
@@ -132,7 +132,7 @@ def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Call
     return read
 
 
-#: How the dataset is read, and whether a reader that has read it before goes on with the files that it has open.
+#: Way of reading, and whether a reader that has read before continues with its open files.
 KINDS: list[Any] = [
     pytest.param(of_store, {}, True, id="store"),
     pytest.param(of_clips, {}, True, id="clips"),

@@ -1,4 +1,4 @@
-"""Several instances of one plug-in, PLUGIN.NAME, and audio fields with a rate of their own."""
+"""Several instances of one plug-in, PLUGIN.NAME, and audio fields with their own rate."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Music is inside a page only where it is asked for and may be shared."""
+"""Music is inside a page only if requested and allowed by its licence."""
 
 import base64
 import io

@@ -1,4 +1,4 @@
-"""Words beside figures: what is measured, in which field and unit, and numbers that are not cut."""
+"""Words next to figures: what is measured, in which field and unit, and numbers that are not cut."""
 
 import re
 from dataclasses import replace

@@ -173,7 +173,7 @@ def test_every_figure_has_the_other_dataset_as_outline(hostile: Path, tmp_path: 
     write_report(hostile, path, clips="none", against=hostile)
     figures = re.findall(r'<figure id="r-(\w+)"(.*?)</figure>', path.read_text(), flags=re.DOTALL)
     charts = {key: body for key, body in figures if "<svg" in body}
-    # Paths are those of single clips; the score of the other dataset is a bar of its own.
+    # Paths are those of single clips; the score of the other dataset is a separate bar.
     assert {"joint_speed", "key_beats", "tempo_pairs", "flags", "columns_edge151"} <= charts.keys()
     without = {key for key, body in charts.items() if not re.search(r'<(path|rect|circle) class="other', body)}
     assert without == {"paths", "bas"}
@@ -271,7 +271,7 @@ def test_a_file_that_came_beside_the_page_meanwhile_stays(tmp_path: Path) -> Non
 
 
 def _with_a_folder(page: Path, number: int = 12) -> Path:
-    """Write a report with one clip beside its page; returns the folder."""
+    """Write a report with one clip next to its page; returns the folder."""
     player = SimpleNamespace(
         side={f"clip-{number:05d}.js": number}, side_file=lambda k: f"dancedataClip({k}, {{}});\n"
     )

@@ -15,7 +15,7 @@ from dancedata.core.skeleton import Skeleton
 
 THIRTY = FrameGrid.of(30)
 NAMES = REPRESENTATIONS.names()
-#: Those that decode to the motion itself; others only to one with the same positions, on a body of their own.
+#: Those that decode to the motion itself; others only to one with the same positions, on their own body.
 DECODED = [
     name for name in NAMES if REPRESENTATIONS.get(name).decodes and not REPRESENTATIONS.get(name).positions_only
 ]
@@ -147,7 +147,7 @@ def test_contacts_change_sides_and_nothing_else(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rate_belongs_to_the_motion(name: str) -> None:
-    """A representation with a rate of its own encodes whatever grid it is given: others resample."""
+    """A representation with its own rate encodes any grid: others resample."""
     made = REPRESENTATIONS.get(name)()
     assert made.rate is None or made.rate > 0
     for rate in (24, 30, 60):

@@ -98,7 +98,7 @@ def test_decoding_gives_a_motion_at_these_positions(skeleton: Any, turn_rad: flo
 
 @pytest.mark.parametrize("by", [Placement(3.1, 3, -9), Placement(-1.2), Placement(x_m=0.5)])
 def test_columns_do_not_depend_on_place_and_direction(by: Placement) -> None:
-    """So yaw and root_offset leave samples as they are, beside fields that they change."""
+    """So yaw and root_offset leave these samples unchanged while they change other fields."""
     motion = _dance()
     wanted = MADE.encode(motion)
     np.testing.assert_allclose(MADE.encode(moved(motion, by)), wanted, rtol=0, atol=1e-5)

@@ -104,7 +104,7 @@ def test_smpls_translation_is_kept_on_smplx() -> None:
 
 
 def test_the_layouts_body_decides_the_floor() -> None:
-    """Not the dancer's own: the columns stand on SMPL-X's neutral bones, where the pelvis lies 35 cm below y = 0."""
+    """The columns are grounded on SMPL-X's neutral bones, not the dancer's, with the pelvis at y = -35 cm."""
     tall = Skeleton("tall", SMPLX55.joints, SMPLX55.parents, SMPLX55.offsets * 1.2, SMPLX55.pairs, SMPLX55.feet)
     still = Motion(np.zeros((1, 3)), np.zeros((1, 55, 3)), THIRTY, tall)
     array = Lodge319().encode(still, Height())

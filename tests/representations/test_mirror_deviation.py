@@ -64,7 +64,7 @@ def test_none_on_the_mirrored_skeleton(skeleton: Skeleton) -> None:
 
 
 def test_labels_that_recomputing_would_change(clips: list[Motion]) -> None:
-    """Contacts are permuted; found anew on the shipped body, some would differ."""
+    """Contacts are permuted; detected again on the shipped body, some would differ."""
     made, changed = Lodge139(), []
     for clip in clips:
         permuted = made.columns.mirror.apply(made.encode(clip, Height()))[:, :4]

@@ -35,7 +35,7 @@ NAMES = [name + "".join(f"-{value}" for value in kw.values()) for name, kw in AL
 
 
 def forward(skeleton: Skeleton, columns: np.ndarray) -> np.ndarray:
-    """Joints (T, J, 3) of columns with the translation at 4:7 and 6D by rows from 7 on: FACTS 4 and 7, typed anew."""
+    """Joints (T, J, 3) of columns with the translation at 4:7 and 6D by rows from 7 on: FACTS 4 and 7, retyped."""
     first, second = np.moveaxis(columns[:, 7:].astype(float).reshape(len(columns), -1, 2, 3), 2, 0)
     local = np.stack([first, second, np.cross(first, second)], axis=2)
     world, places = np.empty_like(local), np.empty_like(local[..., 0])

@@ -15,7 +15,7 @@ MakeStore = Callable[..., RandomStore]
 
 @pytest.fixture
 def make_store(tmp_path: Path, random_store: MakeStore) -> MakeStore:
-    """Return a function that makes small random stores, each in a folder of its own."""
+    """Return a function that makes small random stores, each in a separate folder."""
     count = 0
 
     def make(**options: Any) -> RandomStore:

@@ -182,7 +182,7 @@ def test_lines_of_other_types_are_an_error(folder: Path, name: str, line: str) -
 
 
 def test_many_lines_are_told_in_linear_time(folder: Path) -> None:
-    """Each with a reason, or of a clip, of its own."""
+    """Each with its own reason, or its own clip."""
     rejects = [{"reason": f"r{k}", "clip": f"c{k}"} for k in range(20_000)]
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rejects))
     flags = [{"clip": f"c{k}", "frame": 1, "value": 1} for k in range(20_000)]

@@ -193,7 +193,7 @@ def test_values_in_lazy_arrays_are_loaded_one_at_a_time(tmp_path: Path, make_sto
     loads: list[int] = []
 
     class Lazy:
-        """Loads anew each time and counts arrays that are still alive."""
+        """Loads each time and counts arrays that are still alive."""
 
         def __init__(self, *shape: int) -> None:
             self.shape = shape

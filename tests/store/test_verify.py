@@ -20,7 +20,7 @@ TRAIN = "train-00000-of-00001.h5"
 
 
 def seal(folder: Path) -> None:
-    """Make sizes and hashes right again after a change, so that only what lies deeper is left to find."""
+    """Make sizes and hashes right again after a change, so that only deeper defects are left to find."""
     path = folder / "dataset.json"
     info = json.loads(path.read_text())
     for entry, name in [(e, e["file"]) for e in info["shards"]] + [(e, n) for n, e in info["files"].items()]:

@@ -1,4 +1,4 @@
-"""What the tests of the viewer share: odd names, music of clicks, a server, and a browser."""
+"""Shared by the tests of the viewer: odd names, music of clicks, a server, and a browser."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ import soundfile
 from dancedata.synthetic import synthesise_motion
 from dancedata.viewer.view import ViewRequest, serve
 
-#: Frames per second of the dataset, its clips, and the clicks of its music: two a second.
+#: Frames per second of the dataset, its clips, and the clicks of its music: two per second.
 FPS, SECONDS, RATE = 30, 6, 44_100
 CLICKS = np.arange(0.25, SECONDS, 0.5)
 #: Names of clips: those of files, as hostile as a file system allows.
@@ -21,7 +21,7 @@ HOSTILE = (
     "<script>window.PWN=1<",
     "<img src=x onerror=window.PWN=1>",
 )
-#: One that no file can have: readers of folders escape what does not print.
+#: A name that no file can have: readers of folders escape unprintable characters.
 TURNED = "left\u202eright\u2028end"
 FORMATS = ("wav", "flac", "ogg", "mp3")
 
@@ -47,7 +47,7 @@ def jumping(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @contextmanager
 def serving(request: ViewRequest) -> Iterator[str]:
-    """Serve a dataset; gives the address."""
+    """Serve a dataset; yield the address."""
     lines: list[str] = []
     there, over = threading.Event(), threading.Event()
 
@@ -84,7 +84,7 @@ class Browser:
         self.js: Callable[..., Any] = driver.execute_script
 
     def open(self, address: str) -> None:
-        """Open a page and wait until its clip is there."""
+        """Open a page and wait for its clip."""
         self.driver.get("about:blank")
         self.driver.get(address)
         self.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")
@@ -98,7 +98,7 @@ class Browser:
         )
 
     def later(self, script: str) -> Any:
-        """Return what a script of promises comes to."""
+        """Return the result of a script of promises."""
         code = (
             "const done = arguments[arguments.length - 1]; (async () => {"
             + script

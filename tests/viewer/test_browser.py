@@ -27,7 +27,7 @@ def at(served: str, clip: str, more: str = "") -> str:
 
 
 def state(browser: Browser) -> dict:
-    """What the page shows."""
+    """State of the page."""
     return browser.js(
         f"const s = {V}.state; return {{id: s.clip.id, t: s.t, loop: s.loop, drawn: s.drawn, playing: s.playing}}"
     )

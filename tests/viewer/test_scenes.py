@@ -146,7 +146,7 @@ def test_flags_are_at_the_time_of_the_source(scenes, monkeypatch: pytest.MonkeyP
     flags = {item.start: dataset.scene(item).flags for item in dataset.items if item.clip.id == clip}
     assert [flag.time for flag in flags[0]] == [pytest.approx(73 / 60), None]
     assert [flag.time for flag in flags[15]] == [pytest.approx(73 / 60 - 0.5), None]
-    assert [flag.time for flag in flags[45]] == [None]  # the flag lies before this window
+    assert [flag.time for flag in flags[45]] == [None]  # the flag is before this window
     assert dataset.flag_count(dataset.find(clip, 0)) == 2
 
 

@@ -1,4 +1,4 @@
-"""The server answers the page that it made, and nobody else."""
+"""The server answers only the page that it made."""
 
 import http.client
 import json

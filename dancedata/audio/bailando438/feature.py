@@ -137,7 +137,7 @@ def _feature_rate(grid: FrameGrid) -> int:
             "bailando438 cannot be computed at this frame rate",
             found=f"{grid.rate} rows per second, so a sample rate of {float(rate):g} Hz",
             allowed=f"a rate that makes 512 x rate a whole number of at least {MIN_SAMPLE_RATE} Hz",
-            fix="use 60 (beside motion) or 7.5 (Bailando's GPT) rows per second",
+            fix="use 60 (next to motion) or 7.5 (Bailando's GPT) rows per second",
         )
     return int(rate)
 

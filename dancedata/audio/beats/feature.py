@@ -39,7 +39,7 @@ class Beats(NetworkFeature):
     """Beat 0/1, downbeat 0/1, phase in the bar [0, 1), tempo in beats per minute.
 
     A beat is in the row nearest to it. Phase is -1 where no downbeat was found, tempo is 0 where fewer than two beats
-    were. Scope window counts bars anew in every window, so track is the better one for phases. No metric takes its
+    were. Scope window restarts the count of bars in every window, so track is better for phases. No metric takes its
     beats from here: published scores are comparable with librosa's of `librosa35`.
 
     Attributes

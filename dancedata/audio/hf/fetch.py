@@ -182,7 +182,7 @@ class _Hub:
         return list(info.siblings or ())
 
     def fetch(self, file: str, revision: str, folder: Path) -> None:
-        """Get one file into a folder; a part of it that is there is continued."""
+        """Download one file into a folder; a partial file is resumed."""
         with self._errors(revision):
             self._client.hf_hub_download(
                 self.name, file, revision=revision, local_dir=folder, endpoint=self._endpoint

@@ -1,4 +1,4 @@
-"""Weights become a network: all of them are there, none is random, no code is run."""
+"""Load weights into a network: all must be present, none is random, no code is run."""
 
 import pickle  # for the name of an error; nothing is unpickled here
 import re

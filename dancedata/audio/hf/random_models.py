@@ -52,7 +52,7 @@ def _native(
 
 
 def _rescale_weights(network: torch.nn.Module) -> None:
-    """Draw weights anew so that activations are about 1: the initial ones of some classes give almost nothing."""
+    """Redraw the weights so that activations are about 1: the initial ones of some classes give almost nothing."""
     for name, parameter in network.named_parameters():
         if parameter.dim() >= 2 and "original" not in name:
             fan_in = math.prod(parameter.shape[1:])

@@ -71,7 +71,7 @@ def _best_paths(score: Doubles, period: NDArray[np.int64], tightness: float) -> 
         (W, T).
     """
     n_windows, n_frames = score.shape
-    # A beat lies half a period to two periods after the previous one; halves round to even.
+    # A beat is half a period to two periods after the previous one; halves round to even.
     nearest, farthest = np.round(period / 2).astype(np.int64), 2 * period
     low, high = max(1, int(nearest.min())), int(farthest.max())
     penalty = _penalty(np.arange(low, high + 1), period, nearest, farthest, tightness)

@@ -206,7 +206,7 @@ def track_features(samples: Floats, settings: Settings) -> Floats:
 
 
 def window_features(samples: Floats, starts: NDArray[np.int64], n_samples: int, settings: Settings) -> Floats:
-    """Compute the features (W, T, 35) of windows of a signal, each as if it were a 16-bit wav of its own.
+    """Compute the features (W, T, 35) of windows of a signal, each as if it were a separate 16-bit wav.
 
     Parameters
     ----------

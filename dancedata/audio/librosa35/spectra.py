@@ -214,7 +214,7 @@ def _frames(samples: Floats, lead: int, count: int) -> Floats:
 
 
 def _track_blocks(track: Floats, used: NDArray[np.int64]) -> Iterator[tuple[Floats, NDArray[np.int64]]]:
-    """Yield windowed frames of a track, in memory of their own, in blocks on a grid from its beginning.
+    """Yield windowed frames of a track, in separate memory, in blocks on a grid from its beginning.
 
     Blocks are always whole, so that the numbers of a frame do not depend on which frames are used.
     """

@@ -116,8 +116,8 @@ def window_tuning(peaks: Peaks, rows: NDArray[np.int64]) -> tuple[int, bool]:
 
 
 def _of_rows(peaks: Peaks, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64], int]:
-    """Return magnitudes and tunings of the peaks of some rows, and the number of vague ones."""
-    # Rows of a window come in few runs of neighbours: head, middle, tail.
+    """Return magnitudes and tunings of the rows' peaks, and the number of vague ones."""
+    # Rows of a window form a few runs of consecutive rows: head, middle, tail.
     breaks = (np.flatnonzero(rows[1:] - rows[:-1] != 1) + 1).tolist()
     runs = zip([0, *breaks], [*breaks, len(rows)], strict=True)
     parts = [slice(peaks.first[rows[start]], peaks.first[rows[stop - 1] + 1]) for start, stop in runs]

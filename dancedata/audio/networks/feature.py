@@ -40,7 +40,7 @@ class NetworkFeature(AudioFeature):
     weights_key
         Field that says where the weights are.
     prefetch
-        Whether it computes on a device, so that the next song may be decoded meanwhile.
+        Whether it computes on a device, so that the next song may be decoded at the same time.
     device
         Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
     batch_size
@@ -139,7 +139,7 @@ class NetworkFeature(AudioFeature):
         Parameters
         ----------
         how
-            What `load` depends on, besides the hash of the weights.
+            Dependencies of `load`, in addition to the hash of the weights.
 
         Raises
         ------

@@ -25,7 +25,7 @@ class TemplateName(WindowFilter):
     limit
         Largest absolute value that is kept.
     field
-        Motion or key motion field that is looked at.
+        Motion or key motion field that is inspected.
     """
 
     version: ClassVar[int] = 1  # raise it whenever other windows are kept, and build with --overwrite

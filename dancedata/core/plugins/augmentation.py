@@ -59,7 +59,7 @@ class CopyAugmentation(Augmentation):
     ----------
     changes
         "rows": only `change_rows` is called, when a shard is written. "motion": so is `change_motion`, and copies are
-        encoded. "time": copies also have the `speed` of their own.
+        encoded. "time": copies also have their own `speed`.
     """
 
     changes: ClassVar[Literal["rows", "motion", "time"]] = "motion"

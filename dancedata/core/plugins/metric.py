@@ -29,7 +29,7 @@ class Metric(Plugin):
         Whether `summarise` compares the set with a pool of other clips, such as all ground truth.
     better
         What is better for each score: "higher", "lower", or "closer" to the ground truth's. Scores that are not named
-        stand beside the others, such as a chance level.
+        accompany the others, such as a chance level.
     bounds
         Lowest and highest value that scores can have, for their intervals: none, a lowest (0, inf), or both (0, 1).
     """

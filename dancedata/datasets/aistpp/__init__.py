@@ -12,7 +12,7 @@ separate download, one file per song, which the user puts next to the motion:
         splits/crossmodal_{train,val,test}.txt   optional
         ignore_list.txt                          optional; may also lie in splits/
 
-In EDGE's (Tseng et al. 2023) each sequence has an audio file of its own, cut to its length:
+In EDGE's (Tseng et al. 2023) each sequence has its own audio file, cut to its length:
 
 .. code-block:: text
 

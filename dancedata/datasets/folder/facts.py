@@ -25,7 +25,7 @@ _USUAL = tuple(
 )
 #: Rates that a rounded number may stand for, in order of preference.
 _KNOWN = (*_USUAL, *(Fraction(k) for k in (360, 400, 480, 500, 600, 1000)), *_NTSC)
-#: A number stands for a known rate within this fraction of it, ...
+#: A number is read as a known rate within this fraction of it, ...
 _CLOSE = Fraction(1, 1_000_000)
 #: ... or, for a period, within one unit of its last decimal, but at most this fraction.
 _ROUNDED = Fraction(15, 1000)
@@ -62,7 +62,7 @@ def exact_rate(value: float) -> Fraction | None:
 def rate_of_period(text: str) -> Fraction | None:
     """Return the rate of a frame time in seconds, as written: "0.0333333" is 30, ".0083333" 120.
 
-    A frame time is a rounded number. It stands for a usual rate whose frame time differs by at most one
+    A frame time is a rounded number. It is read as a usual rate whose frame time differs by at most one
     unit of the last decimal (or one millionth of it), and by at most 1.5 %: integer rates first, the closest
     first, then NTSC rates such as 24000/1001. Otherwise the rate is exactly 1 / text.
     """

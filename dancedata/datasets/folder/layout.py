@@ -23,7 +23,7 @@ MOTION_FOLDERS = ("motions", "motion")
 MUSIC_FOLDERS = ("music", "wavs", "audio", "musics")
 LOOKED_FOR = (
     "manifest.csv or manifest.jsonl; or motions/NAME.npz (.npy, .pkl, .bvh) with music/NAME.wav (.flac, .mp3, .ogg); "
-    "or NAME.npz beside NAME.wav"
+    "or NAME.npz next to NAME.wav"
 )
 
 

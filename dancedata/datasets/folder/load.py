@@ -93,7 +93,7 @@ def load_motion(path: Path, reading: Reading) -> Motion:
     translation = translation * facts.metres
     if facts.up.value != "y":
         upright = UPRIGHT[facts.up.value]
-        # SMPL rotates about the pelvis, which lies at root + translation: that point rotates with the axes.
+        # SMPL rotates about the pelvis, which is at root + translation: that point rotates with the axes.
         translation = (root + translation) @ upright.T - root
         rotations = rotations.copy()
         rotations[:, 0] = (Rotation.from_matrix(upright) * rotation(rotations[:, 0])).as_rotvec()
@@ -262,7 +262,7 @@ def _guessed(height: float, unit: Fact[str]) -> tuple[Fact[str], float]:
 
 
 def _check_standing(bvh: Bvh, joints: JointMap, up: Fact[str]) -> None:
-    """Reject files with another up axis than BVH's usual one, in which the dancer would always lie on the ground."""
+    """Reject files whose up axis is not BVH's usual one, in which the dancer would always lie on the ground."""
     if up.where != _CONVENTION:
         return
     head = 15 if 15 in joints.of else 12

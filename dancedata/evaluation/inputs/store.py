@@ -154,7 +154,7 @@ def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:
     if rule.body == "smpl24" and not plugin.decodes and not is_smpl:
         return "they are positions of another body than SMPL's 24 joints"
     if rule.pelvis == "body" and not plugin.decodes and not plugin.skeleton.offsets[0].any():
-        return "their pelvis lies at the translation, as EDGE has it"
+        return "their pelvis is at the translation, as in EDGE"
     grid = rule.grid
     if grid is not None and reader.grid.step_to(grid) is None:
         return f"they have {reader.grid} rows per second, not {grid} or a whole multiple"

@@ -103,7 +103,7 @@ class ExportFolder:
         self.write_bytes(name, buffer.getbuffer())
 
     def copy_file(self, name: str, source: Path) -> None:
-        """Copy a file, or make a hard link of it where links are asked for and possible."""
+        """Copy a file, or make a hard link of it where links are requested and possible."""
         place = self._place(name)
         if not self._linked_to(place, source):
             shutil.copyfile(source, place)

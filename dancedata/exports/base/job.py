@@ -42,7 +42,7 @@ class Missing:
 
 @dataclass(frozen=True)
 class ExportJob:
-    """What an export is asked to do.
+    """Request for an export.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class Export(Plugin):
     reference
         Repository and commit of the code that reads the files; "" where there is none.
     listed_folders
-        Folders of which a loader opens every file: besides its own files nothing may be written there.
+        Folders of which a loader opens every file: nothing except its own files may be written there.
     """
 
     recipe: ClassVar[Mapping[str, Any]]

@@ -1,4 +1,4 @@
-"""The folder of an export: written beside its place and renamed (`files.publish`); foreign files are never touched.
+"""The folder of an export: written next to its place and renamed (`files.publish`); foreign files are never touched.
 
 A finished export is recognised by its export.json, which lists its files.
 """
@@ -64,7 +64,7 @@ def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
         be written.
     """
     problem = "the folder of the export cannot be written"
-    fix = "choose an --out that is a folder of your own, on a disk with room; nothing was left there"
+    fix = "choose an --out that you can write to, on a disk with free space; nothing was left there"
     try:
         with writable(out, problem, fix), new_folders(out.parent), replaced_export(out, overwrite=overwrite) as new:
             yield new

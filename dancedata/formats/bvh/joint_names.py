@@ -143,7 +143,7 @@ def _declared(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str
                 found=f"{len(names)} joints",
                 allowed=listed(names),
                 fix=(f"did you mean {close[0]!r}? " if close else "")
-                + "correct joint_map, or move files with other skeletons to a folder of their own",
+                + "correct joint_map, or move files with other skeletons to a separate folder",
             )
     return {SMPL24.index(joint): names.index(name) for joint, name in declared.items() if name}
 

@@ -26,7 +26,7 @@ def bone_offsets(bvh: Bvh) -> Floats:
 
 
 def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
-    """Return the largest distance of position channels from the bone that stands for them, in the file's unit.
+    """Return the largest distance of position channels from the bone that represents them, in the file's unit.
 
     Parameters
     ----------

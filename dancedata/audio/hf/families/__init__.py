@@ -17,7 +17,7 @@ FAMILIES: tuple[type[Family], ...] = (WaveformEncoder, W2vBert, Encodec, Dac, Mi
 _BY_TYPE = {model_type: family for family in FAMILIES for model_type in family.model_types}
 #: Keys of MuQ's config, which has no model_type.
 _OF_MUQ = ("encoder_depth", "encoder_dim", "w2v2_config", "stat")
-_PLUGIN = "a network of another kind is a feature of its own: docs/plug-ins.md"
+_PLUGIN = "a network of another kind needs a plug-in: docs/plug-ins.md"
 
 
 def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: object = None) -> Family:
@@ -35,7 +35,7 @@ def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: ob
         suggestion = did_you_mean(str(kind), sorted(_BY_TYPE))
         remote = "auto_map" in config
         raise SourceError(
-            "hf: the model needs code of its own, which is never run"
+            "hf: the model needs its own code, which is never run"
             if remote
             else "hf: no encoder of this model type is supported",
             where=where,

@@ -28,7 +28,7 @@ class TensorSource(Protocol):
         """Type of a tensor."""
 
     def read(self, name: str, rows: int) -> torch.Tensor:
-        """Read the leading rows into memory of their own, on the CPU, in the stored type."""
+        """Read the leading rows into separate memory, on the CPU, in the stored type."""
 
     def close(self) -> None:
         """Close all open files."""
@@ -75,7 +75,7 @@ class LegacySource(_Closing):
         return dtype
 
     def read(self, name: str, rows: int) -> torch.Tensor:
-        """Read the leading rows into memory of their own, in the stored type."""
+        """Read the leading rows into separate memory, in the stored type."""
         stored = self._tensors[name]
         tensor = torch.empty(stored.span(rows), dtype=self.dtype(name))
         # numpy has no bfloat16: the buffer is the plain bytes.
@@ -116,7 +116,7 @@ class ZipSource(_Closing):
         return self._tensors[name].dtype
 
     def read(self, name: str, rows: int) -> torch.Tensor:
-        """Read the leading rows into memory of their own, in the stored type."""
+        """Read the leading rows into separate memory, in the stored type."""
         return self._tensors[name][:rows].clone(memory_format=torch.contiguous_format)
 
     @override
@@ -160,7 +160,7 @@ class SafetensorsSource(_Closing):
         return self._dtypes[name]
 
     def read(self, name: str, rows: int) -> torch.Tensor:
-        """Read the leading rows into memory of their own, in the stored type."""
+        """Read the leading rows into separate memory, in the stored type."""
         part: torch.Tensor = self._opened(self._homes[name]).get_slice(name)[:rows]
         # A slice may be a view of the mapped file.
         return part.clone()
