@@ -28,15 +28,7 @@ def evaluate_inputs(
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Report:
-    """Measure the set and the pool, and compare them.
-
-    Raises
-    ------
-    UsageError
-        If the protocol cannot be computed from this motion, rates are mixed, or the pool is another protocol's.
-    StoreError
-        If a dataset has other bytes than the build wrote.
-    """
+    """Measure the set and the pool, and compare them; StoreError if a dataset was changed after its build."""
     progress = progress or Progress(quiet=True)
     root = Cache((cache or default_cache()).absolute())
     folder = inputs.clip_set.folder

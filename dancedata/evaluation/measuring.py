@@ -103,17 +103,9 @@ class MeasuredClip:
 def measure_pose(
     protocol: Protocol, role: Role, numbers: Sequence[int], pose: Pose, music: ClipMusic | None
 ) -> dict[int, Measurement | None]:
-    """Measure a pose; return the result by the number of the measure.
+    """Measure a pose; return the result by the number of the measure, None if it needs music and there is none.
 
-    Parameters
-    ----------
-    numbers
-        Measures of the protocol; the result of those that need music is None without it.
-
-    Raises
-    ------
-    DataError
-        If the protocol cannot measure this motion: other joints, another rate.
+    DataError if the protocol cannot measure this motion: other joints, another rate.
     """
     placed, notes = conformed(pose, protocol.motion)
     joints = in_axes(placed.joints, protocol.motion)
@@ -163,21 +155,9 @@ def measure_clips(
     numbers: Sequence[int],
     music: Mapping[str, ClipMusic],
 ) -> tuple[list[MeasuredClip], list[Reject]]:
-    """Measure clips; those that cannot be measured are rejects.
+    """Measure clips, with music by their ids; those that cannot be measured are rejects.
 
-    Parameters
-    ----------
-    numbers
-        Measures of the protocol.
-    music
-        Beats by the id of a clip.
-
-    Raises
-    ------
-    DataError
-        "nothing_left", if no clip can be measured.
-    StoreError
-        If a dataset has other bytes than the build wrote.
+    DataError "nothing_left" if no clip can be measured; StoreError if a dataset has other bytes than the build wrote.
     """
     cache, role = resources.cache, clip_set.role
     if clip_set.store is not None:
@@ -262,10 +242,7 @@ _JOINTS = {"smpl24": SMPL24.joints, "smplx24": SMPLX55.joints[:24], "body22": BO
 def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
     """Return the joints and the rate that a protocol measures, +Y up, and notes on what was changed.
 
-    Raises
-    ------
-    DataError
-        "missing_joints", "other_pelvis" or "other_rate".
+    DataError "missing_joints", "other_pelvis" or "other_rate" if it cannot measure this motion.
     """
     placed, notes = _on(pose, rule)
     if rule.pelvis == "translation" and placed.true_pelvis:

@@ -177,18 +177,7 @@ def song_beats(
     clips: Sequence[ClipInput],
     files: Mapping[str, Path],
 ) -> tuple[dict[str, ClipMusic], list[str]]:
-    """Compute the beats of the songs of clips; those without a file of their song's name are not in the result.
-
-    Returns
-    -------
-    beats, problems
-        Beats by the id of the clip, and songs that cannot be used, in words.
-
-    Raises
-    ------
-    UsageError
-        If the feature of the protocol is not installed.
-    """
+    """Compute the beats of songs that have a file; return them by the id of the clip, and problems in words."""
     job = _job(protocol, rule, role)
     clips_with_file = [clip for clip in clips if clip.music in files]
     missing = sorted({clip.music for clip in clips} - set(files))

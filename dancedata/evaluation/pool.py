@@ -106,13 +106,7 @@ def measured_pool(
 
 
 def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, scaler: str = "") -> Pool:
-    """Make the pool of measured clips.
-
-    Raises
-    ------
-    UsageError
-        If clips have different rates, or there are none.
-    """
+    """Make the pool of measured clips; UsageError if clips have different rates, or there are none."""
     measured = sorted(measured, key=lambda m: m.id)  # sums do not depend on the order of files
     rows: dict[int, Float64Array] = {}
     undefined: dict[str, int] = {}
@@ -214,15 +208,7 @@ def _measured_by(protocol: Protocol) -> str:
 
 
 def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
-    """Write a pool to an .npz file, atomically; the same pool gives the same bytes.
-
-    Raises
-    ------
-    UsageError
-        If the name is not that of an .npz file, or another file has it.
-    StoreError
-        If it cannot be written.
-    """
+    """Write a pool to an .npz file, atomically; the same pool gives the same bytes; errors as of `check_target`."""
     check_target(path, protocol)
     header = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
     header["measured"] = _measured_by(protocol)
@@ -242,13 +228,7 @@ def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
 
 
 def load_pool(path: Path, protocol: Protocol) -> Pool:
-    """Read a pool, of any protocol that has a name; nothing in the file is executed.
-
-    Raises
-    ------
-    UsageError
-        If it is not a pool, is of another layout, or of another protocol or version.
-    """
+    """Read a pool; nothing in the file is executed; UsageError if it is not one of this protocol and version."""
     try:
         with open_arrays(path) as arrays:
             header = parse_json(_text(arrays.read(_HEADER)) if _HEADER in arrays.names else "null")

@@ -245,23 +245,10 @@ def report_of(
     left_out: Iterable[tuple[str, str]] = (),
     warnings: Iterable[str] = (),
 ) -> Report:
-    """Compare measured clips with a pool.
+    """Compare measured clips with a pool, by all measures or by `numbers` of them.
 
-    Parameters
-    ----------
-    draws
-        How many times scores are computed again for intervals, at most; 0: no intervals.
-    numbers
-        Measures of the protocol; None: all.
-    left_out
-        Clips that could not be measured, with the reason.
-    warnings
-        Warnings that come first.
-
-    Raises
-    ------
-    UsageError
-        If rates are mixed, or the pool is of another protocol, version or rate.
+    Scores are computed again for intervals at most `draws` times. UsageError if rates are mixed, or the pool is of
+    another protocol, version or rate.
     """
     ordered = sorted(measured, key=lambda m: m.id)
     fps = one_rate(ordered, source)

@@ -105,13 +105,7 @@ class Request:
 
     @property
     def numbers(self) -> list[int]:
-        """Numbers of the protocol's measures that are computed: all, or those of `metrics`.
-
-        Raises
-        ------
-        UsageError
-            If the protocol does not have a metric or score of that name.
-        """
+        """Numbers of the measures that are computed: all, or those of `metrics`; UsageError for an unknown name."""
         names = [{measure.metric.name, *measure.metric.better} for measure in self.protocol.measures]
         printed = {label: name for name, label in LABELS.items()}
         chosen = {printed.get(metric, metric) for metric in self.metrics}
@@ -145,10 +139,7 @@ class Request:
         )  # fmt: skip
 
     def pool_input(self, numbers: Iterable[int] | None = None) -> tuple[ClipSet | Pool | None, list[int]]:
-        """Return the pool, and those of some measures that need one; by default all of them.
-
-        Without an option it is all of the dataset that is evaluated, or that --like names.
-        """
+        """Return the pool, by default that of --like or of the dataset itself, and the measures that need one."""
         measures = self.protocol.measures
         numbers = [n for n in (range(len(measures)) if numbers is None else numbers) if measures[n].metric.needs_pool]
         if isinstance(self.pool, str | Path) and Path(self.pool).suffix == ".npz":

@@ -88,10 +88,7 @@ def gather_by_torch(objects: list[Any]) -> list[Any]:
 def sample_lengths(batch: npt.NDArray[Any], names: Sequence[str], lengths: npt.NDArray[Any] | None) -> list[int]:
     """Return the number of rows of each sample of a batch (B, L, D): `lengths` (B,), or L.
 
-    Raises
-    ------
-    UsageError
-        For lengths that are not such numbers, or for none where samples are padded.
+    UsageError for lengths that are not such numbers, or for none where samples are padded.
     """
     if lengths is not None:
         if lengths.shape != batch.shape[:1] or not np.isin(lengths, np.arange(1, batch.shape[1] + 1)).all():

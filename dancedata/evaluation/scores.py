@@ -67,15 +67,7 @@ class Score:
 def scores_of(
     metric: Metric, rows: MetricRows, pool: Float64Array | None, *, draws: int
 ) -> tuple[list[Score], list[str]]:
-    """Return the scores of a metric, and warnings.
-
-    Parameters
-    ----------
-    pool
-        (M, C) numbers of the pool, where the metric needs one; None: there is none.
-    draws
-        How many times scores are computed again for intervals, at most; 0: no intervals.
-    """
+    """Return the scores of a metric, from the numbers (M, C) of the pool if it needs one, and warnings."""
     if metric.needs_pool and pool is None:
         return [], [f"{metric.name} is not computed: it compares with a pool, and none is given (--pool)"]
     try:

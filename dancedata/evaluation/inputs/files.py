@@ -178,13 +178,7 @@ def _is_positions(arrays: ArrayFile, name: str) -> bool:
 
 
 def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
-    """List the motion files of a folder, by name; every file is one clip, whose id is its name without the suffix.
-
-    Raises
-    ------
-    UsageError
-        If there are none, or two files have one name.
-    """
+    """List the motion files of a folder by name, a clip each; UsageError for none, or for two of one name."""
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
     if not paths:
         raise UsageError(

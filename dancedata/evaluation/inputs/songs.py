@@ -39,13 +39,7 @@ class MusicSources:
 
 
 def song_files(folder: Path) -> dict[str, Path]:
-    """Return the music files of a folder, or of its folder of music, by their names without suffix.
-
-    Raises
-    ------
-    UsageError
-        If there are none.
-    """
+    """Return the music of a folder, or of its folder of music, by name without suffix; UsageError for none."""
     for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
         by_stem = group_by_stem([place], AUDIO_SUFFIXES) if place.is_dir() else []
         if by_stem:
@@ -67,10 +61,7 @@ def read_songs(path: Path) -> dict[str, str]:
 
     Columns are separated by commas, semicolons or tabulators, whichever make two of the first line.
 
-    Raises
-    ------
-    UsageError
-        If it cannot be read, a line has another number of columns or no song, or two lines have one clip.
+    UsageError if it cannot be read, a line has another number of columns or no song, or two lines have one clip.
     """
     try:
         if path.stat().st_size > _MAX_CSV_BYTES:

@@ -80,13 +80,7 @@ def _opened(path: str, sha256: str) -> Store:
 
 
 def chosen_splits(store: Store, split: str | None) -> tuple[str, ...]:
-    """Return the splits that "test" or "val,test" names; all for None or "all".
-
-    Raises
-    ------
-    UsageError
-        For an unknown split.
-    """
+    """Return the splits that "test" or "val,test" names, all for None; UsageError for an unknown split."""
     if split is None or (split == "all" and "all" not in store.splits):
         return store.splits
     names = tuple(name.strip() for name in split.split(","))
@@ -101,10 +95,7 @@ def store_clips(
 ) -> tuple[ClipInput, ...]:
     """List the clips of a store; copies that augmentations made are left out.
 
-    Raises
-    ------
-    UsageError
-        If no field has the protocol's joints, or the store has only windows of another length than its pieces.
+    UsageError if no field has the protocol's joints, or the store has only windows of another length than its pieces.
     """
     name, reader = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
@@ -180,10 +171,7 @@ def named_reader(store: Store, name: str) -> ColumnsReader:
 def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, ColumnsReader]:
     """Choose the motion field of a store to evaluate: `field`, or the first that fits the protocol.
 
-    Raises
-    ------
-    UsageError
-        If none fits, with the reason for each.
+    UsageError if none fits, with the reason for each.
     """
     candidates = motion_readers(store) if field is None else {field: named_reader(store, field)}
     problems = {name: columns_problem(reader, rule) for name, reader in candidates.items()}
