@@ -31,7 +31,6 @@ from dancedata.pipeline.audio import (
     extract_windows,
     identify_audio,
     known_windows,
-    window_samples,
     window_units,
 )
 from dancedata.recipes.fields import FeatureJob, WindowSpec
@@ -140,10 +139,7 @@ class FeatureCache:
         job = FeatureJob(feature, grid, self._feature(feature, parameters), windows)
         rows: list[npt.NDArray[Any]] = []
         signal = self._identify(song)
-        feature_keys = FeatureKeys(job)
-        count = len(window_samples(job, signal.n_samples, signal.sample_rate)[0])
-        keys = {number: feature_keys.window(start_bpm, signal, number) for number in range(count)}
-        for unit in window_units(keys):
+        for unit in window_units(FeatureKeys(job).windows(start_bpm, signal)):
             rows += self._unit(job, signal, start_bpm, unit)
         if not rows:
             return np.empty((0, length_frames, job.columns.width), job.dtype)

@@ -32,7 +32,6 @@ from dancedata.pipeline.audio import (
     extract_windows,
     identify_audio,
     known_windows,
-    window_samples,
     window_units,
 )
 from dancedata.recipes.fields import FeatureJob, WindowSpec
@@ -248,11 +247,7 @@ def _tracks(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _B
 
 def _windows(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
     feature_keys = FeatureKeys(job)
-    units: list[tuple[_Song, dict[int, str]]] = []
-    for song in songs:
-        count = len(window_samples(job, song.signal.n_samples, song.signal.sample_rate)[0])
-        keys = {number: feature_keys.window(song.bpm, song.signal, number) for number in range(count)}
-        units += [(song, unit) for unit in window_units(keys)] if keys else []
+    units = [(song, unit) for song in songs for unit in window_units(feature_keys.windows(song.bpm, song.signal))]
     calls = [(resources.cache, job, song.signal, song.bpm, unit) for song, unit in units]
     cached = [known_windows(resources.cache, unit) for _, unit in units]
     results = _run(resources, job, extract_windows, calls, cached)

@@ -201,6 +201,11 @@ class FeatureKeys:
         rows = self._job.window_rows
         return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=rows)
 
+    def windows(self, bpm: float | None, signal: SignalId) -> dict[int, str]:
+        """Return the keys of all windows of a song, by number."""
+        starts, _ = window_samples(self._job, signal.n_samples, signal.sample_rate)
+        return {number: self.window(bpm, signal, number) for number in range(len(starts))}
+
     def _of(self, bpm: float | None) -> str:
         job, feature = self._job, self._job.feature
         # Dropped from the key where the feature ignores it: equal music is then computed once.

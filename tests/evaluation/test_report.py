@@ -13,10 +13,10 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
 from dancedata.evaluation.inputs.songs import read_songs
-from dancedata.evaluation.pool import load_pool
+from dancedata.evaluation.pool import MetricRows, load_pool
 from dancedata.evaluation.protocols.aistpp import BailandoAistpp
 from dancedata.evaluation.report import latex, markdown
-from dancedata.evaluation.scores import MetricRows, scores_of
+from dancedata.evaluation.scores import scores_of
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
 from dancedata.store import Store
