@@ -24,7 +24,6 @@ from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, ne
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
-    from dancedata.core.motion import Motion
     from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView, WindowList
 
@@ -93,7 +92,7 @@ class SliceWriter:
     def write(self, part: str, splits: Sequence[str]) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
         """Write the folders of a part, "train" or "test"; return its slices and their motion at 30 per second."""
         slices = [item for split in splits for item in slices_of(self.job, split, self.feature)]
-        slices.sort(key=lambda item: sort_key(item.name))
+        slices.sort(key=lambda item: f"{item.name}.")  # as text, slice10 before slice2, as EDGE's loader
         note_rejects(self.job, splits, self.folder)
         if self.sound == "cut":
             slices = with_whole_sound(self.job, slices, self.folder)
@@ -110,13 +109,15 @@ class SliceWriter:
         return slices, motion
 
     def _write_motion(self, part: str, slices: list[Slice]) -> dict[str, npt.NDArray[np.float32]]:
-        whole = {
+        whole = {  # metres and axis-angle, +Y up
             "pos": np.empty((len(slices), LENGTH, 3), np.float32),
             "q": np.empty((len(slices), LENGTH, 72), np.float32),
         }
         for number, item in enumerate(self.job.each(f"{part}: motion", slices)):
-            for key, array in pos_and_q(slice_motion(self.job, item)).items():
-                whole[key][number] = array
+            rows = self.job.store.read(item.window, MOTION)
+            motion = REPRESENTATIONS.get(MOTION)().decode(rows, FrameGrid.of(FPS))
+            whole["pos"][number] = motion.translation
+            whole["q"][number] = motion.rotations.reshape(LENGTH, -1)
             repeated = {key: np.repeat(array[number], self.repeat, axis=0) for key, array in whole.items()}
             self.folder.write_pickle(f"{part}/motions_sliced/{item.name}.pkl", repeated)
         return whole
@@ -133,20 +134,12 @@ class SliceWriter:
     def _write_sounds(self, part: str, slices: list[Slice]) -> None:
         if self.sound == "silence":
             self.folder.note("the wavs are silent: training does not use them, rendered videos have no music")
-            silent = silence()
+            silent = wav_bytes(AudioSignal(np.zeros(LENGTH_S * _SILENCE_RATE, np.float32), _SILENCE_RATE))
             for item in slices:
                 self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", silent)
             return
         for item, sound in cut_sounds(self.job, slices):
             self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", sound)
-
-
-def pos_and_q(motion: Motion) -> Mapping[str, npt.NDArray[Any]]:
-    """Return a motion as EDGE's pickles hold it: ``pos`` (T, 3) metres, ``q`` (T, 72) axis-angle, +Y up, float32."""
-    return {
-        "pos": motion.translation.astype(np.float32),
-        "q": motion.rotations.reshape(motion.n_frames, -1).astype(np.float32),
-    }
 
 
 MOTION = "edge151"
@@ -207,11 +200,6 @@ def _needs_windows(job: ExportJob) -> list[Missing]:
     return [Missing(f"the dataset has window scope with {stored}", fix)]
 
 
-def sort_key(name: str) -> str:
-    """Return what EDGE's loader sorts a slice by: its file name as text, slice10 before slice2."""
-    return f"{name}."
-
-
 def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     """Return the slices of a split."""
     from dancedata.store.schema import slice_name
@@ -241,12 +229,6 @@ def _windows(job: ExportJob, split: str, feature: str) -> WindowList:
         return job.store.windows(split)
     fields = (MOTION, feature)
     return job.store.windows(split, length_frames=LENGTH, stride_frames=STRIDE, fields=fields)
-
-
-def slice_motion(job: ExportJob, item: Slice) -> Motion:
-    """Return the motion of a slice: 150 frames at 30 per second, metres, radians, +Y up."""
-    rows = job.store.read(item.window, MOTION)
-    return REPRESENTATIONS.get(MOTION)().decode(rows, FrameGrid.of(FPS))
 
 
 def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
@@ -281,11 +263,6 @@ def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, byt
             clip, signal = item.clip.id, job.music.load(item.clip)
         first = _first_sample(item, signal.sample_rate)
         yield item, wav_bytes(signal.part(first, first + LENGTH_S * signal.sample_rate))
-
-
-def silence() -> bytes:
-    """Return five seconds of silence as a wav."""
-    return wav_bytes(AudioSignal(np.zeros(LENGTH_S * _SILENCE_RATE, np.float32), _SILENCE_RATE))
 
 
 def wav_bytes(signal: AudioSignal) -> bytes:

@@ -66,7 +66,10 @@ def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipVie
     """
     songs: dict[str, ClipView] = {}
     missing: list[Missing] = []
-    for music, of_song in sorted(_by_music(clips).items()):
+    by_music: dict[str, list[ClipView]] = {}
+    for clip in clips:
+        by_music.setdefault(clip.music, []).append(clip)
+    for music, of_song in sorted(by_music.items()):
         different = list(
             {job.music.hashes.get(clip.id, str(job.music.files[clip.id])): clip for clip in of_song}.values()
         )
@@ -81,13 +84,6 @@ def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipVie
             )
             missing.append(Missing(problem, "a source with one audio file per song, as the official AIST++ has"))
     return songs, missing
-
-
-def _by_music(clips: list[ClipView]) -> Mapping[str, list[ClipView]]:
-    by_music: dict[str, list[ClipView]] = {}
-    for clip in clips:
-        by_music.setdefault(clip.music, []).append(clip)
-    return by_music
 
 
 def _begins(part: AudioSignal, whole: AudioSignal) -> bool:
