@@ -111,13 +111,18 @@ class WindowDataset(SplitDataset):
     rejects
         Clips and windows that were left out, and why: "ignored", "too_short", "still", "filtered".
 
-    Notes ----- Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this
-    dataset does: the same in every worker, on every rank, and after a resume; else each reading draws from torch's
-    generator. With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D),
-    ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,), for windows of one local segment
-    ``"primitives"`` (8, D) alone; with a field that has beats the labels ``"beat"`` and ``"downbeat"``, (rows,) bool;
-    ``samples([INDEX], EPOCH)`` is the sample of an "id" CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. docs/reading.md,
-    docs/training.md.
+    Notes
+    -----
+    Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this dataset
+    does: the same in every worker, on every rank, and after a resume. Without an epoch each reading draws from
+    torch's generator.
+
+    With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D), ``"primitive_start"``,
+    ``"primitive_hard"`` and ``"primitive_filled"`` (K,); for windows of one local segment ``"primitives"`` (8, D)
+    alone. With a field that has beats it holds the labels ``"beat"`` and ``"downbeat"``, (rows,) bool.
+
+    ``samples([INDEX], EPOCH)`` is the sample of an "id" CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. See
+    docs/reading.md and docs/training.md.
 
     Examples
     --------
