@@ -294,11 +294,11 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
     return hashes
 
 
-def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
+def _crosses(clip_field: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
     """Return whether columns depend on moving the clip to another body: cf. `core.bodies.on_body`."""
-    if not isinstance(job, MotionField) or job.representation.positions_only:
+    if not isinstance(clip_field, MotionField) or clip_field.representation.positions_only:
         return False
-    representation = job.representation
+    representation = clip_field.representation
     if body is not None and body.joints == SMPL24.joints and representation.grounded:
         return False  # its translation keeps its numbers
     return crosses(body, representation.skeleton)

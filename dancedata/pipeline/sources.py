@@ -1,4 +1,4 @@
-"""Stage 1, sources -> identified clips: the files of clips, by the hashes of their contents."""
+"""Stage 1, scanned clips -> identified clips: hash motion files, decode and hash music."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
