@@ -244,7 +244,11 @@ build(load_recipe("aist++"), Path(sys.argv[1]), Path(sys.argv[2]), overwrite=Tru
 @pytest.mark.parametrize(
     ("module", "patch"),
     [
-        ("dancedata.store.writer", "module._write_document = kill"),
+        (
+            "dancedata.store.writer",
+            "write = module.write_text; "
+            "module.write_text = lambda path, text: kill() if path.name == 'dataset.json' else write(path, text)",
+        ),
         ("dancedata.pipeline.build", "rename = os.rename; os.rename = lambda a, b: (rename(a, b), kill())"),
     ],
     ids=["before dataset.json", "in the middle of a swap"],
