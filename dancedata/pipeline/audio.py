@@ -25,6 +25,12 @@ from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
 
+#: Raised by hand when a stage gives other numbers for the same input.
+SIGNAL_STAGE, FEATURE_STAGE = 4, 3
+#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
+#: song among workers.
+_WINDOWS_A_UNIT = 128
+#: The thread that decodes ahead, once there is one, and the file that it decodes.
 _threads: list[ThreadPoolExecutor] = []
 _ahead: dict[Path, Future[AudioSignal]] = {}
 
@@ -52,13 +58,6 @@ def decoded(path: Path) -> AudioSignal:
     except (DataError, OSError):
         # The unit that needs the file reports the error.
         return load_audio(path)
-
-
-#: Raised by hand when a stage gives other numbers for the same input.
-SIGNAL_STAGE, FEATURE_STAGE = 4, 3
-#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
-#: song among workers.
-_WINDOWS_A_UNIT = 128
 
 
 class Decoded(NamedTuple):

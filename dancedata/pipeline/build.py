@@ -101,7 +101,7 @@ def build(
         raise UsageError(
             "cannot replace the current working directory", where=out, fix="build from another working folder"
         )
-    header_of(recipe, {}).check()
+    header_of(recipe, {}).check()  # now, not after everything is computed
     source = source.absolute()  # so that it can be found in the text of rejects
     store_cache = Cache((cache or default_cache()).absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
@@ -145,9 +145,9 @@ class _Build:
 
     def _run(self) -> bool:
         sources = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
-        inputs = sources.sha256, SourceRecord.of_source(sources, self.source)
+        record = SourceRecord.of_source(sources, self.source)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
-            _require_same(self.out, self.recipe, *inputs)
+            _require_same(self.out, self.recipe, sources.sha256, record)
             with open_store(self.out) as store:
                 stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
                 stop_if_implausible(self.strict, store.quality)
@@ -159,7 +159,7 @@ class _Build:
         computed = replace(computed, rejects=tuple(relative_to(r, self.source) for r in computed.rejects))
         if not computed.clips:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
-        meta = {**_meta(self.recipe, sources, *inputs), "quality_flags": len(computed.quality)}
+        meta = {**_meta(self.recipe, sources, record), "quality_flags": len(computed.quality)}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
         return True
@@ -197,7 +197,7 @@ def _write(
         )
 
 
-def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRecord) -> dict[str, Any]:
+def _meta(recipe: Recipe, sources: Sources, record: SourceRecord) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     versions = {"libsndfile": libsndfile_version()}
     packages.update(name for job in recipe.audio for name in job.feature.packages)
@@ -206,7 +206,7 @@ def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRe
         "dancedata": __version__,
         "recipe": recipe.document,
         "recipe_sha256": recipe.sha256,
-        "source_sha256": source_sha256,
+        "source_sha256": sources.sha256,
         "source": {
             "layout": sources.scan.layout,
             "notes": list(sources.scan.notes),

@@ -30,7 +30,13 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.window_list import WindowList
 
 # 1 is the stream of orders, 4 that of augmentations.
-_MIRROR_STREAM, _SHIFT_STREAM, _CROP_STREAM = 2, 3, 5
+_MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
+_64_BITS = (1 << 64) - 1
+#: In place of an epoch while none is set.
+_NOT_SET = -1
+#: A warning is logged if augmentations need more than this many times the range of the scaler.
+_FAR = 10.0
+_log = logging.getLogger(__name__)
 
 
 def mirrored_samples(seed: int, epoch: int, places: Sequence[int], probability: float) -> npt.NDArray[np.bool_]:
@@ -47,9 +53,9 @@ def crop_choices(
     return np.asarray(np.floor(_uniform(seed, _CROP_STREAM, epoch, places) * n_choices), dtype=np.int64)
 
 
-def primitive_shift(seed: int, epoch: int, window: int) -> int:
+def primitive_bias(seed: int, epoch: int, window: int) -> int:
     """Return by how many frames, -2 to 2, the primitives of a window are shifted in an epoch."""
-    stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_SHIFT_STREAM, epoch, window)))
+    stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_BIAS_STREAM, epoch, window)))
     return int(stream.random_raw() % 5) - 2
 
 
@@ -80,14 +86,6 @@ def _raw_number(key_0: int, key_1: int, place: int) -> int:
         a, b, c, d = cd >> 64 ^ b ^ key_0, cd & _64_BITS, ab >> 64 ^ d ^ key_1, ab & _64_BITS
         key_0, key_1 = key_0 + 0x9E3779B97F4A7C15 & _64_BITS, key_1 + 0xBB67AE8584CAA73B & _64_BITS
     return (a, b, c, d)[place % 4]
-
-
-_64_BITS = (1 << 64) - 1
-#: In place of an epoch while none is set.
-_NOT_SET = -1
-#: A warning is logged if augmentations need more than this many times the range of the scaler.
-_FAR = 10.0
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
         changed = mirrored or bool(self._augmenter.steps)
         self.clip = bool(value_or_preset(changes.clip, None if changed else self._preset, "clip", False))
-        self._random = bool(0 < self.mirror < 1 or self._augmenter.steps)
+        self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
         normalize = value_or_preset(changes.normalize, self._preset, "normalize", True)
         self._normalizers = {
@@ -267,7 +265,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         epoch = self.epoch if epoch is None else whole("epoch", epoch)
         if epoch is None:
             # Without random changes the generator keeps its state.
-            epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._random else 0
+            epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._is_random else 0
         return epoch
 
     def normalizer(self, field: str) -> MinMax:

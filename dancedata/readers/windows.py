@@ -18,7 +18,7 @@ from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
 from dancedata.readers.presets import PrimitiveSpec, preset_windows, primitive_spec, value_or_preset
 from dancedata.readers.scalers import ScalerLike, root_columns
 from dancedata.readers.selection import FilterLike, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_shift
+from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_bias
 from dancedata.store.dataset import Store
 
 _log = logging.getLogger(__name__)
@@ -179,13 +179,13 @@ class WindowDataset(SplitDataset):
         if self._with_primitives:
             self._primitives = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
         changes = Changes(
-            mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, scaler, clip,
-            seed,
+            mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
+            normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
         )  # fmt: skip
         self._prepare(changes)
         if start is not None and self._augmenter.crops:
             raise UsageError("start_at and the augmentation crop both choose windows", fix="leave one of them out")
-        self._random |= self._with_primitives and primitive_variant == "code"
+        self._is_random |= self._with_primitives and primitive_variant == "code"
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
         self.relative_root = value_or_preset(relative_root, self._preset, "relative_root", False)
@@ -248,7 +248,7 @@ class WindowDataset(SplitDataset):
 
     def _bias(self, place: int, epoch: int | None = None) -> int:
         """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
-        return primitive_shift(self.seed, self._drawn_epoch(epoch), place)
+        return primitive_bias(self.seed, self._drawn_epoch(epoch), place)
 
     def _request(self, indices: Sequence[int], epoch: int | None = None) -> Request:
         """Return the windows at some indices, and which of them are mirrored in an epoch, or in the current one."""

@@ -100,7 +100,7 @@ def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Fi
     counted = []
     for source, plan in zip(sources, train, strict=True):
         length = plan.header.grid.rows(plan.header.length, of=f.grid)
-        starts = [plan.window_starts(f, number) for number in range(len(plan.clips))]
+        starts = [plan.first_rows(f, number) for number in range(len(plan.clips))]
         once_by_starts = {begins.tobytes(): rows_once(begins, length).reshape(-1) for begins in starts}
         counted.append(
             replace(source, counts=np.concatenate([once_by_starts[begins.tobytes()] for begins in starts]))
