@@ -161,7 +161,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
 
     def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
         """Make what mirrors, augments and normalises samples."""
-        self.mirror = probability("mirror", changes.mirror)
+        self.mirror, self.seed = probability("mirror", changes.mirror), whole("seed", changes.seed)
         mirrored = self.mirror > 0
         self.normalizer_covers_mirror = bool(changes.normalizer_covers_mirror)
         self.normalizer_over = changes.normalizer_over
@@ -171,7 +171,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         if changes.scaler is not None and self._widened:
             raise UsageError("scaler and normalizer_... name two scalers", fix="leave one of them out")
         self._named_scalers = named_scalers(self.store, self.fields, changes.scaler)
-        self.seed, self.augment = whole("seed", changes.seed), changes.augment
+        self.augment = changes.augment
         self._augmenter = Augmenter.of(
             self.store, self.fields, changes.augment, seed=self.seed, mirrored=mirrored, allow_crop=allow_crop
         )

@@ -27,16 +27,14 @@ from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.shard_writer import SameColumns
 
 #: Memory and the disk are shared: more threads do not write faster.
-_MOST = 4
+_MOST_THREADS = 4
+#: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
+_BLOCK_VALUES = 1 << 24
 
 
 def n_threads() -> int:
     """Return the number of threads for work that runs outside the interpreter's lock: one per core, at most 4."""
-    return min(_MOST, len(os.sched_getaffinity(0)))
-
-
-#: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
-_BLOCK_VALUES = 1 << 24
+    return min(_MOST_THREADS, len(os.sched_getaffinity(0)))
 
 
 def compute_stats(
