@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from typing import Any
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.text import counted, printable, shown
+from dancedata.core.text import counted, shown
 from dancedata.core.version import __version__
 from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.cache_files import running, sweep
@@ -26,7 +25,7 @@ from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
-from dancedata.pipeline.rejects import nothing_left, stop_if_implausible, stop_if_strict
+from dancedata.pipeline.rejects import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
@@ -262,9 +261,3 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
 
 def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
     return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file
-
-
-def relative_to(reject: Reject, source: Path) -> Reject:
-    """Name files relative to the source: its place affects no byte of a dataset."""
-    prefix = printable(f"{source}{os.sep}")
-    return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))

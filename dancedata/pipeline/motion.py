@@ -104,22 +104,6 @@ class ClipKeys:
     content: dict[str, str]
 
 
-def hash_motion(cache: Cache, path: Path) -> str | Reject:
-    """Return the hash of a motion file, read now."""
-    try:
-        return cache.hashed_sha256(path)
-    except OSError as error:
-        return Reject("broken_file", file=str(path), detail=f"{path}: {error}")
-
-
-def known_hash(cache: Cache, path: Path) -> str | None:
-    """Return the cached result of `hash_motion`, None if there is none."""
-    try:
-        return cache.known_sha256(path)
-    except OSError:
-        return None
-
-
 class MotionKeys:
     """The cache keys of clips, or of `copies` of them with another motion. Their common part is hashed once.
 

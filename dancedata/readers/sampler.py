@@ -17,13 +17,6 @@ _CHUNK = 4096
 _ORDER_STREAM = 1
 
 
-def shared_number(value: int) -> torch.Tensor:
-    """Return a tensor (1,) int64 in memory that this process and its workers share."""
-    number = torch.tensor([value], dtype=torch.int64)
-    number.share_memory_()  # type: ignore[no-untyped-call]
-    return number
-
-
 def set_epoch_of(source: object, epoch: int) -> None:
     """Set the epoch of a dataset; of one without `set_epoch`, that of the datasets among its attributes.
 

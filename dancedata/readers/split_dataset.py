@@ -22,7 +22,6 @@ from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.music_beats import StartAt, estimated_tempo
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
-from dancedata.readers.sampler import shared_number
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
@@ -88,6 +87,13 @@ def _raw_number(key_0: int, key_1: int, place: int) -> int:
     return (a, b, c, d)[place % 4]
 
 
+def _shared_number(value: int) -> torch.Tensor:
+    """Return a tensor (1,) int64 in memory that this process and its workers share."""
+    number = torch.tensor([value], dtype=torch.int64)
+    number.share_memory_()  # type: ignore[no-untyped-call]
+    return number
+
+
 @dataclass(frozen=True)
 class Changes:
     """Changes of samples on reading; see the parameters of `WindowDataset`."""
@@ -136,7 +142,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
             require_protocol(self.store, protocol)
         self._protocol: str | None = value_or_preset(protocol, self._preset, "protocol", None)
         self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
-        self._epoch = shared_number(_NOT_SET)
+        self._epoch = _shared_number(_NOT_SET)
         self._tempos: dict[str, float] = {}
 
     def _select(
@@ -236,7 +242,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         # torch's own workers receive the shared number itself; any other copy gets its own number, which has to
         # be shared as well, because workers may be started from that copy.
         if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
-            self._epoch = shared_number(int(self._epoch.item()))
+            self._epoch = _shared_number(int(self._epoch.item()))
 
     @property
     def epoch(self) -> int | None:
