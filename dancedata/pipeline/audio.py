@@ -25,14 +25,20 @@ from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
 
+#: Raised by hand when a stage gives other numbers for the same input.
+SIGNAL_STAGE, FEATURE_STAGE = 4, 3
+#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
+#: song among workers.
+_WINDOWS_A_UNIT = 128
+#: The thread that decodes ahead, once there is one, and the file that it decodes.
 _threads: list[ThreadPoolExecutor] = []
 _ahead: dict[Path, Future[AudioSignal]] = {}
 
 
-def read_ahead(path: Path) -> None:
+def decode_ahead(path: Path) -> None:
     """Begin to decode a file in another thread; drop a file that was begun and not used."""
     if not _threads:
-        _threads.append(ThreadPoolExecutor(max_workers=1, thread_name_prefix="read-ahead"))
+        _threads.append(ThreadPoolExecutor(max_workers=1, thread_name_prefix="decode-ahead"))
     if path not in _ahead:
         _ahead.clear()
         from dancedata.audio.signal import load_audio
@@ -54,14 +60,7 @@ def decoded(path: Path) -> AudioSignal:
         return load_audio(path)
 
 
-#: Raised by hand when a stage gives other numbers for the same input.
-SIGNAL_STAGE, FEATURE_STAGE = 4, 3
-#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
-#: song among workers.
-_WINDOWS_A_UNIT = 128
-
-
-class Decoded(NamedTuple):
+class SignalInfo(NamedTuple):
     """Facts about a decoded file, as the cache holds them: a JSON array in this order."""
 
     sha256: str
@@ -146,7 +145,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
                 entry = cache.json("signals", key)
                 if entry is None:
                     signal = load_audio(path)
-                    entry = Decoded(signal.sha256, signal.sample_rate, signal.n_samples)
+                    entry = SignalInfo(signal.sha256, signal.sample_rate, signal.n_samples)
                     if Cache.stat_key("signal", path) != file:
                         raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
                     cache.put_json("signals", key, entry)
@@ -154,7 +153,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
         return reject_of(error, file=path)
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
-    return SignalId(path, file, *Decoded(*entry))
+    return SignalId(path, file, *SignalInfo(*entry))
 
 
 def known_signal(cache: Cache, path: Path) -> SignalId | None:
@@ -164,7 +163,7 @@ def known_signal(cache: Cache, path: Path) -> SignalId | None:
     except FileNotFoundError:
         return None
     entry = cache.json("signals", _signal_key(file))
-    return None if entry is None else SignalId(path, file, *Decoded(*entry))
+    return None if entry is None else SignalId(path, file, *SignalInfo(*entry))
 
 
 def _signal_key(file: str) -> str:
@@ -238,7 +237,7 @@ def extract_track(
     """
     try:
         return cache.once(
-            "features", key, lambda: job.feature.extract(_decoded(signal, ahead), job.grid, start_bpm=bpm)
+            "features", key, lambda: job.feature.extract(_decode_again(signal, ahead), job.grid, start_bpm=bpm)
         )
     except DataError as error:
         return reject_of(error, file=signal.path)
@@ -264,7 +263,7 @@ def extract_windows(
             missing = [number for number, array in arrays.items() if array is None]
             if not missing:
                 return {number: array for number, array in arrays.items() if array is not None}
-            whole = _decoded(signal, ahead)
+            whole = _decode_again(signal, ahead)
             starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
             feature = job.feature
             at_once = (isinstance(feature, NetworkFeature) and feature.windows_per_call) or len(missing)
@@ -301,14 +300,14 @@ def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArra
     return arrays
 
 
-def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
+def _decode_again(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
     """Decode a signal again, and begin with the next; DataError "changed" if the file has changed.
 
     Otherwise the features of a file that is replaced during a build would be stored under the key of the old file.
     """
     signal_of_file = decoded(signal.path)
     if ahead is not None:
-        read_ahead(ahead)
+        decode_ahead(ahead)
     file = None
     with suppress(OSError):
         file = Cache.stat_key("signal", signal.path)

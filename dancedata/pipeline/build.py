@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from typing import Any
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.text import counted, printable, shown
+from dancedata.core.text import counted, shown
 from dancedata.core.version import __version__
 from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.cache_files import running, sweep
@@ -26,7 +25,7 @@ from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
-from dancedata.pipeline.rejects import nothing_left, stop_if_implausible, stop_if_strict
+from dancedata.pipeline.rejects import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
@@ -101,7 +100,7 @@ def build(
         raise UsageError(
             "cannot replace the current working directory", where=out, fix="build from another working folder"
         )
-    header_of(recipe, {}).check()
+    header_of(recipe, {}).check()  # now, not after everything is computed
     source = source.absolute()  # so that it can be found in the text of rejects
     store_cache = Cache((cache or default_cache()).absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
@@ -145,9 +144,9 @@ class _Build:
 
     def _run(self) -> bool:
         sources = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
-        inputs = sources.sha256, SourceRecord.of_source(sources, self.source)
+        record = SourceRecord.of_source(sources, self.source)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
-            _require_same(self.out, self.recipe, *inputs)
+            _require_same(self.out, self.recipe, sources.sha256, record)
             with open_store(self.out) as store:
                 stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
                 stop_if_implausible(self.strict, store.quality)
@@ -159,7 +158,7 @@ class _Build:
         computed = replace(computed, rejects=tuple(relative_to(r, self.source) for r in computed.rejects))
         if not computed.clips:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
-        meta = {**_meta(self.recipe, sources, *inputs), "quality_flags": len(computed.quality)}
+        meta = {**_meta(self.recipe, sources, record), "quality_flags": len(computed.quality)}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
         return True
@@ -197,7 +196,7 @@ def _write(
         )
 
 
-def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRecord) -> dict[str, Any]:
+def _meta(recipe: Recipe, sources: Sources, record: SourceRecord) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     versions = {"libsndfile": libsndfile_version()}
     packages.update(name for job in recipe.audio for name in job.feature.packages)
@@ -206,7 +205,7 @@ def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRe
         "dancedata": __version__,
         "recipe": recipe.document,
         "recipe_sha256": recipe.sha256,
-        "source_sha256": source_sha256,
+        "source_sha256": sources.sha256,
         "source": {
             "layout": sources.scan.layout,
             "notes": list(sources.scan.notes),
@@ -262,9 +261,3 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
 
 def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
     return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file
-
-
-def relative_to(reject: Reject, source: Path) -> Reject:
-    """Name files relative to the source: its place affects no byte of a dataset."""
-    prefix = printable(f"{source}{os.sep}")
-    return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))

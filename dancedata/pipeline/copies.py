@@ -1,4 +1,4 @@
-"""Stage 6, clips to store -> their copies.
+"""Stage 5, clips to store -> their copies.
 
 Motion that an augmentation changes is encoded as that of clips is. Copies at another speed also go through the stages
 that cut windows and extract features.
@@ -51,7 +51,7 @@ class _Context:
 def make_copies(
     cache: Cache,
     recipe: Recipe,
-    clips: Sequence[CopySource],
+    originals: Sequence[CopySource],
     content: Mapping[str, str],
     *,
     jobs: Jobs,
@@ -61,42 +61,45 @@ def make_copies(
 
     `content` is the SHA-256 of the files that the dataset's parameters name.
     """
-    clips = [clip for clip in clips if is_copied(clip.clip.split)]
+    originals = [original for original in originals if is_copied(original.clip.split)]
     fields = {field.name: field for field in recipe.clip_fields}
     stored: list[StoredClip] = []
     rejects: list[Reject] = []
     for spec in recipe.augment:
         context = _Context(cache, recipe, spec, content, jobs, progress)
         if spec.augmentation.changes == "rows":
-            stored += [_copied(clip.clip, spec, fields) for clip in clips]
+            stored += [_copied(original.clip, spec, fields) for original in originals]
         elif spec.augmentation.changes == "motion":
-            for clip, result in _encoded(context, clips, rejects):
-                arrays = result.stored(recipe, clip.clip.starts)
-                stored.append(_copied(replace(clip.clip, height_m=result.height_m), spec, fields, arrays))
+            for original, result in _encoded(context, originals, rejects):
+                arrays = result.stored(recipe, original.clip.starts)
+                stored.append(_copied(replace(original.clip, height_m=result.height_m), spec, fields, arrays))
         else:
-            stored += [_copied(clip, spec, fields) for clip in _retimed(context, clips, rejects)]
+            stored += [_copied(clip, spec, fields) for clip in _retimed(context, originals, rejects)]
     return stored, rejects
 
 
 def _encoded(
-    context: _Context, clips: Sequence[CopySource], rejects: list[Reject]
+    context: _Context, originals: Sequence[CopySource], rejects: list[Reject]
 ) -> Iterator[tuple[CopySource, MotionResult]]:
     """Yield clips with the motion of their copies; where it cannot be encoded, a reject is added."""
     c = context
-    sources = [clip.source for clip in clips]
+    sources = [original.source for original in originals]
     results = encode_sources(c.cache, c.recipe, sources, c.content, c.spec, jobs=c.jobs, progress=c.progress)
-    for clip, result in zip(clips, results, strict=True):
+    for original, result in zip(originals, results, strict=True):
         if isinstance(result, Reject):
-            rejects.append(replace(result, clip=c.spec.clip_id(clip.clip.id)))
+            rejects.append(replace(result, clip=c.spec.clip_id(original.clip.id)))
         else:
-            yield clip, result
+            yield original, result
 
 
-def _retimed(context: _Context, clips: Sequence[CopySource], rejects: list[Reject]) -> list[StoredClip]:
+def _retimed(context: _Context, originals: Sequence[CopySource], rejects: list[Reject]) -> list[StoredClip]:
     """Return clips at the speed of their copies, with new windows and music, under the clips' ids."""
     recipe, spec = context.recipe, context.spec
-    of_copy = {spec.clip_id(clip.clip.id): clip.clip for clip in clips}
-    encoded = [EncodedClip(_faster(spec, clip.source), motion) for clip, motion in _encoded(context, clips, rejects)]
+    of_copy = {spec.clip_id(original.clip.id): original.clip for original in originals}
+    encoded = [
+        EncodedClip(_faster(spec, original.source), motion)
+        for original, motion in _encoded(context, originals, rejects)
+    ]
     windowed, without_windows = cut_windows(recipe, encoded)
     extracted, without_features = extract_features(
         context.cache, recipe, windowed, jobs=context.jobs, progress=context.progress
@@ -104,9 +107,9 @@ def _retimed(context: _Context, clips: Sequence[CopySource], rejects: list[Rejec
     rejects += [*without_windows, *without_features]
     stored = []
     for clip in sorted(extracted, key=lambda clip: clip.source.ref.id):
-        original = of_copy[clip.source.ref.id]
+        original_clip = of_copy[clip.source.ref.id]
         # Flags and rate are of the source, whose frames the copy has.
-        about = {name: getattr(original, name) for name in ("id", "n_flags", "source_rate")}
+        about = {name: getattr(original_clip, name) for name in ("id", "n_flags", "source_rate")}
         stored.append(replace(stored_clip(recipe, clip), **about))
     return stored
 

@@ -49,7 +49,7 @@ def encode_sources(
     motion_keys = MotionKeys(recipe, content, copies)
     keys = [motion_keys.of(clip.ref, clip.motion_sha256) for clip in clips]
     cached = [known_motion(cache, recipe, clip_keys) for clip_keys in keys]
-    read = recipe.without_audio
-    calls = [(cache, read, c.ref, c.motion_sha256, k, copies) for c, k in zip(clips, keys, strict=True)]
+    motion_recipe = recipe.without_audio
+    calls = [(cache, motion_recipe, c.ref, c.motion_sha256, k, copies) for c, k in zip(clips, keys, strict=True)]
     label = "encoding motion" if copies is None else f"encoding copies ({copies.name})"
     return run_units(encode_motion, calls, known=cached, jobs=jobs, label=label, progress=progress)

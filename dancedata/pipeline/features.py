@@ -207,4 +207,4 @@ def _next_songs(feature: AudioFeature, songs: Sequence[Path]) -> list[Path | Non
     """Return, for each unit of work, the file of the next one, if the feature computes on a device."""
     if not (isinstance(feature, NetworkFeature) and feature.prefetch):
         return [None] * len(songs)
-    return [then if then != path else None for path, then in zip(songs, [*songs[1:], None], strict=False)]
+    return [after if after != path else None for path, after in zip(songs, [*songs[1:], None], strict=False)]

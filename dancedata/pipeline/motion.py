@@ -37,7 +37,7 @@ from dancedata.recipes.recipe import Recipe
 MOTION_STAGE = 4
 #: Raised by hand when readers or `quality_flags` find more in the same input: cached clips are then examined again,
 #: and their encoded motion stays.
-_LOOKED_AT = 2
+_EXAMINED = 2
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
 
@@ -50,7 +50,7 @@ class ClipInfo(NamedTuple):
     flags: list[dict[str, Any]]
     trim_start: int
     height_m: float
-    looked_at: int
+    examined: int
 
 
 @dataclass(frozen=True)
@@ -102,22 +102,6 @@ class ClipKeys:
     info: str
     fields: dict[str, str]
     content: dict[str, str]
-
-
-def hash_motion(cache: Cache, path: Path) -> str | Reject:
-    """Return the hash of a motion file, read now."""
-    try:
-        return cache.hashed_sha256(path)
-    except OSError as error:
-        return Reject("broken_file", file=str(path), detail=f"{path}: {error}")
-
-
-def known_hash(cache: Cache, path: Path) -> str | None:
-    """Return the cached result of `hash_motion`, None if there is none."""
-    try:
-        return cache.known_sha256(path)
-    except OSError:
-        return None
 
 
 class MotionKeys:
@@ -193,7 +177,7 @@ def _result(recipe: Recipe, info: ClipInfo, arrays: dict[str, CachedArray | None
 def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, CachedArray | None]]:
     """Return the cached entries of a clip."""
     cached = cache.json("clips", keys.info)
-    info = ClipInfo(*cached) if cached is not None and cached[5:] == [_LOOKED_AT] else None
+    info = ClipInfo(*cached) if cached is not None and cached[5:] == [_EXAMINED] else None
     return info, {name: cache.array("motion", key) for name, key in keys.fields.items()}
 
 
@@ -207,7 +191,7 @@ def _encode_missing(
     motion = recipe.dataset.load(ref)
     motion = motion if copies is None else copies.motion_of(motion, ref.id)
     if motion.rotations.size * 3 <= _REMEMBERED:
-        motion = motion.with_cache()  # what every field, and in window scope every window, asks for
+        motion = motion.with_cache()  # for all fields, and in window scope for all windows
     encoded = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
@@ -216,7 +200,7 @@ def _encode_missing(
         if content.get(named) != keys.content.get(named):
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
     flags = [f.to_json() for f in quality_flags(motion)]
-    info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _LOOKED_AT)
+    info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _EXAMINED)
     for name, array in encoded.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
     cache.put_json("clips", keys.info, info)
@@ -294,11 +278,11 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
     return hashes
 
 
-def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
+def _crosses(clip_field: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
     """Return whether columns depend on moving the clip to another body: cf. `core.bodies.on_body`."""
-    if not isinstance(job, MotionField) or job.representation.positions_only:
+    if not isinstance(clip_field, MotionField) or clip_field.representation.positions_only:
         return False
-    representation = job.representation
+    representation = clip_field.representation
     if body is not None and body.joints == SMPL24.joints and representation.grounded:
         return False  # its translation keeps its numbers
     return crosses(body, representation.skeleton)

@@ -15,7 +15,7 @@ from dancedata.core.text import counted, shown, size_text, table
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
-from dancedata.pipeline.build import header_of, relative_to
+from dancedata.pipeline.build import header_of
 from dancedata.pipeline.describe import scope_text, windows_text
 from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
@@ -25,6 +25,7 @@ from dancedata.pipeline.rejects import (
     left_out_lines,
     missing_music,
     nothing_left,
+    relative_to,
     short_audio,
     too_short,
 )

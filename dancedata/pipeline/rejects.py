@@ -1,8 +1,10 @@
 """Rejects: the reasons for which clips and files are left out or flagged, as text and as errors."""
 
+import os
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +14,7 @@ from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
-from dancedata.core.text import counted, listed, shown
+from dancedata.core.text import counted, listed, printable, shown
 from dancedata.recipes.recipe import Recipe
 
 _T = TypeVar("_T")
@@ -47,6 +49,12 @@ def attempt(call: Callable[[], _T], file: Path, clip: str = "") -> _T | Reject:
         return call()
     except DataError as error:
         return reject_of(error, clip, file)
+
+
+def relative_to(reject: Reject, source: Path) -> Reject:
+    """Name files relative to the source: its place affects no byte of a dataset."""
+    prefix = printable(f"{source}{os.sep}")
+    return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))
 
 
 def missing_music(ref: ClipRef) -> Reject:

@@ -1,4 +1,4 @@
-"""Stage 1, sources -> identified clips: the files of clips, by the hashes of their contents."""
+"""Stage 1, scanned clips -> identified clips: hash motion files, decode and hash music."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
-from dancedata.pipeline.motion import content_hashes, hash_motion, known_hash
+from dancedata.pipeline.motion import content_hashes
 from dancedata.pipeline.rejects import missing_music
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.recipe import Recipe
@@ -141,11 +141,27 @@ def _with_valid_names(clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[Rej
 def _hash_motion(cache: Cache, refs: Sequence[ClipRef], progress: Progress) -> dict[Path, str | Reject]:
     paths = list(dict.fromkeys(ref.motion_path for ref in refs))
     calls = [(cache, path) for path in paths]
-    cached = [known_hash(cache, path) for path in paths]
+    cached = [_known_hash(cache, path) for path in paths]
     hashes = run_units(
-        hash_motion, calls, known=cached, jobs=1, label="hashing motion", progress=progress, exact=False
+        _hash_file, calls, known=cached, jobs=1, label="hashing motion", progress=progress, exact=False
     )
     return dict(zip(paths, hashes, strict=True))
+
+
+def _hash_file(cache: Cache, path: Path) -> str | Reject:
+    """Return the hash of a motion file, read now."""
+    try:
+        return cache.hashed_sha256(path)
+    except OSError as error:
+        return Reject("broken_file", file=str(path), detail=f"{path}: {error}")
+
+
+def _known_hash(cache: Cache, path: Path) -> str | None:
+    """Return the cached result of `_hash_file`, None if there is none."""
+    try:
+        return cache.known_sha256(path)
+    except OSError:
+        return None
 
 
 def _identify_music(

@@ -14,7 +14,29 @@ from dancedata.pipeline.sources import SourceClip
 from dancedata.recipes.recipe import Recipe
 
 
-def filtered_windows(
+@dataclass(frozen=True)
+class WindowedClip:
+    """A clip with the first frames of its windows, at the recipe's rate."""
+
+    source: SourceClip
+    motion: MotionResult
+    starts: tuple[int, ...]
+
+
+def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[WindowedClip], list[Reject]]:
+    """Cut clips into windows. Windows without music, and windows that the filter leaves out, become rejects."""
+    windowed, rejects = [], []
+    for clip in clips:
+        starts, problems = _starts(recipe, clip.source, clip.motion)
+        rejects += problems
+        starts, problems = _filtered(recipe, clip.source.ref, clip.motion, starts)
+        rejects += problems
+        if starts:
+            windowed.append(WindowedClip(clip.source, clip.motion, starts))
+    return windowed, rejects
+
+
+def _filtered(
     recipe: Recipe, ref: ClipRef, motion: MotionResult, starts: tuple[int, ...]
 ) -> tuple[tuple[int, ...], list[Reject]]:
     """Split a clip's window starts into those that the recipe's filter keeps and a reject for each of the others.
@@ -44,28 +66,6 @@ def filtered_windows(
         detail = f"none of the {len(starts)} windows of clip {ref.id} passes the {chosen.name} filter"
         rejects.append(Reject(chosen.reason, ref.id, str(ref.motion_path), detail=detail))
     return tuple(kept), rejects
-
-
-@dataclass(frozen=True)
-class WindowedClip:
-    """A clip with the first frames of its windows, at the recipe's rate."""
-
-    source: SourceClip
-    motion: MotionResult
-    starts: tuple[int, ...]
-
-
-def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[WindowedClip], list[Reject]]:
-    """Cut clips into windows. Windows without music, and windows that the filter leaves out, become rejects."""
-    windowed, rejects = [], []
-    for clip in clips:
-        starts, problems = _starts(recipe, clip.source, clip.motion)
-        rejects += problems
-        starts, problems = filtered_windows(recipe, clip.source.ref, clip.motion, starts)
-        rejects += problems
-        if starts:
-            windowed.append(WindowedClip(clip.source, clip.motion, starts))
-    return windowed, rejects
 
 
 def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
@@ -104,12 +104,12 @@ def _starts(recipe: Recipe, clip: SourceClip, motion: MotionResult) -> tuple[tup
 
 def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:
     """Return rejects of the windows of the recipe's grid that a field of another rate does not reach."""
-    without = recipe.windows.count(motion.n_frames)
     if recipe.scope == "window":
         return []
+    on_grid = recipe.windows.count(motion.n_frames)
     rates = sorted({str(field.grid) for field in recipe.motion})
     detail = f"fields at {' and '.join(rates)} rows per second do not all reach the end of the window"
     return [
         Reject("short_field", ref.id, "", recipe.windows.start(k), f"{detail}, number {k}")
-        for k in range(count, without)
+        for k in range(count, on_grid)
     ]

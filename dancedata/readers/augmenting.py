@@ -19,6 +19,11 @@ from dancedata.store.dataset import Store
 from dancedata.store.motion_fields import stored_contacts, stored_representation
 from dancedata.store.normalize import MinMax
 
+#: Keeps these streams apart from those of order, mirroring and primitives, which may have the same seed.
+_AUGMENT_STREAM = 4
+#: Streams of an augmentation: whether a sample is changed, and by which numbers.
+_WHETHER, _WHAT = 0, 1
+
 
 def _sample_field(store: Store, name: str) -> SampleField:
     """Return a field with the plug-ins that made it, if the dataset's recipe names installed ones."""
@@ -33,12 +38,6 @@ def _sample_field(store: Store, name: str) -> SampleField:
     if representation.default_contacts is not None and contacts is None:
         return plain
     return replace(plain, representation=representation, contacts=contacts)
-
-
-#: Keeps these streams apart from those of order, mirroring and primitives, which may have the same seed.
-_AUGMENT_STREAM = 4
-#: Streams of an augmentation: whether a sample is changed, and by which numbers.
-_WHETHER, _WHAT = 0, 1
 
 
 @dataclass(frozen=True)
@@ -123,25 +122,28 @@ class Augmenter:
         UsageError
             For an unknown augmentation or parameter, and for one that cannot change these samples.
         """
-        read = tuple(_sample_field(store, name) for name in names)
+        sample_fields = tuple(_sample_field(store, name) for name in names)
         steps = tuple(_numbered(_steps(augment)))
         for step in steps:
-            _check(step, read, store)
+            _check(step, sample_fields, store)
             _check_windows(step, store, allow_crop)
             if mirrored and step.augmentation.name == "mirror":
                 raise UsageError(
                     "samples are mirrored twice", fix="give mirror= or augment={'mirror': ...}, not both"
                 )
-        droppable = tuple(dict.fromkeys(name for step in steps for name in step.augmentation.droppable(read)))
-        return cls(read, steps, seed, droppable)
+        droppable = tuple(
+            dict.fromkeys(name for step in steps for name in step.augmentation.droppable(sample_fields))
+        )
+        return cls(sample_fields, steps, seed, droppable)
 
     @classmethod
     def covering(cls, store: Store, names: Sequence[str], augment: Augment) -> Augmenter:
         """Make an augmenter for its `scaler` alone; UsageError as `of`, except for windows and masked fields."""
-        read, steps = tuple(_sample_field(store, name) for name in names), tuple(_steps(augment))
+        sample_fields = tuple(_sample_field(store, name) for name in names)
+        steps = tuple(_steps(augment))
         for step in steps:
-            _check(step, read, store)
-        return cls(read, steps, 0, ())
+            _check(step, sample_fields, store)
+        return cls(sample_fields, steps, 0, ())
 
     @property
     def crops(self) -> bool:
@@ -150,7 +152,7 @@ class Augmenter:
 
     def start(self, start: int, starts: range, stride: int, epoch: int, index: int) -> int:
         """Return the first frame of the window of sample `index`; see `SampleAugmentation.choose_start`."""
-        for step in self._happening(epoch, index):
+        for step in self._active_steps(epoch, index):
             if step.augmentation.chooses_windows:
                 start = step.augmentation.choose_start(start, starts, stride, self._draw(step, epoch, index))
         return start
@@ -165,7 +167,7 @@ class Augmenter:
         sample_field = next(candidate for candidate in self.fields if candidate.name == field)
         if sample_field.kind == "audio":
             return rows
-        for step in self._happening(epoch, index):
+        for step in self._active_steps(epoch, index):
             read_only = rows.view()
             read_only.flags.writeable = False
             changed = np.asarray(
@@ -188,13 +190,13 @@ class Augmenter:
         if not self.droppable:
             return ()
         names: list[str] = []
-        for step in self._happening(epoch, index):
+        for step in self._active_steps(epoch, index):
             names += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
         return tuple(dict.fromkeys(names))
 
     def changes(self, epoch: int, index: int) -> tuple[str, ...]:
         """Return the names of the augmentations that change sample `index`, in their order."""
-        return tuple(step.augmentation.name for step in self._happening(epoch, index))
+        return tuple(step.augmentation.name for step in self._active_steps(epoch, index))
 
     def scaler(self, field: str, scaler: MinMax) -> MinMax:
         """Return the scaler of a field whose range covers what augmentations make of motion."""
@@ -207,7 +209,7 @@ class Augmenter:
                 low, high = step.augmentation.scaler_bounds(low, high, sample_field)
         return scaler if low is scaler.data_min and high is scaler.data_max else scaler.with_range(low, high)
 
-    def _happening(self, epoch: int, index: int) -> Iterator[_Step]:
+    def _active_steps(self, epoch: int, index: int) -> Iterator[_Step]:
         """Yield the steps that change sample `index`."""
         for step in self.steps:
             if step.p >= 1 or (step.p > 0 and self._draw(step, epoch, index, _WHETHER).uniform() < step.p):

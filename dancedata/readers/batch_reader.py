@@ -25,6 +25,7 @@ from dancedata.store.dataset import Store
 from dancedata.store.normalize import MinMax
 from dancedata.store.shard_reader import WindowRows
 
+Array = npt.NDArray[Any]
 #: Smaller arrays come from the allocator, which reuses small pieces itself.
 _LARGE = 1 << 20
 
@@ -93,9 +94,6 @@ def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
     finally:
         os.close(descriptor)
     return storage
-
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

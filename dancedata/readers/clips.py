@@ -121,11 +121,11 @@ class ClipDataset(SplitDataset):
             raise no_window_error(self.store, split, self.rejects, self.start_at)
         self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
         changes = Changes(
-            mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, scaler, clip,
-            seed,
+            mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
+            normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
         )  # fmt: skip
         self._prepare(changes, allow_crop=False)
-        self._random |= self.crop_frames is not None
+        self._is_random |= self.crop_frames is not None
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:

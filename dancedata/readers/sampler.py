@@ -11,12 +11,10 @@ from torch.utils.data import Sampler
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
 
-
-def shared_number(value: int) -> torch.Tensor:
-    """Return a tensor (1,) int64 in memory that this process and its workers share."""
-    number = torch.tensor([value], dtype=torch.int64)
-    number.share_memory_()  # type: ignore[no-untyped-call]
-    return number
+#: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
+_CHUNK = 4096
+#: Keeps the order's random stream apart from that of mirroring, which may have the same seed.
+_ORDER_STREAM = 1
 
 
 def set_epoch_of(source: object, epoch: int) -> None:
@@ -45,12 +43,6 @@ def set_epoch_of(source: object, epoch: int) -> None:
 def _may_be_dataset(part: object) -> bool:
     """Return whether an object may be a dataset, or a collection of them."""
     return hasattr(type(part), "__getitem__") and not isinstance(part, str | bytes | np.ndarray | torch.Tensor)
-
-
-#: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
-_CHUNK = 4096
-#: Keeps the order's random stream apart from that of mirroring, which may have the same seed.
-_ORDER_STREAM = 1
 
 
 class EpochSampler(Sampler[int]):
@@ -256,8 +248,8 @@ class EpochSampler(Sampler[int]):
                 found=", ".join(sorted(map(str, state))) or "nothing",
                 allowed="epoch, position",
             )
-        order = self.at(state["epoch"], state["position"])
-        self._move(order["epoch"], order["position"])
+        start = self.at(state["epoch"], state["position"])
+        self._move(start["epoch"], start["position"])
 
     def _move(self, epoch: int, position: int) -> None:
         self._turn += 1

@@ -71,15 +71,18 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     UsageError for a split that neither the lists nor the store have, or windows that the store cannot provide.
     """
     clips = clips_of(store, split, choice.protocol)
-    ignoring = {clip: _ignoring(record, choice) for clip, record in clips.items()}
+    ignored_by = {clip: _ignore_lists(record, choice) for clip, record in clips.items()}
     rejects = [
-        Reject("ignored", clip, detail=f"on the list {', '.join(lists)}") for clip, lists in ignoring.items() if lists
+        Reject("ignored", clip, detail=f"on the list {', '.join(lists)}")
+        for clip, lists in ignored_by.items()
+        if lists
     ]
     rejects += _unlisted(store, split, choice.protocol)
-    remaining = {clip for clip, lists in ignoring.items() if not lists}
-    homes = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
-    lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.windows) for home in homes]
-    windows = WindowList.joined(split, lists)
+    remaining = {clip for clip, lists in ignored_by.items() if not lists}
+    # A protocol's split has clips of several stored splits.
+    stored_splits = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
+    parts = [store.windows(name, fields=choice.fields, trim=choice.trim, **choice.windows) for name in stored_splits]
+    windows = WindowList.joined(split, parts)
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
     rejects += [_too_short(clips[clip], choice) for clip in sorted(remaining - with_window)]
@@ -137,7 +140,7 @@ def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     ]
 
 
-def _ignoring(record: ClipView, choice: Choice) -> list[str]:
+def _ignore_lists(record: ClipView, choice: Choice) -> list[str]:
     lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
     return [name for name in record.lists if name in lists]
 

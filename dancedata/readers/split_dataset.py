@@ -22,7 +22,6 @@ from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.music_beats import StartAt, estimated_tempo
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
-from dancedata.readers.sampler import shared_number
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
@@ -30,7 +29,13 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.window_list import WindowList
 
 # 1 is the stream of orders, 4 that of augmentations.
-_MIRROR_STREAM, _SHIFT_STREAM, _CROP_STREAM = 2, 3, 5
+_MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
+_64_BITS = (1 << 64) - 1
+#: In place of an epoch while none is set.
+_NOT_SET = -1
+#: A warning is logged if augmentations need more than this many times the range of the scaler.
+_FAR = 10.0
+_log = logging.getLogger(__name__)
 
 
 def mirrored_samples(seed: int, epoch: int, places: Sequence[int], probability: float) -> npt.NDArray[np.bool_]:
@@ -47,9 +52,9 @@ def crop_choices(
     return np.asarray(np.floor(_uniform(seed, _CROP_STREAM, epoch, places) * n_choices), dtype=np.int64)
 
 
-def primitive_shift(seed: int, epoch: int, window: int) -> int:
+def primitive_bias(seed: int, epoch: int, window: int) -> int:
     """Return by how many frames, -2 to 2, the primitives of a window are shifted in an epoch."""
-    stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_SHIFT_STREAM, epoch, window)))
+    stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_BIAS_STREAM, epoch, window)))
     return int(stream.random_raw() % 5) - 2
 
 
@@ -82,12 +87,11 @@ def _raw_number(key_0: int, key_1: int, place: int) -> int:
     return (a, b, c, d)[place % 4]
 
 
-_64_BITS = (1 << 64) - 1
-#: In place of an epoch while none is set.
-_NOT_SET = -1
-#: A warning is logged if augmentations need more than this many times the range of the scaler.
-_FAR = 10.0
-_log = logging.getLogger(__name__)
+def _shared_number(value: int) -> torch.Tensor:
+    """Return a tensor (1,) int64 in memory that this process and its workers share."""
+    number = torch.tensor([value], dtype=torch.int64)
+    number.share_memory_()  # type: ignore[no-untyped-call]
+    return number
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
             require_protocol(self.store, protocol)
         self._protocol: str | None = value_or_preset(protocol, self._preset, "protocol", None)
         self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
-        self._epoch = shared_number(_NOT_SET)
+        self._epoch = _shared_number(_NOT_SET)
         self._tempos: dict[str, float] = {}
 
     def _select(
@@ -163,7 +167,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
 
     def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
         """Make what mirrors, augments and normalises samples."""
-        self.mirror = probability("mirror", changes.mirror)
+        self.mirror, self.seed = probability("mirror", changes.mirror), whole("seed", changes.seed)
         mirrored = self.mirror > 0
         self.normalizer_covers_mirror = bool(changes.normalizer_covers_mirror)
         self.normalizer_over = changes.normalizer_over
@@ -173,14 +177,14 @@ class SplitDataset(Dataset[dict[str, Any]]):
         if changes.scaler is not None and self._widened:
             raise UsageError("scaler and normalizer_... name two scalers", fix="leave one of them out")
         self._named_scalers = named_scalers(self.store, self.fields, changes.scaler)
-        self.seed, self.augment = whole("seed", changes.seed), changes.augment
+        self.augment = changes.augment
         self._augmenter = Augmenter.of(
             self.store, self.fields, changes.augment, seed=self.seed, mirrored=mirrored, allow_crop=allow_crop
         )
         self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
         changed = mirrored or bool(self._augmenter.steps)
         self.clip = bool(value_or_preset(changes.clip, None if changed else self._preset, "clip", False))
-        self._random = bool(0 < self.mirror < 1 or self._augmenter.steps)
+        self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
         normalize = value_or_preset(changes.normalize, self._preset, "normalize", True)
         self._normalizers = {
@@ -238,7 +242,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         # torch's own workers receive the shared number itself; any other copy gets its own number, which has to
         # be shared as well, because workers may be started from that copy.
         if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
-            self._epoch = shared_number(int(self._epoch.item()))
+            self._epoch = _shared_number(int(self._epoch.item()))
 
     @property
     def epoch(self) -> int | None:
@@ -267,7 +271,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         epoch = self.epoch if epoch is None else whole("epoch", epoch)
         if epoch is None:
             # Without random changes the generator keeps its state.
-            epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._random else 0
+            epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._is_random else 0
         return epoch
 
     def normalizer(self, field: str) -> MinMax:

@@ -18,7 +18,7 @@ from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
 from dancedata.readers.presets import PrimitiveSpec, preset_windows, primitive_spec, value_or_preset
 from dancedata.readers.scalers import ScalerLike, root_columns
 from dancedata.readers.selection import FilterLike, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_shift
+from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_bias
 from dancedata.store.dataset import Store
 
 _log = logging.getLogger(__name__)
@@ -111,13 +111,18 @@ class WindowDataset(SplitDataset):
     rejects
         Clips and windows that were left out, and why: "ignored", "too_short", "still", "filtered".
 
-    Notes ----- Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this
-    dataset does: the same in every worker, on every rank, and after a resume; else each reading draws from torch's
-    generator. With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D),
-    ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,), for windows of one local segment
-    ``"primitives"`` (8, D) alone; with a field that has beats the labels ``"beat"`` and ``"downbeat"``, (rows,) bool;
-    ``samples([INDEX], EPOCH)`` is the sample of an "id" CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. docs/reading.md,
-    docs/training.md.
+    Notes
+    -----
+    Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this dataset
+    does: the same in every worker, on every rank, and after a resume. Without an epoch each reading draws from
+    torch's generator.
+
+    With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D), ``"primitive_start"``,
+    ``"primitive_hard"`` and ``"primitive_filled"`` (K,); for windows of one local segment ``"primitives"`` (8, D)
+    alone. With a field that has beats it holds the labels ``"beat"`` and ``"downbeat"``, (rows,) bool.
+
+    ``samples([INDEX], EPOCH)`` is the sample of an "id" CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. See
+    docs/reading.md and docs/training.md.
 
     Examples
     --------
@@ -174,13 +179,13 @@ class WindowDataset(SplitDataset):
         if self._with_primitives:
             self._primitives = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
         changes = Changes(
-            mirror, augment, normalize, normalizer_covers_mirror, normalizer_covers, normalizer_over, scaler, clip,
-            seed,
+            mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
+            normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
         )  # fmt: skip
         self._prepare(changes)
         if start is not None and self._augmenter.crops:
             raise UsageError("start_at and the augmentation crop both choose windows", fix="leave one of them out")
-        self._random |= self._with_primitives and primitive_variant == "code"
+        self._is_random |= self._with_primitives and primitive_variant == "code"
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
         self.relative_root = value_or_preset(relative_root, self._preset, "relative_root", False)
@@ -243,7 +248,7 @@ class WindowDataset(SplitDataset):
 
     def _bias(self, place: int, epoch: int | None = None) -> int:
         """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
-        return primitive_shift(self.seed, self._drawn_epoch(epoch), place)
+        return primitive_bias(self.seed, self._drawn_epoch(epoch), place)
 
     def _request(self, indices: Sequence[int], epoch: int | None = None) -> Request:
         """Return the windows at some indices, and which of them are mirrored in an epoch, or in the current one."""

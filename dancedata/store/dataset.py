@@ -29,7 +29,7 @@ from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.window_list import WindowList
 from dancedata.store.windowing import (
     cut_windows,
-    requested_windows,
+    requested_grid,
     stored_windows,
     whole_clips,
     whole_period,
@@ -240,7 +240,7 @@ class Store:
         stride_frames: int | None = None,
     ) -> WindowGrid:
         """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
-        return requested_windows(self._description, length_s, length_frames, stride_s, stride_frames)
+        return requested_grid(self._description, length_s, length_frames, stride_s, stride_frames)
 
     def windows_of(self, clip_id: str) -> tuple[Window, ...]:
         """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""

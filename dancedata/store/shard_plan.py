@@ -99,7 +99,7 @@ class ShardPlan:
             )
         return stored_block[0]
 
-    def window_starts(self, f: Field, clip: int) -> IntArray:
+    def first_rows(self, f: Field, clip: int) -> IntArray:
         """Return the row of a field, counted in the clip, at which each window of a clip begins."""
         starts = np.asarray(self.clips[clip].starts, dtype=np.int64)
         return self.header.grid.rows_of_all(starts, of=f.grid)[0]

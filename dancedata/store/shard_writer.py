@@ -106,12 +106,12 @@ def _write_fields(
             while done < piece.clip:
                 done += 1
                 progress()
-            place = offsets[piece.field.name] + piece.first * piece.field.row_bytes
+            offset = offsets[piece.field.name] + piece.first * piece.field.row_bytes
             for rows in _checked_rows(array, piece):
-                _write_at(file, rows.data.cast("B"), place)
-                place += rows.nbytes
+                _write_at(file, rows.data.cast("B"), offset)
+                offset += rows.nbytes
             if piece.field.name in same:
-                same[piece.field.name] &= same_columns(array, plan.window_starts(piece.field, piece.clip))
+                same[piece.field.name] &= same_columns(array, plan.first_rows(piece.field, piece.clip))
             del array
     while done < len(plan.clips):
         done += 1
@@ -162,10 +162,10 @@ def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple
         del array
 
 
-def _write_at(file: int, data: memoryview, place: int) -> None:
+def _write_at(file: int, data: memoryview, offset: int) -> None:
     while data:
-        n = os.pwrite(file, data, place)
-        data, place = data[n:], place + n
+        n = os.pwrite(file, data, offset)
+        data, offset = data[n:], offset + n
 
 
 def _checked_rows(array: npt.NDArray[Any], piece: _Piece) -> Iterator[npt.NDArray[Any]]:

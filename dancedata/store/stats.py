@@ -27,16 +27,14 @@ from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.shard_writer import SameColumns
 
 #: Memory and the disk are shared: more threads do not write faster.
-_MOST = 4
+_MOST_THREADS = 4
+#: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
+_BLOCK_VALUES = 1 << 24
 
 
 def n_threads() -> int:
     """Return the number of threads for work that runs outside the interpreter's lock: one per core, at most 4."""
-    return min(_MOST, len(os.sched_getaffinity(0)))
-
-
-#: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
-_BLOCK_VALUES = 1 << 24
+    return min(_MOST_THREADS, len(os.sched_getaffinity(0)))
 
 
 def compute_stats(
@@ -100,7 +98,7 @@ def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Fi
     counted = []
     for source, plan in zip(sources, train, strict=True):
         length = plan.header.grid.rows(plan.header.length, of=f.grid)
-        starts = [plan.window_starts(f, number) for number in range(len(plan.clips))]
+        starts = [plan.first_rows(f, number) for number in range(len(plan.clips))]
         once_by_starts = {begins.tobytes(): rows_once(begins, length).reshape(-1) for begins in starts}
         counted.append(
             replace(source, counts=np.concatenate([once_by_starts[begins.tobytes()] for begins in starts]))

@@ -12,6 +12,8 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.store.schema import slice_name
 
+IntArray = npt.NDArray[np.int64]
+
 
 def window_order(
     clip_ids: Sequence[str], clip: npt.NDArray[np.int64], index: npt.NDArray[np.int64], order: str
@@ -25,9 +27,6 @@ def window_order(
         return np.arange(len(clip), dtype=np.int64)
     names = [slice_name(clip_ids[c], k) for c, k in zip(clip.tolist(), index.tolist(), strict=True)]
     return np.asarray(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
-
-
-IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -17,7 +17,7 @@ from dancedata.store.window_list import IntArray, WindowList, window_order
 Seconds = float | str | Fraction
 
 
-def requested_windows(
+def requested_grid(
     description: Description,
     length_s: Seconds | None,
     length_frames: int | None,

@@ -3,6 +3,7 @@
 import doctest
 import importlib
 import inspect
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,6 +52,12 @@ def examples(value: object) -> list[doctest.Example]:
 
 
 OBJECTS = {name: value for name, value in public_objects() if examples(value)}
+
+
+def test_headings_of_sections_are_lines_of_their_own() -> None:
+    """A tool that fills paragraphs joins "Notes" and its dashes to the text."""
+    files = sorted(Path(dancedata.__file__).parent.rglob("*.py"))
+    assert [file for file in files if re.search(r"^ *[A-Z]\w+ -{3,}", file.read_text(), re.MULTILINE)] == []
 
 
 def test_examples_are_there_and_show_output() -> None:

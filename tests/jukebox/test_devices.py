@@ -27,7 +27,7 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline import audio as read_ahead
+from dancedata.pipeline import audio as audio_units
 from dancedata.pipeline.audio import FeatureKeys, SignalId
 from dancedata.pipeline.features import _jobs_for, _next_songs
 from dancedata.recipes.fields import FeatureJob, WindowSpec
@@ -151,11 +151,11 @@ def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPa
         return AudioSignal(np.zeros(10, np.float32), 44100)
 
     monkeypatch.setattr("dancedata.audio.signal.load_audio", load)
-    read_ahead.read_ahead(Path("a"))
-    read_ahead.decoded(Path("a"))
+    audio_units.decode_ahead(Path("a"))
+    audio_units.decoded(Path("a"))
     assert len(threads) == 1
-    assert threads[0].startswith("read-ahead")
-    read_ahead.decoded(Path("b"))
+    assert threads[0].startswith("decode-ahead")
+    audio_units.decoded(Path("b"))
     assert threads[1:] == [threading.current_thread().name]
     songs = [Path(name) for name in "aabc"]
     paths = [None, Path("b"), Path("c"), None]

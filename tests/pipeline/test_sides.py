@@ -75,7 +75,7 @@ def test_an_entry_of_the_cache_that_was_not_looked_at(
 ) -> None:
     made, cache = recipe(tmp_path), tmp_path / "cache"
     with monkeypatch.context() as before:
-        before.setattr(motion_units, "_LOOKED_AT", 1)
+        before.setattr(motion_units, "_EXAMINED", 1)
         before.setattr(motion_units, "quality_flags", lambda motion: [])
         build(made, mirrored, tmp_path / "before", cache=cache, strict=True)
     monkeypatch.setattr(motion_units, "_encode", None)  # what was encoded stays
