@@ -13,7 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache, wraps
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -50,8 +50,30 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numpy as np  # noqa: E402 (kernels are chosen before)
 
+from dancedata.synthetic import motion, music  # noqa: E402
+
 # No machine loses its power here, and thousands of waits for the disk take a tenth of the time. Bad files still fail.
 os.fsync = lambda file: os.fstat(file if isinstance(file, int) else file.fileno()) and None
+
+
+def _kept(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Keep the last results of a generator, which depend on its arguments alone; their arrays become read-only."""
+
+    @lru_cache(maxsize=12)
+    @wraps(function)
+    def kept(*arguments: Any) -> Any:
+        result = function(*arguments)
+        for part in result if isinstance(result, tuple) else (result,):
+            for value in vars(part).values():
+                if isinstance(value, np.ndarray):
+                    value.setflags(write=False)
+        return result
+
+    return kept
+
+
+# Tests write the same few songs and dances hundreds of times.
+music.make_song, motion.make_motion = _kept(music.make_song), _kept(motion.make_motion)
 
 ROOT = Path(__file__).resolve().parent.parent
 #: A compact set of reference outputs, part of the project; its README says what it holds.

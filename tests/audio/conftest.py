@@ -1,8 +1,10 @@
 """Sounds that the audio tests write or hear."""
 
+import pickle
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import librosa
 import numpy as np
@@ -14,6 +16,7 @@ from dancedata.core.audio_signal import AudioSignal
 
 RATE = 48000
 BEAT_S = 0.5
+NAME_OF_FILTERS = "__vqt_filter_fft"
 CHORD_HZ = (261.6256, 329.6276, 391.9954)  # C4, E4, G4
 
 
@@ -58,3 +61,22 @@ def librosa_load() -> Callable[..., NDArray[np.float32]]:
 def _kernels() -> None:
     """Compile librosa's kernels under the lock, before tests call librosa itself: pytest's workers run at once."""
     compile_kernels()
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _filters_made_once(_kernels: None) -> Iterator[None]:
+    """Keep librosa's filters of the constant-Q transform, which it makes anew in each call: half of its time."""
+    from librosa.core import constantq
+
+    plain, kept = getattr(constantq, NAME_OF_FILTERS), {}
+
+    def filters(*args: Any, **kwargs: Any) -> Any:
+        key = pickle.dumps((args, kwargs))
+        if key not in kept:
+            kept[key] = plain(*args, **kwargs)
+        basis, n_fft, lengths = kept[key]
+        return basis.copy(), n_fft, lengths.copy()  # librosa scales them
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(constantq, NAME_OF_FILTERS, filters)
+        yield

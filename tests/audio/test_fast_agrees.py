@@ -54,14 +54,32 @@ def _song(rate: int, seconds: float = 8.0, music: str = "mPO1") -> NDArray[np.fl
     return synthesise_song(music, length_s=seconds, sample_rate=rate, n_channels=1).signal.samples
 
 
-@pytest.mark.parametrize("rate", [48000, 44100, 32000, 24000, 22050, 16000, 15360, 96000, 8000, 11025, 44056])
+NIGHTLY = pytest.mark.nightly
+
+
+@pytest.mark.parametrize(
+    "rate",
+    [
+        48000,
+        44100,
+        22050,
+        16000,
+        15360,
+        8000,
+        11025,
+        44056,
+        *(pytest.param(r, marks=NIGHTLY) for r in (24000, 32000, 96000)),
+    ],
+)
 def test_sample_rates(rate: int) -> None:
     # At 11,025 Hz every second start is between frames, at 44,056 Hz nearly all do.
     starts = [int(k * 0.5 * rate) for k in (1, 6)]
     _assert_windows_agree(AudioSignal(_song(rate), rate), starts, 5 * rate)
 
 
-@pytest.mark.parametrize("seconds", [0.3, 0.6, 1.0, 1.9, 2.5, 3.21, 10.0])
+@pytest.mark.parametrize(
+    "seconds", [0.3, 1.0, 1.9, 3.21, *(pytest.param(length, marks=NIGHTLY) for length in (0.6, 2.5, 10.0))]
+)
 def test_window_lengths(seconds: float) -> None:
     rate = 44100
     signal = AudioSignal(_song(rate, 11.0), rate)
@@ -82,13 +100,13 @@ def test_without_a_tempo() -> None:
     _assert_windows_agree(AudioSignal(_song(44100), 44100), [0, 22050], 5 * 44100, start_bpm=None)
 
 
-@pytest.mark.parametrize("fps", [60, 25, 24, 17, 50])
+@pytest.mark.parametrize("fps", [60, 24, 17, *(pytest.param(f, marks=NIGHTLY) for f in (25, 50))])
 def test_frame_rates(fps: int) -> None:
     signal, grid = AudioSignal(_song(44100), 44100), FrameGrid.of(fps)
     _assert_agree(FAST.extract(signal, grid, start_bpm=90.0), PLAIN.extract(signal, grid, start_bpm=90.0))
 
 
-@pytest.mark.parametrize("fps", [20, 40])
+@pytest.mark.parametrize("fps", [20, pytest.param(40, marks=NIGHTLY)])
 def test_frame_rates_at_which_filters_are_half_as_long_for_some_tunings(fps: int) -> None:
     rate, n_samples, grid = 16000, 120_000, FrameGrid.of(fps)
     starts = np.arange(0, 9, 2) * rate
@@ -170,7 +188,7 @@ OFFSETS = ["constant", "noise", "faint noise", "hardly any noise", "song", "sine
             rate,
             marks=()
             if rate == 16000 or kind == "hardly any noise" or (kind, rate) == NEAR_TIES
-            else pytest.mark.nightly,
+            else NIGHTLY,
         )
         for kind in OFFSETS
         for rate in (16000, 37800, 47952)
@@ -188,7 +206,7 @@ def test_offsets(kind: str, rate: int) -> None:
     _assert_agree(FAST.extract(signal, GRID, start_bpm=90.0), PLAIN.extract(signal, GRID, start_bpm=90.0), gates)
 
 
-@pytest.mark.parametrize("rate", [47999, 44101])
+@pytest.mark.parametrize("rate", [44101, pytest.param(47999, marks=NIGHTLY)])
 def test_rates_that_hardly_ever_coincide(rate: int, caplog: pytest.LogCaptureFixture) -> None:
     """Tables of responses would take 26 GB: windows are computed one by one instead, in little memory."""
     _log_once.cache_clear()

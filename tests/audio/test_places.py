@@ -52,7 +52,7 @@ KERNELS = {
 
 
 @pytest.mark.parametrize(
-    "kernel", [pytest.param(k, marks=() if k in ("Haswell", "Sandybridge") else pytest.mark.nightly) for k in KERNELS]
+    "kernel", [pytest.param(k, marks=() if k == "Haswell" else pytest.mark.nightly) for k in KERNELS]
 )
 def test_a_window_does_not_depend_on_the_others(kernel: str) -> None:
     flag, name = KERNELS[kernel]

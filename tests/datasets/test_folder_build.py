@@ -35,7 +35,7 @@ def test_the_example_says_what_it_is(tmp_path: Path) -> None:
     assert all(1.2 < height < 2.2 for height in heights.values())
 
 
-def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path: Path) -> None:
+def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path: Path, cache: Path) -> None:
     """Without tempo_bpm in the manifest it is estimated; the example's songs have 80 and 125 beats per minute."""
     readers = pytest.importorskip("dancedata.readers.windows", exc_type=ImportError)
     source = tmp_path / "source"
@@ -51,7 +51,7 @@ def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path:
         "motion": {"edge151": {}},
         "audio": {"librosa35": {}},
     }
-    build(parse_recipe(document), source, tmp_path / "out", cache=tmp_path / "cache")
+    build(parse_recipe(document), source, tmp_path / "out", cache=cache)
     for split, genre, number, tempo in (("train", "break", 0, 80), ("test", "house", 1, 125)):
         data = readers.WindowDataset(tmp_path / "out", split)
         for sample in data.samples(range(len(data))):
@@ -60,7 +60,7 @@ def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path:
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> None:
+def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, scope: str) -> None:
     """The three real BVH files and an AMASS file, two seconds windows, down to a sound store."""
     source = tmp_path / "source"
     Folder().make_example(source)
@@ -78,7 +78,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
         "windows": {"length_s": 2, "stride_s": 1},
         "motion": {"edge151": {}},
     }
-    result = build(parse_recipe(document), source, tmp_path / "out", cache=tmp_path / "cache")
+    result = build(parse_recipe(document), source, tmp_path / "out", cache=cache)
     notes = "\n".join(result.notes)
     for words in ("120 FPS (Frame Time: .0083333)", "100 FPS", "+Z up (declared in the manifest)", "GUESSED"):
         assert words in notes
@@ -138,7 +138,7 @@ def test_what_is_declared_is_part_of_the_key(tmp_path: Path) -> None:
     assert _height(source, tmp_path / "recipe-inch", unit="inch") == pytest.approx(2.54 * metres, abs=1e-3)
 
 
-def test_audio_features_of_clips_that_are_kept_without_music(tmp_path: Path) -> None:
+def test_audio_features_of_clips_that_are_kept_without_music(tmp_path: Path, cache: Path) -> None:
     """`music: optional` and audio features contradict each other where a clip has no music."""
     source = tmp_path / "source"
     Folder().make_example(source)
@@ -159,13 +159,13 @@ def test_audio_features_of_clips_that_are_kept_without_music(tmp_path: Path) -> 
         r"audio features need the music of every clip; found 1 of 3 clips without music: .*librosa35.*--set 'audio"
     )
     for run in (
-        lambda: make_plan(parse_recipe(document), source, cache=tmp_path / "cache"),
-        lambda: build(parse_recipe(document), source, tmp_path / "out", cache=tmp_path / "cache"),
+        lambda: make_plan(parse_recipe(document), source, cache=cache),
+        lambda: build(parse_recipe(document), source, tmp_path / "out", cache=cache),
     ):
         with pytest.raises(SourceError, match=words):
             run()
-    kept = make_plan(parse_recipe({**document, "audio": {}}), source, cache=tmp_path / "cache").to_json()
+    kept = make_plan(parse_recipe({**document, "audio": {}}), source, cache=cache).to_json()
     document["dataset"] = {"folder": {}}
-    left = make_plan(parse_recipe(document), source, cache=tmp_path / "cache").to_json()
+    left = make_plan(parse_recipe(document), source, cache=cache).to_json()
     assert [plan["splits"]["train"]["clips"] for plan in (kept, left)] == [2, 1]
     assert left["left_out"]["missing_music"] == 1

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import random
+import shutil
 import unicodedata
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from dancedata.core.errors import RecipeError, SourceError, UsageError
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets.folder import Folder
 from dancedata.recipes.parse import parse_recipe
+from tests.conftest import Once
 from tests.messages import raises_message
 
 VAL, TEST = ["song20", "song26"], ["song5", "song6", "song11", "song13"]
@@ -75,17 +77,18 @@ def test_a_dataset_that_grows_moves_no_clip_whatever_the_order() -> None:
 
 
 def test_groups_are_whole_and_fractions_close() -> None:
-    made = splits(RULE, clips(4000))
+    refs = clips(4000)
+    made = splits(RULE, refs)
     for song in range(4000):
         assert len({made[f"song{song}-{k}"] for k in range(3)}) == 1
     for name, part in {"train": 0.8, "val": 0.1, "test": 0.1}.items():
         # Three standard deviations of 4,000 songs.
         assert abs(list(made.values()).count(name) / 12_000 - part) < 3 * np.sqrt(part * (1 - part) / 4000)
     # One fraction does not concern the other's groups.
-    other = splits({**RULE, "val": 0.3}, clips(4000))
+    other = splits({**RULE, "val": 0.3}, refs)
     assert {c for c, s in other.items() if s == "test"} == {c for c, s in made.items() if s == "test"}
     assert {c for c, s in other.items() if s == "val"} > {c for c, s in made.items() if s == "val"}
-    assert splits({**RULE, "seed": 1}, clips(4000)) != made
+    assert splits({**RULE, "seed": 1}, refs) != made
 
 
 def test_by_dancer_genre_and_clip() -> None:
@@ -175,10 +178,10 @@ def test_one_rule_is_one_recipe_however_it_is_written() -> None:
 
 
 @pytest.fixture
-def source(tmp_path: Path) -> Path:
+def source(once: Once, tmp_path: Path) -> Path:
     """Twelve clips to six songs, and no splits in the manifest."""
-    Folder().make_example(tmp_path / "source")
-    return tmp_path / "source"
+    example = once("folder-example", lambda folder: Folder().make_example(folder / "source")) / "source"
+    return shutil.copytree(example, tmp_path / "source")
 
 
 def write_manifest(source: Path, lines: list[str]) -> None:
@@ -195,7 +198,7 @@ def test_plan_shows_what_comes_out(source: Path, tmp_path: Path) -> None:
     rule = {"val": 0.2, "test": 0.2, "by": "music", "seed": 1}
     (tmp_path / "r.json").write_text(json.dumps(document(rule)))
     (tmp_path / "r.json").rename(tmp_path / "r.yaml")
-    words = ["plan", str(tmp_path / "r.yaml"), "--source", str(source), "--cache", str(tmp_path / "cache"), "-q"]
+    words = ["plan", str(tmp_path / "r.yaml"), "--source", str(source), "-q"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     assert "Splits by music, seed 1: train 66.7% (requested 60.0%; 8 clips of 4 songs), val 16.7%" in result.output

@@ -17,6 +17,7 @@ from dancedata.audio.hf.random_models import write_random_model
 from dancedata.audio.hf.settings import Settings
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.files.regular_file import sha256_file
+from tests.conftest import Once
 
 
 @pytest.fixture(autouse=True)
@@ -30,17 +31,14 @@ def _no_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """Folder of the tiny random model of a kind."""
-    root = tmp_path_factory.mktemp("models")
+def model(once: Once) -> Callable[[str], Path]:
+    """Folder of the tiny random model of a kind. Not to be written into."""
 
     def folder(kind: str) -> Path:
-        if not (root / kind).exists():
-            if kind == "pe-audio":
-                transformers = pytest.importorskip("transformers", minversion="5.0")
-                assert hasattr(transformers, "PeAudioEncoder")
-            write_random_model(kind, root / kind)
-        return root / kind
+        if kind == "pe-audio":
+            transformers = pytest.importorskip("transformers", minversion="5.0")
+            assert hasattr(transformers, "PeAudioEncoder")
+        return once(f"hf-{kind}", lambda root: write_random_model(kind, root / kind)) / kind
 
     return folder
 
@@ -66,10 +64,17 @@ def settings(folder: Path, **keys: Any) -> Settings:
 
 @pytest.fixture(scope="session")
 def encoder(model: Callable[[str], Path]) -> Callable[..., HuggingFaceEncoder]:
-    """The encoder of a tiny model, on the CPU."""
+    """The encoder of a tiny model, on the CPU: one for equal keys, unless a test is to change it (`fresh`)."""
+    kept: dict[str, HuggingFaceEncoder] = {}
 
-    def made(kind: str, **keys: Any) -> HuggingFaceEncoder:
-        return HuggingFaceEncoder(settings(model(kind), **keys), device="cpu")
+    def made(kind: str, *, fresh: bool = False, **keys: Any) -> HuggingFaceEncoder:
+        key = f"{kind} {sorted(keys.items())}"
+        if fresh or key not in kept:
+            network = HuggingFaceEncoder(settings(model(kind), **keys), device="cpu")
+            if fresh:
+                return network
+            kept[key] = network
+        return kept[key]
 
     return made
 

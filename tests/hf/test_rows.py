@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -124,13 +123,18 @@ def test_rows_are_what_plain_arithmetic_gives(n: int, grid: FrameGrid, timing: T
 def _plain(j: int, grid: FrameGrid, kept: np.ndarray, stamps: list, spans: list, method: str) -> np.ndarray:
     """One row, by fractions."""
     t, half = j / grid.rate, 1 / (2 * grid.rate)
+    ends = stamps[0], stamps[-1]
+    near = [k for k, stamp in enumerate(stamps) if abs(stamp - t) < half + 1] or [
+        0 if t < ends[0] else len(stamps) - 1
+    ]
+    kept, stamps, spans = kept[near], [stamps[k] for k in near], [spans[k] for k in near]
     if method == "area":
         weights = [max(Fraction(0), min(e, t + half) - max(b, t - half)) for b, e in spans]
         if sum(weights):
             return np.asarray(sum(float(w / sum(weights)) * v for w, v in zip(weights, kept, strict=True) if w))
         method = "nearest"
     distances = [abs(s - t) for s in stamps]
-    if method == "nearest" or t <= stamps[0] or t >= stamps[-1]:
+    if method == "nearest" or t <= ends[0] or t >= ends[1]:
         return np.asarray(kept[distances.index(min(distances))])
     k = max(i for i, s in enumerate(stamps) if s <= t)
     share = float((t - stamps[k]) / (stamps[k + 1] - stamps[k]))
@@ -186,7 +190,7 @@ def test_as_many_frames_as_the_network_gives(
 def test_as_many_frames_as_the_convolutions_give_for_any_length(
     encoder: Callable[..., HuggingFaceEncoder], n: int
 ) -> None:
-    own = _once(encoder, "wav2vec2")
+    own = encoder("wav2vec2")
     found = own._network.feature_extractor(torch.zeros(1, n))
     assert own.settings.family.n_frames(n) == found.shape[-1]
 
@@ -196,18 +200,9 @@ def test_as_many_frames_as_the_convolutions_give_for_any_length(
 def test_as_many_rows_as_announced_at_any_rate(
     feature: Callable[..., HuggingFace], rate: int, milliseconds: int, grid: FrameGrid
 ) -> None:
-    made = _once(feature, "mert")
+    made = feature("mert")
     signal = AudioSignal(noise(milliseconds / 1000, rate), rate)
     assert len(made.extract(signal, grid)) == made.n_rows(signal.n_samples, rate, grid)
-
-
-_made: dict[str, Any] = {}
-
-
-def _once(make: Callable[[str], Any], kind: str) -> Any:
-    if kind not in _made:
-        _made[kind] = make(kind)
-    return _made[kind]
 
 
 def _response(own: HuggingFaceEncoder, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
