@@ -186,8 +186,8 @@ class Store:
         split
             One of `splits`.
         length_s, length_frames, stride_s, stride_frames
-            Length and stride of the windows, at most one of each pair; default: as stored. Other values need a store of
-            track scope.
+            Length and stride of the windows, at most one of each pair; default: as stored. Other values need a
+            store of track scope.
         fields
             Fields in which these windows have to begin and end at whole rows. Default: all.
         trim

@@ -234,7 +234,7 @@ def _written_and_read(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     return read
 
 
-def test_pcm16_is_what_libsndfile_writes() -> None:
+def test_pcm16_equals_libsndfiles_output() -> None:
     rng = np.random.default_rng(5)
     steps = np.arange(-32770, 32771, dtype=np.float32) / 32768
     near = [steps, np.nextafter(steps, np.float32(9)), np.nextafter(steps, np.float32(-9))]

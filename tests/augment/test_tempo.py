@@ -218,7 +218,7 @@ def test_copies_too_short_for_a_window_are_rejects(source: Path, cache: Path, tm
     assert {(r["clip"], r["reason"]) for r in store.rejects} == {(f"{clip}__tempo", "too_short") for clip in train}
 
 
-def test_what_only_changes_samples_is_no_copy() -> None:
+def test_an_augmentation_of_samples_makes_no_copy() -> None:
     with raises_message(RecipeError):
         parse_recipe(
             document(augment={"crop": True, "drop": {}, "tempo": {"speeds": []}, "yaw": {"max_degrees": 400}})

@@ -40,7 +40,7 @@ ALL = ("--set", "dataset.aist++.split=all")
 # Missing music
 
 
-def test_a_build_without_music_says_where_it_looked_and_what_to_do(larger: Path, out: Path):
+def test_a_build_without_music_names_the_folders_and_the_fix(larger: Path, out: Path):
     shutil.rmtree(larger / "wavs")
     said = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
     lines = said.splitlines()
@@ -64,7 +64,7 @@ def test_near_names_are_offered(larger: Path, out: Path):
     assert "song mHO3 is missing: 4 clips; ffmpeg -n -i wavs/mHO3.m4a wavs/mHO3.wav\n" in said
 
 
-def test_what_matters_comes_first_and_motion_that_is_not_there_last(larger: Path, out: Path, rejects: Any):
+def test_important_problems_come_first_and_missing_motion_last(larger: Path, out: Path, rejects: Any):
     (larger / "wavs" / "mHO3.wav").unlink()
     listed = larger / "splits" / "crossmodal_train.txt"
     names = [f"gBR_sBM_cAll_d04_mBR{n % 6}_ch{n:02d}" for n in range(10, 99)]
@@ -102,7 +102,7 @@ def test_clips_that_name_no_song_are_counted():
     ]
 
 
-def test_what_is_broken_is_said_in_plan_and_summary(larger: Path, out: Path):
+def test_broken_files_are_reported_in_plan_and_summary(larger: Path, out: Path):
     (larger / "wavs" / "mHO3.wav").write_text("no music")
     for args in (["plan"], ["build", "--out", out]):
         said = run(args[0], "aist++", "--source", larger, *args[1:], *ALL).stdout
@@ -139,7 +139,7 @@ def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: py
     assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
 
 
-def test_what_is_not_a_recipe(tmp_path: Path, out: Path):
+def test_values_that_are_not_recipes(tmp_path: Path, out: Path):
     (tmp_path / "captures").mkdir()
     for name in ("folder", tmp_path / "captures"):
         same_text(run("build", name, "--source", tmp_path, "--out", out, code=2).stderr)
@@ -155,7 +155,7 @@ def test_list_has_the_contact_rule_of_representations():
 
 
 @pytest.mark.parametrize("bpm", ["0", "-5", "nan", "inf"])
-def test_a_tempo_that_is_none_names_the_option(tmp_path: Path, bpm: str):
+def test_an_invalid_tempo_names_the_option(tmp_path: Path, bpm: str):
     song = tmp_path / "song.wav"
     soundfile.write(song, np.zeros(22_050), 22_050)
     same_text(run("features", song, "--bpm", bpm, "--out", tmp_path / "out", code=2).stderr)
@@ -269,7 +269,7 @@ def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path
         "features x.wav --out x --feature Librosa",
     ],
 )
-def test_the_name_that_was_meant(args: str, tmp_path: Path, monkeypatch: Any):
+def test_suggested_names(args: str, tmp_path: Path, monkeypatch: Any):
     monkeypatch.chdir(tmp_path)
     same_text(run(*args.split(), code=2).stderr)
 
@@ -277,7 +277,7 @@ def test_the_name_that_was_meant(args: str, tmp_path: Path, monkeypatch: Any):
 # The closing summary
 
 
-def test_the_closing_summary_is_short_and_says_what_to_do_next(larger: Path, out: Path):
+def test_the_closing_summary_is_short_and_names_the_next_steps(larger: Path, out: Path):
     args = ("build", "aist++", "--source", larger, "--out", out, "--jobs", 1)
     (larger / "ignore_list.txt").write_text("gBR_sBM_cAll_d04_mBR0_ch01\n")
     lines = run(*args).stdout.splitlines()
@@ -407,7 +407,7 @@ def test_a_folder_is_not_a_song(corpus: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["mBR0.librosa35.npy", "mBR0.librosa35.json"])
-def test_features_replace_no_file_of_others(corpus: Path, tmp_path: Path, name: str):
+def test_features_replace_no_foreign_file(corpus: Path, tmp_path: Path, name: str):
     song, out = corpus / "wavs" / "mBR0.wav", tmp_path / "out"
     out.mkdir()
     (out / name).write_text('{"mine": 1}')

@@ -118,7 +118,7 @@ def test_parameters_are_carried_over_by_name(source: Skeleton, target: Skeleton)
         assert found.skeleton is target
 
 
-def test_a_body_of_ones_own_keeps_its_bones() -> None:
+def test_an_own_body_keeps_its_bones() -> None:
     tall = replace(SMPLX55, name="tall", offsets=SMPLX55.offsets * 1.2)
     for target in (SMPLX52, SMPLX22):
         found = carried_over(motion_on(tall), target)

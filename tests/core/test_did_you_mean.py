@@ -46,7 +46,7 @@ def test_another_number_is_another_name() -> None:
     assert closest("lodge139", ["edge151", "librosa35"]) is None
 
 
-def test_what_is_not_listed_may_be_meant() -> None:
+def test_unlisted_names_get_suggestions() -> None:
     assert did_you_mean("stride_s", ["store"], KEYS) == "did you mean 'windows.stride_s'? known: store"
 
 

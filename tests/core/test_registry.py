@@ -177,7 +177,7 @@ def test_two_plug_ins_of_one_name() -> None:
             version = 1
 
 
-def test_what_is_registered_is_checked() -> None:
+def test_registered_classes_are_checked() -> None:
     with raises_message(UsageError):
 
         @FEATURES.register("a")

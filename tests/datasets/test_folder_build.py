@@ -15,7 +15,7 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 
 
-def test_the_example_says_what_it_is(tmp_path: Path) -> None:
+def test_the_example_describes_itself(tmp_path: Path) -> None:
     Folder().make_example(tmp_path / "x")
     scan = Folder().scan(tmp_path / "x")
     assert scan.layout == "manifest (csv)"
@@ -118,7 +118,7 @@ def _height(source: Path, out: Path, **dataset: object) -> float:
         return clip.height_m
 
 
-def test_what_is_declared_is_part_of_the_key(tmp_path: Path) -> None:
+def test_declarations_are_part_of_the_key(tmp_path: Path) -> None:
     """One file, one cache: another unit in the manifest, or in the recipe, is another motion."""
     example, source = tmp_path / "example", tmp_path / "source"
     Folder().make_example(example)

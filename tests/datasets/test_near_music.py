@@ -45,7 +45,7 @@ def test_a_proper_name_of_something_else_is_not_offered(tmp_path: Path) -> None:
     assert files.fix("wavs/mJS2") == ""
 
 
-def test_what_can_be_read_is_offered_first(tmp_path: Path) -> None:
+def test_readable_files_are_offered_first(tmp_path: Path) -> None:
     assert near(tmp_path, "wavs/mJS2.aac", "wavs/mjs2.wav").fix("wavs/mJS2").startswith("mv -n wavs/mjs2.wav")
 
 

@@ -53,7 +53,7 @@ def examples(value: object) -> list[doctest.Example]:
 OBJECTS = {name: value for name, value in public_objects() if examples(value)}
 
 
-def test_examples_are_there_and_show_output() -> None:
+def test_examples_exist_and_show_output() -> None:
     assert len([value for value in OBJECTS.values() if any(example.want for example in examples(value))]) >= 25
 
 

@@ -37,7 +37,7 @@ def values(report: Any) -> dict[str, float | None]:
     return {score.name: score.value for score in report.scores}
 
 
-def test_batches_give_what_the_motions_give(store: Store, evaluator: Evaluator, batch: Any) -> None:
+def test_batches_agree_with_single_motions(store: Store, evaluator: Evaluator, batch: Any) -> None:
     ids, columns, music = batch
     evaluator.reset()
     for k in range(0, len(ids), 4):
@@ -317,7 +317,7 @@ def test_calls_with_and_without_ids_keep_all(evaluator: Evaluator, batch: Any) -
     assert len(evaluator) == len(evaluator.compute().clips) == 6
 
 
-def test_samples_without_ids_of_processes_that_cannot_be_told_apart(evaluator: Evaluator, batch: Any) -> None:
+def test_samples_without_ids_of_indistinguishable_processes(evaluator: Evaluator, batch: Any) -> None:
     _, columns, _ = batch
     first, second = two(evaluator)
     for own in (first, second):

@@ -38,7 +38,7 @@ def no_time_passes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("no_time_passes")
-def test_lines_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch):
+def test_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     assert run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream)) == [1, 4, 9]
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
@@ -94,7 +94,7 @@ def test_nothing_if_quiet():
 
 
 @pytest.mark.usefixtures("no_time_passes")
-def test_what_is_known_is_not_computed(monkeypatch: pytest.MonkeyPatch):
+def test_known_results_are_not_recomputed(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     calls = [(1,), (-2,), (3,)]
     known = [None, "known", None]

@@ -96,7 +96,7 @@ def test_assets_name_the_final_folder(export) -> None:
     assert all((out / name).exists() for name in paths.values())
 
 
-def test_what_the_loaders_will_miss_is_noted(export) -> None:
+def test_clips_that_loaders_expect_but_lack_are_noted(export) -> None:
     pytest.importorskip("torch")
     notes = {to: " ".join(export("finedance", to, to).notes) for to in ("lodge", "finedance")}
     # The example has four tracks; 120 and 130 are not among them.

@@ -225,7 +225,7 @@ def test_webdataset_is_read_by_webdataset(store: Store, dataset: Path, tmp_path:
     assert sample["json"]["start"] == windows[3].start
 
 
-def test_what_is_lacking_is_named(dataset: Path, tmp_path: Path) -> None:
+def test_missing_requirements_are_named(dataset: Path, tmp_path: Path) -> None:
     one = {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 6}}
     positions = _build(tmp_path, dataset=one, motion={"joints": {}}, scope="window")
     for target, parts in {

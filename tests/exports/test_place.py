@@ -36,7 +36,7 @@ def npz(built, tmp_path: Path) -> Callable[..., Any]:
     return run
 
 
-def test_what_an_export_says_of_itself(npz, built) -> None:
+def test_contents_of_export_json(npz, built) -> None:
     done = npz()
     about = json.loads((done.path / "export.json").read_text())
     assert about == done.about
@@ -50,7 +50,7 @@ def test_what_an_export_says_of_itself(npz, built) -> None:
     assert "research use, no redistribution" in (done.path / "README.md").read_text()
 
 
-def test_an_export_is_replaced_only_where_that_is_asked(npz) -> None:
+def test_an_export_is_replaced_only_with_overwrite(npz) -> None:
     first = tree(npz().path)
     with raises_message(StoreError):
         npz()
@@ -61,7 +61,7 @@ def test_an_export_is_replaced_only_where_that_is_asked(npz) -> None:
 @pytest.mark.parametrize(
     "change", ["added", "other size", "same size", "README.md", "a folder of others", "a link", "a pipe"]
 )
-def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
+def test_changed_files_stay(npz, change: str, tmp_path: Path) -> None:
     out = npz().path
     path = {
         "added": out / "clips" / "mine.txt",
@@ -85,7 +85,7 @@ def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "dataset", "forged"])
-def test_folders_of_others_are_refused(npz, kind: str, tmp_path: Path) -> None:
+def test_foreign_folders_are_refused(npz, kind: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     if kind == "file":
         out.write_text("mine")
@@ -138,7 +138,7 @@ def test_an_interrupted_export_leaves_nothing(npz, tmp_path: Path, error: type, 
     assert not list(tmp_path.iterdir())
 
 
-def test_what_a_killed_export_left_goes_with_the_next(npz, tmp_path: Path) -> None:
+def test_the_next_export_removes_the_rest_of_a_killed_one(npz, tmp_path: Path) -> None:
     half = tmp_path / ".dancedata-out.export-new-01234567"
     claim(half)
     (half / "clips").mkdir()

@@ -132,7 +132,7 @@ def test_crc32c_of_long_data_is_that_of_its_bytes_one_by_one() -> None:
     assert crc32c(data) == state ^ 0xFFFFFFFF
 
 
-def test_an_example_is_what_protobuf_writes() -> None:
+def test_an_example_equals_protobufs_output() -> None:
     # google.protobuf, SerializeToString(deterministic=True) of the same tf.train.Example.
     wanted = "0a2e0a0b0a016112060a040a0278790a110a0166120c120a0a080000803f000000400a0c0a016e12071a050a03ac0201"
     assert example({"n": (300, 1), "a": b"xy", "f": np.array([1, 2], np.float32)}).hex() == wanted

@@ -357,7 +357,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
     assert not stray.exists()
 
 
-def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
+def test_files_of_a_running_process_are_kept(tmp_path: Path):
     cache = Cache(tmp_path)
     names = [f"dancedata-{number:032x}.tmp" for number in range(2)]
     with cache.lock("features", f"{0:064x}"), cache_files.locked_file(tmp_path / "tmp", names[0]):

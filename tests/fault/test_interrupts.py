@@ -145,7 +145,7 @@ def in_a_destructor() -> None:
     [interrupt, terminate, turned_into_another_error, ended_by_a_library, in_a_destructor],
     ids=lambda f: f.__name__,
 )
-def test_one_line_whatever_becomes_of_the_exception(command: Any, capfd: pytest.CaptureFixture[str]):
+def test_one_line_for_any_exception(command: Any, capfd: pytest.CaptureFixture[str]):
     with pytest.raises(SystemExit) as caught:
         interrupts.run(command)
     assert caught.value.code == (143 if command is terminate else 130)

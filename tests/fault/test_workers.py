@@ -51,7 +51,7 @@ def threads(slow: Any, tmp_path: Path) -> Iterator[list[str]]:
     yield from run_cluster(slow, tmp_path, 1, 2)
 
 
-def test_a_worker_that_is_killed_under_loky_costs_what_it_was_doing(
+def test_a_worker_killed_under_loky_loses_only_its_unit(
     slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
 ):
     for song in songs[1:3]:
@@ -107,7 +107,7 @@ def test_a_unit_that_always_kills_its_dask_worker_is_named(
 
 
 @pytest.mark.nightly
-def test_a_scheduler_that_is_lost_ends_the_build_which_goes_on(
+def test_a_build_resumes_after_a_lost_scheduler(
     slow: Any, corpus: Path, out: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
 ):
     pytest.importorskip("distributed")
@@ -154,7 +154,7 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
         ({"locked": False}, "locks on files in the cache do not reach"),
     ],
 )
-def test_a_worker_is_checked_for_what_it_needs(
+def test_a_worker_is_checked_for_its_requirements(
     corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], said: str | None
 ):
     distributed = pytest.importorskip("distributed")
@@ -259,7 +259,7 @@ def test_no_unit_is_blamed_for_workers_that_die_before_they_run_one() -> None:
     assert "a.wav" not in str(caught.value)
 
 
-def test_units_that_were_not_running_when_a_worker_died_are_no_suspects() -> None:
+def test_only_running_units_are_suspected_when_a_worker_dies() -> None:
     from dancedata.execution.executors.base import WorkerDiedError
     from dancedata.execution.executors.loky import LokyExecutor
 

@@ -381,7 +381,7 @@ def test_optional_joints_may_be_missing(tmp_path: Path, danced: Motion) -> None:
     assert np.allclose(np.linalg.norm(toes, axis=1), np.linalg.norm(SMPL24.offsets[10]), rtol=0.05)
 
 
-def test_skeletons_that_are_none(own: Path) -> None:
+def test_invalid_skeletons_in_files(own: Path) -> None:
     lines = own.read_text().splitlines()
     at = next(k for k, line in enumerate(lines) if "LeftFoot" in line) + 2
     lines[at] = "OFFSET 0 0 0"

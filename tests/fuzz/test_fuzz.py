@@ -42,7 +42,7 @@ def test_broken_files_are_read_or_refused(hunt: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("target", FOUND)
-def test_what_was_found_once(hunt: ModuleType, target: str) -> None:
+def test_earlier_findings(hunt: ModuleType, target: str) -> None:
     files = sorted((HERE / "corpus" / target).iterdir())
     report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
     assert said([report]) == []
@@ -50,7 +50,7 @@ def test_what_was_found_once(hunt: ModuleType, target: str) -> None:
     assert "valid" not in report["outcomes"], report["outcomes"]
 
 
-def test_the_harness_sees_what_it_looks_for(hunt: ModuleType, tmp_path: Path) -> None:
+def test_the_harness_detects_planted_defects(hunt: ModuleType, tmp_path: Path) -> None:
     words = {
         "spins": "more than 1 s",
         "grows": "MemoryError",
@@ -85,7 +85,7 @@ def test_guided_by_coverage() -> None:
         assert run.returncode == 0, run.stderr[-2000:]
 
 
-def test_an_interrupted_run_goes_on(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_resumes(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """The order of batches depends on nothing but the run, so that the number of those done says which are left."""
     run: list[tuple[Any, ...]] = []
 

@@ -41,7 +41,7 @@ def limited() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
 
 
-def test_a_build_stores_the_good_clip_beside_all_of_them(hostile: ModuleType, tmp_path: Path) -> None:
+def test_a_build_stores_the_good_clip_among_all_of_them(hostile: ModuleType, tmp_path: Path) -> None:
     from dancedata.datasets.folder import Folder
 
     source, out = tmp_path / "source", tmp_path / "out"

@@ -164,7 +164,7 @@ def test_silence_is_finite_and_a_blink_is_too_short(kind: str, feature: Callable
     assert caught.value.reason == "short_audio"
 
 
-def test_what_float16_cannot_hold_is_never_stored(feature: Callable[..., HuggingFace]) -> None:
+def test_values_beyond_float16_are_never_stored(feature: Callable[..., HuggingFace]) -> None:
     with raises_message(DataError):
         feature("hubert")._stored(np.array([[1.0, 7e4]], np.float32))
     assert feature("hubert", store="float32")._stored(np.array([[7e4]], np.float32)).dtype == np.float32
@@ -211,7 +211,7 @@ def test_from_python(model: Callable[[str], Path], encoder: Callable[..., Huggin
         dancedata.extract("hf", signal, model=str(model("mert")), precision="fp16", device="cpu")
 
 
-def test_bf16_is_what_transformers_computes_in_bf16(model: Callable[[str], Path]) -> None:
+def test_bf16_equals_transformers_in_bf16(model: Callable[[str], Path]) -> None:
     import transformers
 
     samples = noise(0.5, 16_000)
@@ -223,7 +223,7 @@ def test_bf16_is_what_transformers_computes_in_bf16(model: Callable[[str], Path]
     np.testing.assert_array_equal(own.values, wanted)
 
 
-def test_what_does_not_fit_stays_on_the_host(encoder: Callable[..., HuggingFaceEncoder]) -> None:
+def test_blocks_that_do_not_fit_stay_on_the_host(encoder: Callable[..., HuggingFaceEncoder]) -> None:
     pytest.importorskip("accelerate")
     samples = noise(0.4, 16_000)
     own = encoder("hubert")

@@ -110,7 +110,7 @@ def test_whole_file_with_progress(server: _Server, tmp_path: Path) -> None:
     assert len(server.asked) == 1
 
 
-def test_goes_on_where_the_connection_was_cut(server: _Server, tmp_path: Path) -> None:
+def test_resumes_after_a_lost_connection(server: _Server, tmp_path: Path) -> None:
     server.cut_after = [1_000_000, 0, 500_000]
     assert _fetch(tmp_path, server.url).read_bytes() == DATA
     assert server.asked == [None, "bytes=1000000-", "bytes=1000000-", "bytes=1500000-"]
@@ -125,7 +125,7 @@ def test_a_partial_download_of_another_program_stays(server: _Server, tmp_path: 
     assert all((tmp_path / name).read_bytes() == b"mine" for name in names if name != "a.bin")
 
 
-def test_gives_up_but_keeps_what_is_there(server: _Server, tmp_path: Path) -> None:
+def test_gives_up_but_keeps_the_partial_file(server: _Server, tmp_path: Path) -> None:
     server.cut_after = [700_000, 0, 0, 0, 0]
     with pytest.raises(SourceError, match="failed; found the connection ended early; 700000 bytes downloaded"):
         _fetch(tmp_path, server.url, attempts=3)
@@ -218,7 +218,7 @@ def test_from_a_folder(tmp_path: Path) -> None:
         _fetch(tmp_path / "to2", tmp_path / "from", _remote("b.bin"))
 
 
-def test_damaged_file_that_is_already_there(server: _Server, tmp_path: Path) -> None:
+def test_existing_damaged_file(server: _Server, tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"x")
     with raises_message(SourceError):
         _fetch(tmp_path, server.url)

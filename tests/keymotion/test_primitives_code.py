@@ -132,7 +132,7 @@ def test_a_piece_is_relative_to_its_first_frame(window: np.ndarray) -> None:
         np.testing.assert_array_equal(cue[:, rest], window[start : start + 8][:, rest])
 
 
-def test_overlapping_pieces_see_what_was_written() -> None:
+def test_overlapping_pieces_see_earlier_writes() -> None:
     window = np.zeros((64, 7))
     window[:, 4] = np.arange(64.0)
     taken = pieces(window, [Key(12, False), Key(20, False)], 64, -2)

@@ -194,7 +194,7 @@ def test_every_common_format_is_read(bad: Bad, song: str):
 
 
 @pytest.mark.parametrize("file", ["motions/my dance ☃.pkl", "wavs/my song ☃.wav"])
-def test_a_file_with_a_name_of_ones_own_is_reported(bad: Bad, rejects: Any, file: str):
+def test_a_file_with_an_unknown_name_is_reported(bad: Bad, rejects: Any, file: str):
     assert "named" in reject_of(bad, rejects, reason="extra_file", file=file)["detail"]
 
 
@@ -211,7 +211,7 @@ def test_the_other_clips_are_unharmed(bad: Bad, built: Path):
             assert starts[0] == starts[1] != []
 
 
-def test_no_reject_says_where_the_source_lies(bad: Bad):
+def test_no_reject_contains_the_path_of_the_source(bad: Bad):
     assert str(bad.source.parent) not in (bad.out / "rejects.jsonl").read_text(encoding="utf-8")
 
 

@@ -113,7 +113,7 @@ def test_long_lists_of_names_are_cut():
     assert len(difference.to_json()["names"]) == 7
 
 
-def test_what_is_no_dataset_is_an_error(built: Path, tmp_path: Path):
+def test_a_folder_that_is_not_a_dataset_is_an_error(built: Path, tmp_path: Path):
     with raises_message(StoreError):
         diff(built, tmp_path)
     run("diff", built, tmp_path, code=1)
@@ -156,7 +156,7 @@ def test_numbers_about_clips_are_within_the_tolerance_and_counts_are_exact(built
     assert "n_flags of 1 clips" in run("diff", built, built_copy, "--atol", "100", code=1).stdout
 
 
-def test_lines_are_partners_whose_numbers_are_within_the_tolerance():
+def test_lines_match_if_their_numbers_are_within_the_tolerance():
     one = [
         {"clip": "a", "frame": 3, "value": 2.0},
         {"clip": "a", "frame": 3, "value": 1.0},
@@ -174,5 +174,5 @@ def test_lines_are_partners_whose_numbers_are_within_the_tolerance():
 
 
 @pytest.mark.parametrize("atol", ["-1", "nan", "inf"])
-def test_what_is_no_tolerance_is_refused(built: Path, atol: str):
+def test_an_invalid_tolerance_is_refused(built: Path, atol: str):
     run("diff", built, built, "--atol", atol, code=2)

@@ -31,7 +31,7 @@ def fresh(songs: Path, run_build: Callable, hashes: Callable, tmp_path_factory: 
 
 
 @pytest.mark.parametrize("first", ["another stride", "fewer clips", "shorter windows", "killed"])
-def test_a_cache_that_others_filled(
+def test_a_cache_filled_by_other_processes(
     songs: Path, fresh: dict, run_build: Callable, hashes: Callable, tmp_path: Path, first: str
 ) -> None:
     cache = tmp_path / "cache"

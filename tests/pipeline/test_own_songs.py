@@ -99,7 +99,7 @@ def test_weights_go_to_a_field_by_name(tmp_path: Path) -> None:
             own_songs._weights_of(texts, fields)
 
 
-def test_a_dataset_says_which_weights_it_wants(tmp_path: Path) -> None:
+def test_a_dataset_names_its_weights(tmp_path: Path) -> None:
     about = {"model": "m-a-p/MERT-v1-95M", "revision": "c" * 40, "sha256": SHA, "licence": "cc-by-nc-4.0"}
     meta = {
         "encoders": {"edge151": about},

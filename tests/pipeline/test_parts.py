@@ -24,7 +24,7 @@ def refuse(*args: Any, **options: Any) -> Any:
 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "1/0", "a/b", "-1/4", "1/4/2", "1 /4", ""])
-def test_what_is_no_part(text: str):
+def test_invalid_parts(text: str):
     with raises_message(UsageError):
         Part.parse(text)
 
@@ -51,7 +51,7 @@ def test_parts_leave_all_that_a_build_computes_in_the_cache(
     assert run_build(corpus, out, name, cache=cache).built
 
 
-def test_a_part_fixes_what_a_build_fixes(
+def test_a_part_repairs_the_same_entries_as_a_build(
     corpus: Path, out: Path, tmp_path: Path, run_build: Any, monkeypatch: pytest.MonkeyPatch
 ):
     """As jukebox fixes its precision and the hash of its weights."""

@@ -124,7 +124,7 @@ def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, optio
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_that_is_there_stays(demo: Path, tmp_path: Path) -> None:
+def test_an_existing_file_stays(demo: Path, tmp_path: Path) -> None:
     clip = dancedata.open(demo).clips[0].id
     (tmp_path / "a.mp4").write_bytes(b"mine")
     with raises_message(UsageError):
@@ -133,9 +133,7 @@ def test_a_file_that_is_there_stays(demo: Path, tmp_path: Path) -> None:
     assert len(pictures(tmp_path / "a.mp4")) == 3
 
 
-def test_without_ffmpeg_there_is_an_error_that_says_how_to_get_it(
-    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_ffmpeg_the_error_names_the_fix(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clip = dancedata.open(demo).clips[0].id
     monkeypatch.setattr(mux.shutil, "which", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)

@@ -231,7 +231,7 @@ def test_a_batch_loader_passes_on_the_epoch_of_a_sampler_that_has_no_dataset(tra
     assert shuffled == found
 
 
-def test_crops_and_buckets_draw_anew_too(mixed_store: Store) -> None:
+def test_crops_and_buckets_draw_new_numbers_too(mixed_store: Store) -> None:
     crops = ClipDataset(mixed_store, fields=FIELDS, crop_frames=40, crops=3, seed=1)
     starts = [[sample["start"] for sample in crops.samples(range(len(crops)))] for _ in range(2)]
     assert starts[0] != starts[1]
@@ -267,7 +267,7 @@ def test_ranks_that_share_torchs_seed_do_not_share_their_draws(train: WindowData
     assert 0.2 < np.mean(np.array(flags[0]) == np.array(flags[1])) < 0.8
 
 
-def test_a_sample_comes_back_from_what_its_id_says(train: WindowDataset) -> None:
+def test_a_sample_is_restored_from_its_id(train: WindowDataset) -> None:
     for sample in train.samples(range(12)):
         drawn = re.fullmatch(r"(.+)@(\d+)\+(\d+)(?::mirror:(\d+)\.(\d+)\.(\d+))?", sample["id"])
         assert drawn is not None
@@ -303,7 +303,7 @@ class Slotted:
         return len(self.inner[0][0])
 
 
-def test_the_sampler_reaches_what_wrappers_hold(train: WindowDataset) -> None:
+def test_the_sampler_reaches_wrapped_datasets(train: WindowDataset) -> None:
     other = WindowDataset(train.store, fields=FIELDS, mirror=0.5)
     sampler = EpochSampler(ConcatDataset([Held(train), Subset(other, [1, 2])]))
     sampler.set_epoch(4)

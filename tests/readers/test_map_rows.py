@@ -77,7 +77,7 @@ def assert_reads_as_the_store(store: Store, windows: WindowList, **options: Any)
 
 @pytest.mark.parametrize("mapped", [True, False])
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_windows_are_what_the_store_reads(stores: dict[str, Store], scope: str, mapped: bool) -> None:
+def test_windows_equal_those_of_the_store(stores: dict[str, Store], scope: str, mapped: bool) -> None:
     store = stores[scope]
     assert len(list(store.path.glob("train*.h5"))) > 2
     windows = WindowList.joined("both", [store.windows("train"), store.windows("test")])
@@ -111,7 +111,7 @@ def test_a_window_that_the_store_does_not_have(stores: dict[str, Store], scope: 
     assert (found[0] == "read") == (scope == "track" and (start, length) in ((7, 30), (0, 29)))
 
 
-def test_windows_of_several_lengths_and_none(stores: dict[str, Store]) -> None:
+def test_windows_of_several_lengths_and_no_windows(stores: dict[str, Store]) -> None:
     store = stores["track"]
     windows = store.windows("train")
     odd = replace(windows, length=windows.length - (np.arange(len(windows)) == 1))
@@ -121,7 +121,7 @@ def test_windows_of_several_lengths_and_none(stores: dict[str, Store]) -> None:
         store.window_rows(windows.take(np.zeros(0, dtype=np.int64)), "pose")
 
 
-def test_windows_of_a_shard_that_has_none(tmp_path: Path, stores: dict[str, Store]) -> None:
+def test_windows_of_a_shard_without_windows(tmp_path: Path, stores: dict[str, Store]) -> None:
     """A window list of another store, for a clip that this one stores no windows of."""
     fields = tuple(stores["window"].field(name) for name in stores["window"].fields)
     write_random_store(
@@ -227,7 +227,7 @@ def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, stores: dict[str,
         store.window_rows(windows, "tune")
 
 
-def test_closing_leaves_what_was_mapped_readable(stores: dict[str, Store]) -> None:
+def test_mapped_rows_stay_readable_after_closing(stores: dict[str, Store]) -> None:
     store = open_store(stores["track"].path)
     rows = store.window_rows(store.windows("train"), "pose")
     store.close()

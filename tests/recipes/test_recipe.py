@@ -120,19 +120,19 @@ def test_windows_count_at_the_recipes_own_rate():
     assert "windows.length_s is not a whole number" in problem_of(fps="30000/1001", audio=None)
 
 
-def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():
+def test_an_unsupported_rate_is_reported_before_any_work():
     text = problem_of(fps="30000/1001", windows={"length_frames": 150, "stride_frames": 15})
     assert "librosa35 cannot be computed at this frame rate; found 30000/1001" in text
 
 
-def test_a_key_that_is_there_twice_is_an_error(tmp_path: Path):
+def test_a_duplicate_key_is_an_error(tmp_path: Path):
     path = tmp_path / "twice.yaml"
     path.write_text("recipe: 1\nname: one\nname: two\n")
     with raises_message(RecipeError):
         load_recipe(path)
 
 
-def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
+def test_an_invalid_yaml_file_is_named(tmp_path: Path):
     path = tmp_path / "bad.yaml"
     path.write_text("recipe: [1")
     with raises_message(RecipeError):
@@ -142,7 +142,7 @@ def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
         load_recipe(path)
 
 
-def test_a_recipe_that_is_not_there(tmp_path: Path):
+def test_a_missing_recipe(tmp_path: Path):
     with raises_message(UsageError):
         load_recipe(tmp_path / "none.yaml")
     with raises_message(UsageError):
@@ -179,7 +179,7 @@ def test_a_length_in_seconds_takes_the_place_of_one_in_frames_and_the_other_way_
 
 
 @pytest.mark.parametrize("override", ["windows.stride_s", "=3", "windows..stride_s=1", "audio={"])
-def test_an_override_that_is_none_is_wrong_usage(tmp_path: Path, override: str):
+def test_an_invalid_override_is_wrong_usage(tmp_path: Path, override: str):
     with raises_message(UsageError):
         load(tmp_path, override)
 
@@ -233,7 +233,7 @@ def test_neither_hash_nor_fields_depend_on_the_order_of_plugins(monkeypatch: pyt
         {"store": {"shard_mb": 16}},
     ],
 )
-def test_the_hash_changes_with_what_shapes_the_result(changes: dict[str, Any]):
+def test_the_hash_changes_with_the_settings_that_change_the_result(changes: dict[str, Any]):
     assert parse_recipe(document(**changes)).sha256 != parse_recipe(document()).sha256
 
 

@@ -55,7 +55,7 @@ def reflected(motion: Motion) -> Motion:
     return Motion(motion.translation * FLIP, rotations, motion.grid, motion.skeleton.mirrored(), motion.trim_start)
 
 
-def test_there_are_some_that_decode() -> None:
+def test_some_representations_decode() -> None:
     assert DECODED
 
 

@@ -122,7 +122,7 @@ def test_samples_are_turned_and_shifted(name: str) -> None:
     np.testing.assert_array_equal(made.change_sample(rows, field, Draw(1)), rows)
 
 
-def test_the_last_row_goes_on_as_the_one_before() -> None:
+def test_the_last_row_continues_the_one_before() -> None:
     motion = _dance()
     array = MADE.encode(motion)
     later = np.r_[0:3, 193:263]

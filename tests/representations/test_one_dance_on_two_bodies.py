@@ -183,7 +183,7 @@ def unmarked(dataset: str, name: str) -> str:
 @pytest.mark.skipif(
     "DANCEDATA_TEST_NATIVE" in os.environ, reason="units run in another process, which is not counted"
 )
-def test_numbers_of_other_positions_are_measured_anew(dances: list[dict[str, Motion]], tmp_path: Path) -> None:
+def test_metrics_of_other_positions_are_recomputed(dances: list[dict[str, Motion]], tmp_path: Path) -> None:
     """A later `CROSSING` leaves what needed no other body in the cache of evaluations."""
     measured: list[str] = []
 

@@ -55,7 +55,7 @@ def test_layout(corpus: Path) -> None:
         assert (corpus / "truth" / f"{name}.npz").is_file()
 
 
-def test_pickles_hold_what_was_synthesised(corpus: Path) -> None:
+def test_pickles_hold_the_synthesised_motion(corpus: Path) -> None:
     for clip in make_plan(3, 2, 6.0).clips:
         content = load_pickle(corpus / "motions" / f"{clip.name}.pkl")
         assert isinstance(content, dict)
@@ -145,7 +145,7 @@ def test_source_that_cannot_be_made(tmp_path: Path) -> None:
         write_synthetic(tmp_path / "file" / "below")
 
 
-def test_a_write_cut_short_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_write_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "corpus"
     size: dict[str, Any] = {"songs": 2, "clips_per_song": 2, "clip_s": 3.0}
     with monkeypatch.context() as patch:
