@@ -304,7 +304,7 @@ def diff(
     atol: Annotated[float | None, typer.Option(help=ATOL_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show in what two built datasets differ; exit code 1 if they do."""
+    """Show the differences between two built datasets; exit code 1 if they do."""
     from dancedata.pipeline.diff import diff as run_diff
 
     compared = run_diff(a, b, atol=atol)

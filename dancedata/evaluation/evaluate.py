@@ -49,7 +49,7 @@ def evaluate(
     UsageError
         If the protocol cannot be computed from this motion, rates are mixed, or the pool is another protocol's.
     StoreError
-        If a dataset has other bytes than the build wrote.
+        If the bytes of a dataset differ from what the build wrote.
     """
     check_backend(backend, scheduler)
     if save is not None:

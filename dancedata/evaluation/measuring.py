@@ -187,7 +187,7 @@ def measure_clips(
     DataError
         "nothing_left", if no clip can be measured.
     StoreError
-        If a dataset has other bytes than the build wrote.
+        If the bytes of a dataset differ from what the build wrote.
     """
     cache, role = resources.cache, clip_set.role
     if clip_set.store is not None:

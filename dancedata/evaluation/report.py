@@ -14,7 +14,7 @@ from dancedata.evaluation.protocol import PROTOCOLS, Protocol
 from dancedata.evaluation.scores import Score, describe_outcome
 from dancedata.recipes.documents import document_of
 
-#: How papers write the names of scores.
+#: Names of scores as in papers.
 LABELS = {
     "fid_k": "FID_k", "fid_g": "FID_g", "div_k": "Div_k", "div_g": "Div_g", "bas": "BAS", "pfc": "PFC", "pbc": "PBC",
     "skating": "FSR", "skating_left": "FSR left", "skating_right": "FSR right",

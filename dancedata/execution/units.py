@@ -70,7 +70,7 @@ def run_units(
 ) -> list[R]:
     """Return function(*call) for every call, in order.
 
-    BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
+    BLAS and OpenMP run on one thread in each worker, for any `jobs`: sums in another order would change
     last digits, and builds have to be byte-identical.
 
     Where a worker process dies (out of memory, a crash in a decoder), the units that it may have been running are

@@ -50,7 +50,7 @@ class Layout:
     is_ours
         Whether the writer gives a file this name.
     erase
-        Removes a swapped folder as far as it is proved to be dancedata's; default: `discard`.
+        Removes the part of a swapped folder that is proved to be dancedata's; default: `discard`.
     prefix
         Put before "new" and "old" of a swap, to tell kinds apart.
     """

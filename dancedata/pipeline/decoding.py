@@ -193,7 +193,7 @@ def decode_file(
     UsageError
         As `decode`; for an unknown format or array, an unknown rate, and existing files.
     DataError
-        As `decode`; if the file cannot be read, or states another rate than `fps` or `like`.
+        As `decode`; if the file cannot be read, or states a rate other than `fps` or `like`.
     StoreError
         If the files cannot be written; then none is left.
 

@@ -207,7 +207,7 @@ def _encode_missing(
     motion = recipe.dataset.load(ref)
     motion = motion if copies is None else copies.motion_of(motion, ref.id)
     if motion.rotations.size * 3 <= _REMEMBERED:
-        motion = motion.with_cache()  # what every field, and in window scope every window, asks for
+        motion = motion.with_cache()  # requested by every field, and in window scope by every window
     encoded = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)

@@ -116,7 +116,7 @@ def axes_or_new(axes: Axes | None, width: float, height: float) -> Axes:
     return new_axes
 
 
-#: Colours of the middle, the left and the right of a body: told apart with every kind of colour vision.
+#: Colours of the middle, the left and the right of a body: distinguishable with every kind of colour vision.
 _SIDES = ("#4a525c", "#0072b2", "#c96a00")
 #: Metres between two poses, and inches of a metre.
 _SPACING, _INCHES = 1.1, 1.15

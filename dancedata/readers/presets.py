@@ -14,7 +14,7 @@ from dancedata.keymotion.characteristic_primitives import Variant, borders, prim
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.store.dataset import Store
 
-#: The name under which `fields` asks for primitives.
+#: The name of primitives in `fields`.
 PRIMITIVES = "primitives"
 
 

@@ -1,4 +1,4 @@
-"""What holds for plug-ins of every kind."""
+"""Checks of plug-ins of every kind."""
 
 import dataclasses
 import inspect
@@ -100,7 +100,7 @@ def check_metric(cls: type[Metric]) -> None:
     close = scores.keys() == turned.keys() and all(np.isclose(turned[k], scores[k], atol=1e-9) for k in scores)
     require(close, "scores do not depend on the order of clips")
     if cls.needs_pool:
-        raises(UsageError, lambda: metric.summarise(table), "a metric that needs a pool asks for it")
+        raises(UsageError, lambda: metric.summarise(table), "a metric that needs a pool requires it")
     raises(Undefined, lambda: metric.summarise(table[:0], table), "a set without clips is Undefined")
 
 

@@ -27,7 +27,7 @@ from dancedata.viewer.payload import Json, curve, figure_payload
 from dancedata.viewer.scenes import Scene, Scenes
 from dancedata.viewer.source import ClipSource
 
-#: Metres; numbers far beyond cannot be told from the square of a distance that overflows.
+#: Metres; far larger numbers cannot be distinguished from the square of a distance that overflows.
 _FARTHEST = 1e7
 
 

@@ -41,7 +41,7 @@ FILES = {
 
 
 class Hub(ThreadingHTTPServer):
-    """What the hub's client asks for: the description of a model, and its files."""
+    """The requests of the hub's client: the description of a model, and its files."""
 
     def __init__(self, files: dict[str, bytes]) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
@@ -51,7 +51,7 @@ class Hub(ThreadingHTTPServer):
         self.asked: list[str] = []
 
     def server_bind(self) -> None:
-        # Not HTTPServer's, which asks for this machine's name.
+        # Not HTTPServer's, which looks up this machine's name.
         socketserver.TCPServer.server_bind(self)
 
     @property
@@ -263,7 +263,7 @@ def test_without_a_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> N
 
 
 def test_the_command(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # What $HF_ENDPOINT sets when the client is imported.
+    # Set from $HF_ENDPOINT when the client is imported.
     monkeypatch.setattr(constants, "ENDPOINT", hub.url)
     address = hub.url + "/{repo_id}/resolve/{revision}/{filename}"
     monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", address)

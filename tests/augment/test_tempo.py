@@ -65,7 +65,7 @@ def test_beats_of_stretched_music_are_within_half_a_frame_of_where_they_belong(s
     assert faster.n_samples == stretched_length(signal.n_samples, speed)
     late = rises(faster, at / float(speed)) - rises(signal, at) / float(speed)
     assert np.abs(late).max() < HALF_A_FRAME_S
-    # What librosa finds in it is what it finds in music that was played at that tempo, to one row.
+    # librosa finds the same beats as in music played at that tempo, to one row.
     bpm = 120 * float(speed)
     played, when = hits(bpm, 12 / float(speed), 0.5 / float(speed))
     feature = FEATURES.get("librosa35")()

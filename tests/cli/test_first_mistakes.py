@@ -1,4 +1,4 @@
-"""What a user does wrong first, and what the command says to it."""
+"""Common first mistakes of users, and their error messages."""
 
 import json
 import shlex

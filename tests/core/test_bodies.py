@@ -142,7 +142,7 @@ def test_other_families_are_refused() -> None:
     for motion, target in ((motion_on(other), SMPLX22), (motion_on(SMPLX22), other)):
         with raises_message(UsageError):
             carried_over(motion, target)
-    # Its own joints are fine, whatever the family.
+    # Its own joints are fine, in any family.
     same = replace(other, offsets=other.offsets * 2)
     motion = motion_on(other)
     assert carried_over(motion, same) is motion

@@ -1,4 +1,4 @@
-"""Frame rates, times, windows: exact, whatever the rate."""
+"""Frame rates, times, windows: exact at any rate."""
 
 from fractions import Fraction
 from typing import Any

@@ -1,4 +1,4 @@
-"""Flags of clips whose unit makes no dancer: bodies by their bones, translations by what the pose asks for."""
+"""Flags of clips whose unit makes no dancer: bodies by their bones, translations by the pose."""
 
 from pathlib import Path
 from typing import Any

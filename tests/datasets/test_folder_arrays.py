@@ -120,7 +120,7 @@ def test_the_manifest_has_the_last_word_on_amass(tmp_path: Path) -> None:
     motion = load(path, {"fps": "30000/1001", "up": "y", "unit": "cm"}, fps=50, up="z", unit="mm")
     assert motion.grid.rate == Fraction(30000, 1001)
     assert np.allclose(motion.joints(), forward_kinematics(SMPLH52, poses, trans))
-    # What a recipe declares is for files that say nothing.
+    # Declarations of a recipe apply to files that state nothing.
     poses, trans = z_up(poses, trans, SMPLH52)
     np.savez(path, poses=poses.reshape(N, 156), trans=trans, mocap_framerate=120.0)
     assert load(path, fps=50, up="y", unit="mm").grid.rate == 120

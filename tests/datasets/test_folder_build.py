@@ -87,7 +87,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, scope: str) -> 
         assert {clip.id for clip in store.clips} == {"amass_poses", "rokoko_jesse_dance", "cmu_01_01", "fair1_dab"}
         assert np.isfinite(store.read(store.windows("train")[0], "edge151")).all()
         assert all(c.height_m is not None and 1.2 < c.height_m < 2.2 for c in store.clips)
-    # What a person sees: rates, axes, unit and height.
+    # Output for people: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
     for words in (
         "100 per second: 1",

@@ -1,4 +1,4 @@
-"""What may lie in a source folder where a file is expected, and names that no file should have."""
+"""Special files in a source folder, and names that no file should have."""
 
 import os
 import pickle

@@ -1,4 +1,4 @@
-"""Splits by a rule: a function of the group's name and the seed, whatever else there is."""
+"""Splits by a rule: a function of the group's name and the seed alone."""
 
 import hashlib
 import json
@@ -182,7 +182,7 @@ def source(tmp_path: Path) -> Path:
 
 
 def write_manifest(source: Path, lines: list[str]) -> None:
-    # Equal samples are one song, whatever its names are.
+    # Equal samples are one song, under any names.
     song = (source / "music/slow.wav").read_bytes()
     for k in range(6):
         (source / f"music/s{k}.wav").write_bytes(song[: -2 * k - 2] + (k + 1).to_bytes(2, "little") * (k + 1))

@@ -32,7 +32,7 @@ class Demo:
 
     @property
     def whole(self) -> bool:
-        """Whether it is the demo of the page."""
+        """True for the demo of the page."""
         return self.clip == CLIP
 
 

@@ -149,7 +149,7 @@ def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any)
     junk = padded.copy()
     junk[1, 131:] = columns[0, 0]  # what a network makes of padded rows
     loud = heard.copy()
-    loud[1, 131:, 34] = 1  # beats behind the end are not of the sample
+    loud[1, 131:, 34] = 1  # beats after the end do not belong to the sample
     evaluator.update(junk, ids=ids[:4], music=loud, lengths=sizes)
     assert len(evaluator) == 4
     evaluator.reset()

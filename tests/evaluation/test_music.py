@@ -1,4 +1,4 @@
-"""Where beats of music are from."""
+"""Sources of music beats."""
 
 from collections.abc import Mapping
 from pathlib import Path

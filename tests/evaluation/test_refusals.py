@@ -1,4 +1,4 @@
-"""What is refused, and what is counted instead of being hidden."""
+"""Refused input, and problems that are counted instead of hidden."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -47,7 +47,7 @@ recipe, source, out, cache, jobs = sys.argv[1:]
 import numpy  # before anything can be chosen
 build(load_recipe(recipe), Path(source), Path(out), cache=Path(cache), jobs=int(jobs))
 """
-#: What a user may have set, or another processor would choose.
+#: Settings that a user may have, or another processor would choose.
 SETTINGS = {
     "nothing": {},
     "Sandybridge": {"OPENBLAS_CORETYPE": "Sandybridge"},

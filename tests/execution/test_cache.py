@@ -358,7 +358,7 @@ def test_a_song_that_changes_during_a_build_is_set_aside(
     identified = audio_units.identify_audio(own, song)
     assert isinstance(identified, SignalId)
     if how == "at rest":
-        # What is as it was is not hashed again.
+        # Unchanged files are not hashed again.
         monkeypatch.setattr(AudioSignal, "sha256", None)
     elif how == "touched":
         os.utime(song, (0, 0))

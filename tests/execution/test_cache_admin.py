@@ -1,4 +1,4 @@
-"""dancedata cache info, prune and verify, by way of the command line and of the functions behind it."""
+"""dancedata cache info, prune and verify, through the command line and through its functions."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Files that dancedata did not make: whatever their names, no command removes or changes them."""
+"""Files that dancedata did not make: no command removes or changes them, under any name."""
 
 import json
 import os

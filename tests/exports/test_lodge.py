@@ -43,7 +43,7 @@ def test_the_normaliser_is_of_lodges_classes(export, built, over: str, tmp_path,
     torch = pytest.importorskip("torch")
     out, store = export("finedance", "lodge", scaler=over).path, built("finedance").store
     assert not any(name.startswith("dld") for name in sys.modules)
-    # Lodge's module, as far as a pickle needs it.
+    # The part of Lodge's module that a pickle needs.
     module = tmp_path / "site" / "dld" / "data" / "utils"
     module.mkdir(parents=True)
     (module / "preprocess.py").write_text("class Normalizer: pass\nclass MinMaxScaler: pass\n")

@@ -30,7 +30,7 @@ DOCUMENT: dict[str, Any] = {
     "windows": {"length_s": 5, "stride_s": 0.5},
     "motion": {"edge151": {}, "humanml263": {}, "joints": {}},
 }
-#: What a file's own layout does not say.
+#: Facts that a file's layout does not state.
 ANY = Reading(Declared(), Declared())
 
 
@@ -246,7 +246,7 @@ def test_missing_requirements_are_named(dataset: Path, tmp_path: Path) -> None:
 
 
 def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) -> None:
-    """Where only positions come back, rotations are fitted to them."""
+    """If only positions are restored, rotations are fitted to them."""
     dancedata.export(dataset, "bvh", tmp_path / "out", progress=False, field="humanml263")
     clip = store.clips[0].id
     motion = load_motion(tmp_path / "out" / "bvh_m" / f"{clip}.bvh", Reading(Declared(unit="m", up="y"), Declared()))

@@ -1,4 +1,4 @@
-"""What a dataset lacks is said at once, before anything is written."""
+"""Missing requirements of a dataset are reported together, before anything is written."""
 
 from collections.abc import Callable
 from pathlib import Path

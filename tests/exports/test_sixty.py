@@ -251,7 +251,7 @@ def test_unpaired_records_are_drawn_from_a_seed(built, aist, tmp_path: Path) -> 
     pairs = [[r for p in sorted(out.glob("*testval*")) for r in records(p)] for out in results]
     names = [[r["motion_name"].decode() for r in one] for one in pairs]
     same = [songs[r["motion_name"].decode()] == r["audio_name"].decode() for r in pairs[0]]
-    assert same.count(True) == len(songs)  # the pairs that are meant, and no other
+    assert same.count(True) == len(songs)  # only the intended pairs
     assert names[0] == names[1]
     assert sorted(names[0]) == sorted([*songs] * 4)
     files = [sorted(out.iterdir()) for out in results]

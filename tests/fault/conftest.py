@@ -1,4 +1,4 @@
-"""A small corpus and a plug-in feature that takes its time, counts its calls, and kills its process if told to."""
+"""A small corpus and a plug-in feature that takes its time, counts its calls, and kills its process on request."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ from dancedata.synthetic import write_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
 SONGS = 4
-#: How the names of folders begin that joblib makes for large arguments, unless it is told otherwise.
+#: Prefix of the folders that joblib makes for large arguments, by default.
 JOBLIB = "joblib_memmapping_folder"
 
 #: The feature, installed as a third-party distribution. Files of the folder $SLOW control its side effects.

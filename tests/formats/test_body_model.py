@@ -85,7 +85,7 @@ def test_parts_and_betas(tmp_path: Path) -> None:
 
 
 def test_the_library_gives_the_same_joints(tmp_path: Path) -> None:
-    """smplx itself, on a model with all that it asks for."""
+    """smplx itself, on a model with everything that it requires."""
     pytest.importorskip("smplx")
     torch = pytest.importorskip("torch")
     from smplx.body_models import SMPLX

@@ -1,4 +1,4 @@
-"""What WHAM, PHALP, GVHMR and others write: read, divided by people, put on the frames of the video, built."""
+"""Files of WHAM, PHALP, GVHMR and others: read, divided by people, put on the frames of the video, built."""
 
 import pickle
 import wave

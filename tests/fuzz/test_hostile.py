@@ -18,7 +18,7 @@ windows: {length_s: 2, stride_s: 1}
 motion: {edge151: {}}
 audio: {librosa35: {}}
 """
-#: Far above what a build of one clip takes, far below what the files ask for. Processor time, not time.
+#: Far above what a build of one clip takes, far below unrestricted reading. Processor time.
 CPU_S, ADDRESS_SPACE = 120, 6 << 30
 
 

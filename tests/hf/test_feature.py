@@ -107,7 +107,7 @@ def _seams(whole: HuggingFaceEncoder, cut: HuggingFaceEncoder) -> np.ndarray:
 def test_seams(
     kind: str, layers: Any, tolerance: float, offset_s: float, encoder: Callable[..., HuggingFaceEncoder]
 ) -> None:
-    """What convolutions see is the same in chunks as in the whole."""
+    """Convolutions see the same in chunks as in the whole."""
     cut = encoder(kind, layers=layers, chunk_s=2 + offset_s, overlap_s=1.2)
     assert _seams(encoder(kind, layers=layers), cut).max() < tolerance
 
@@ -234,7 +234,7 @@ def test_blocks_that_do_not_fit_stay_on_the_host(encoder: Callable[..., HuggingF
 
 
 def test_memory_is_flat(encoder: Callable[..., HuggingFaceEncoder], monkeypatch: pytest.MonkeyPatch) -> None:
-    """No batch is longer than a chunk, whatever the song; rows that are done take the type that is stored."""
+    """No batch is longer than a chunk, for any song; rows that are done take the type that is stored."""
     own = encoder("wav2vec2-large", chunk_s=2, overlap_s=0.4)
     seen = _spied(own, monkeypatch)
     finished: list[int] = []

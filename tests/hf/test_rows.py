@@ -211,7 +211,7 @@ def _once(make: Callable[[str], Any], kind: str) -> Any:
 
 
 def _response(own: HuggingFaceEncoder, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """How much each frame of the front end changes with a click at sample `at`, and the frames' stamps in samples."""
+    """Change of each frame of the front end with a click at sample `at`, and the frames' stamps in samples."""
     family = own.settings.family
     base = np.random.default_rng(0).normal(0, 0.1, n).astype(np.float32)
     click = base.copy()
@@ -238,7 +238,7 @@ SEE_BOTH_SIDES = (
 def test_a_click_is_in_the_middle_of_the_frames_that_see_it(
     kind: str, encoder: Callable[..., HuggingFaceEncoder]
 ) -> None:
-    """Within half a hop: as many frames before a click answer to it as behind it."""
+    """Within half a hop: as many frames respond before a click as after it."""
     own = encoder(kind, normalize="none", **({} if kind in ("clap", "dac") or "encodec" in kind else {"layers": 0}))
     family = own.settings.family
     hop, n = float(family.timing.hop), min(own.settings.chunk_samples, int(24 * family.timing.hop))

@@ -22,7 +22,7 @@ Answer = Callable[[socket.socket], None]
 
 
 class Server:
-    """Reads a request and answers with bytes, whatever they are."""
+    """Reads a request and answers with the given bytes."""
 
     def __init__(self) -> None:
         self.listening = socket.create_server(("127.0.0.1", 0))

@@ -62,7 +62,7 @@ def test_every_tensor_bit_for_bit(tiny: SimpleNamespace, file: str) -> None:
 
 
 def test_storages_are_tagged_as_on_a_gpu(tiny: SimpleNamespace) -> None:
-    # As in the real files: torch.load needs to be told to leave the GPU alone, ours does not look.
+    # As in the real files: torch.load needs an option to leave the GPU alone, ours does not.
     assert b"cuda:0" in (tiny.folder / PRIOR_FILE).read_bytes()[:4096]
 
 

@@ -60,7 +60,7 @@ def test_key_motion(peers: Any, golden: Any, windows: list[np.ndarray], clip: in
     found = cues.frames.reshape(-1, 139)[:, columns]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=0 if peers.whole else 1e-5)
     assert hashlib.sha256(window.tobytes()).digest() == before
-    # What Lodge wrote into its batch are the frames of all pieces but the first.
+    # Lodge wrote the frames of all pieces but the first into its batch.
     changed = np.zeros(1024, dtype=bool)
     changed[cues.start[1:, None] + np.arange(8)] = True
     np.testing.assert_array_equal(changed, golden[f"L1024_fi{n}.input_changed_frames"][clip])
@@ -83,7 +83,7 @@ def test_the_next_of_a_dropped_minimum_survives() -> None:
 def test_gaps_are_halved_and_marked() -> None:
     assert key_frames([], 3, 1024) == [Key(260, True), Key(512, True), Key(764, True)]
     assert key_frames([512], 3, 1024) == [Key(260, True), Key(512, False), Key(764, True)]
-    # No gap of 10 frames or more: the first one is taken, whatever it is.
+    # No gap of 10 frames or more: the first one is taken, at any width.
     assert [key.frame for key in key_frames([12, 20], 4, 32)] == [9, 10, 12, 20]
 
 

@@ -1,4 +1,4 @@
-"""Builds: equal bytes whatever the way there, nothing twice, nothing of others touched, nothing half."""
+"""Builds: equal bytes in every way of building, nothing computed twice, foreign files untouched."""
 
 import os
 import pickle

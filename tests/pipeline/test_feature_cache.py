@@ -205,7 +205,7 @@ def test_the_dataset_of_the_page(
     names: dict[str, Any] = {}
     exec(compile(code, str(PAGE), "exec"), names)
     dataset = names["OnTheFly"](folder)
-    # Every worker asks for every song, twice.
+    # Every worker requests every song, twice.
     sampler = [0, 1, 1, 0] * 2
     batches = list(torch.utils.data.DataLoader(dataset, batch_size=4, sampler=sampler, num_workers=2))
     assert batches[0]["music"].shape == (4, 150, 35)

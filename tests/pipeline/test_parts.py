@@ -1,4 +1,4 @@
-"""dancedata build --part K/N: the same keys as the build that collects, whatever the feature. Bytes: tests/fault."""
+"""dancedata build --part K/N: the same keys as the build that collects, for any feature. Bytes: tests/fault."""
 
 from dataclasses import replace
 from pathlib import Path

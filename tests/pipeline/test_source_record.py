@@ -1,4 +1,4 @@
-"""A dataset knows what each of its clips was built from: another source is told file by file."""
+"""A dataset records the files of each clip: another source is reported file by file."""
 
 import json
 import pickle

@@ -60,7 +60,7 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: 
     lags = range(-400, 401, 10)
     fits = [float(np.dot(samples[1000:40000], there[1000 + k : 40000 + k])) for k in lags]
     assert abs(list(lags)[int(np.argmax(fits))]) <= 30
-    # The picture of a frame is the drawing of that frame, as far as the encoder keeps it.
+    # The picture of a frame is the drawing of that frame, up to the encoder's loss.
     scenes = Scenes(ds)
     scene = scenes.scene(scenes.find(clip.id))
     frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light")

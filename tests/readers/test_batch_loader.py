@@ -170,7 +170,7 @@ def test_resumes_in_the_middle_of_an_epoch(mixed_store: Store) -> None:
 
 
 def parts_of(batch: dict[str, Any]) -> list[Any]:
-    """What shares a batch's memory without being it: rows, an array, a view as another type, a tensor made of one."""
+    """Objects that share a batch's memory: rows, an array, a view as another type, a tensor made of one."""
     array = batch["lodge139"][:, ::2].numpy()
     return [
         batch["fast"][3],
@@ -432,7 +432,7 @@ def test_pinned_memory_with_a_device(mixed_store: Store) -> None:
 
 
 def test_pinned_memory_is_allocated_by_torch(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What can be seen of it without a device: every array is torch's, and the batches are the same."""
+    """Behaviour that is testable without a device: every array is torch's, and the batches are the same."""
     if torch.cuda.is_available():
         pytest.skip("test_pinned_memory_with_a_device does this")
     asked: list[tuple[int, ...]] = []

@@ -62,7 +62,7 @@ def assert_equal(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
 
 
 def plain(dataset: WindowDataset, place: int, mirrored: bool, name: str) -> np.ndarray[Any, Any]:
-    """Read one field of one window a step at a time, by other means than the dataset."""
+    """Read one field of one window a step at a time, independently of the dataset."""
     rows = dataset.store.read(dataset.windows[place], name)
     columns = dataset.store.fields[name]
     if mirrored and dataset.store.field(name).kind == "motion":

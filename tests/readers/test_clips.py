@@ -276,7 +276,7 @@ def test_streams_of_windows_and_of_buckets(made: RandomStore) -> None:
 
 @pytest.mark.parametrize("n_samples", [96, 101])
 def test_other_ranks_take_the_same_samples_in_each_step(n_samples: int) -> None:
-    """What is exact after a change of the number of ranks, where batch size times ranks stays the same."""
+    """Exactness after a change of the number of ranks, where batch size times ranks stays the same."""
     for sizes in ((1, 12), (2, 6), (3, 4), (4, 3)):
         ranks, size = sizes
         samplers = [EpochSampler(n_samples, seed=4, rank=rank, world_size=ranks) for rank in range(ranks)]

@@ -1,4 +1,4 @@
-"""Which windows a reader gives: lists, protocols, trims, movement, presets; and what it says it left out."""
+"""Selection of windows: lists, protocols, trims, movement, presets; and the reported rejects."""
 
 import pickle
 from collections.abc import Callable

@@ -127,7 +127,7 @@ def test_positions_are_taken_as_they_are() -> None:
 
 @dataclass(frozen=True)
 class Paths(Representation):
-    """HumanML3D's columns, as far as joints depend on them."""
+    """The columns of HumanML3D that joints depend on."""
 
     version: ClassVar[int] = 1
     name: ClassVar[str] = "paths"

@@ -29,7 +29,7 @@ def document(**changes: Any) -> dict[str, Any]:
 
 
 def problem_of(*, set: tuple[str, ...] = (), **changes: Any) -> str:
-    """What the error of a wrong recipe says."""
+    """Return the message for a wrong recipe."""
     changed = document(**changes)
     for override in set:
         apply_override(changed, override)

@@ -21,7 +21,7 @@ from tests.messages import raises_message
 
 
 def checksum(store: Store, position: int) -> float:
-    """Read one window of train, in whatever process this runs."""
+    """Read one window of train, in the current process."""
     window = store.windows("train")[position]
     return float(sum(np.abs(store.read(window, f).astype(np.float64)).sum() for f in store.fields))
 
@@ -286,7 +286,7 @@ def test_fork_after_reading(make_store: Any) -> None:
     for i in range(8):
         child = os.fork()
         if child == 0:
-            # Out by _exit whatever happens: this is a copy of the test runner.
+            # Always end by _exit: this is a copy of the test runner.
             try:
                 same = all(checksum(store, k) == wanted[k] for k in (i, 0, 7 - i))
             finally:

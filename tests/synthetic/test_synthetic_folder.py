@@ -189,5 +189,5 @@ def test_example_covers_the_splits(tmp_path: Path) -> None:
     assert any("example" in note for note in scan.notes)
     with raises_message(SourceError):
         Synthetic(seed=1).scan(tmp_path / "example")
-    with raises_message(SourceError):  # it asks for the whole corpus
+    with raises_message(SourceError):  # it requires the whole corpus
         write_synthetic(tmp_path / "example")

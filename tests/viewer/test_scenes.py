@@ -1,4 +1,4 @@
-"""What is drawn is what the dataset holds."""
+"""The page draws the content of the dataset."""
 
 import base64
 import gzip

@@ -1,4 +1,4 @@
-"""EDGE's evaluation on AIST++, as far as it was released."""
+"""EDGE's evaluation on AIST++, the released part."""
 
 from types import MappingProxyType
 

@@ -22,7 +22,7 @@ from dancedata.files.publish import MARKER, Layout, discard, is_claimed, mark, n
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
 
-#: The file of a finished export that says what it is.
+#: The file of a finished export that describes it.
 ABOUT = "export.json"
 README = "README.md"
 #: Largest export.json, bytes: some 250 a file.
@@ -138,7 +138,7 @@ def remove_export(folder: Path) -> None:
 
 
 def _erase(folder: Path) -> None:
-    """Remove a folder; its proof goes last, so that the next export removes what a killed process leaves of it."""
+    """Remove a folder; its proof goes last, so that the next export removes the rest left by a killed process."""
     about = read_about(folder)
     if not is_claimed(folder) and (about is None or foreign_files(folder, about["files"])):
         discard(folder, _LAYOUT)
