@@ -271,7 +271,7 @@ def new(
     out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
     as_json: AsJson = False,
 ) -> None:
-    """Write a plug-in and its test from a template; the test passes as it is."""
+    """Write a plug-in and its test from a template; the test passes unchanged."""
     from dancedata.cli.plugins import write_plugin
 
     plugin = write_plugin(kind, name, out)

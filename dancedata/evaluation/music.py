@@ -299,7 +299,7 @@ def about_windows(store: Store, rule: MusicRule) -> list[str]:
 
 
 def song_name(text: str) -> str:
-    """Return the name of a song: that of a music file without folder and suffix, any other text as it is."""
+    """Return the name of a song: that of a music file without folder and suffix, any other text unchanged."""
     path = Path(text.strip())
     return path.stem if path.suffix.lower() in AUDIO_SUFFIXES else path.name
 

@@ -22,7 +22,7 @@ Jobs = int | Executor
 
 #: After how many deaths of a worker that runs nothing else a unit is named as their cause.
 DEATHS_ALONE = 2
-#: After how many deaths in a row of workers that have not run a unit a stage ends.
+#: Consecutive deaths of workers that have not run a unit, after which a stage ends.
 BLIND_DEATHS = 3
 
 

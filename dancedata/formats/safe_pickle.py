@@ -371,7 +371,7 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES) -> Any:
 
 
 _SAVE_ARRAYS = (
-    "Else, with the program that has written it, load the file and save its arrays alone: "
+    "Otherwise, with the program that has written it, load the file and save its arrays alone: "
     "numpy.savez(file, poses=..., trans=...)"
 )
 

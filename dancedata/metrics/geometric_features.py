@@ -93,7 +93,7 @@ class _Pose:
     def angle(self, one: Float64Array, two: Float64Array, low: float, high: float) -> BoolArray:
         """Return whether the angle between two vectors is within limits, degrees."""
         lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
-        # As in the original: a cosine that rounding puts above 1 is no angle, so that the rule does not hold.
+        # As in the original: a cosine that rounding puts above 1 has no angle, so that the rule does not hold.
         degrees = np.degrees(np.arccos((one * two).sum(axis=1) / lengths))
         return np.asarray((degrees > low) & (degrees < high))
 

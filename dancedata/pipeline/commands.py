@@ -74,7 +74,7 @@ def build(
     -------
     BuildResult
         Path, counts per split, counts of rejects by reason; `open()` opens the dataset. A dataset that was
-        built before from the same recipe and source is left as it is.
+        built before from the same recipe and source is left unchanged.
 
     Raises
     ------

@@ -129,7 +129,7 @@ def _decoded(
     if not plugin.decodes:
         raise UsageError(
             f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
-            fix="use the positions as they are, or store a representation that holds rotations as well",
+            fix="use the positions unchanged, or store a representation that holds rotations as well",
         )
     array = _numbers(array, representation)
     _require_shape(array, plugin, representation)

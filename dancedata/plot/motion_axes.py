@@ -47,7 +47,7 @@ def features(
     Returns
     -------
     matplotlib.axes.Axes
-        Time in seconds to the right; a line a column, the first at the top, each scaled by its 2nd and 98th
+        Time in seconds to the right; a line per column, the first at the top, each scaled by its 2nd and 98th
         percentile. Beats are white lines.
 
     Raises

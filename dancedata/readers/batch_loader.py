@@ -45,7 +45,9 @@ class BatchLoader:
     pinned
         Whether batches are in pinned memory.
 
-    Notes ----- Batches belong to the caller; memory is reused once no tensor or array refers to it (a bare address,
+    Notes
+    -----
+    Batches belong to the caller; memory is reused once no tensor or array refers to it (a bare address,
     ``tensor.data_ptr()``, does not keep it alive). Order, ranks and resuming are the sampler's, which is read
     `prefetch` batches ahead: in the middle of an epoch the state is ``sampler.at(epoch, consumed)``. One iteration at
     a time: another one ends the previous one, which then raises an error, as it does in a forked process.

@@ -1,4 +1,4 @@
-"""BatchStream: batches by their global step, without an end, as an iterable torch dataset; or epoch by epoch."""
+"""BatchStream: batches by their global step, endless, as an iterable torch dataset; or epoch by epoch."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ class BatchStream(IterableDataset[Any]):
 
     The checkpoint's state of the data is the step, nothing else.
 
-    Notes ----- The batches and their order are the same with any number of workers. The sampler deals the samples of
+    Notes
+    -----
+    The batches and their order are the same with any number of workers. The sampler deals the samples of
     a step to the ranks, so that no other library should (Accelerate: no `prepare`); with other ranks a step has the
     same samples, on all of them together, if batch size times ranks is the same. The dataset's epoch is that of the
     step, for any `set_epoch`. docs/training.md.
@@ -60,7 +62,7 @@ class BatchStream(IterableDataset[Any]):
         start_step
             Global step of the first batch; may be set before each ``iter(loader)``.
         steps
-            Number of batches; None: without an end.
+            Number of batches; None: endless.
         drop_last
             Whether the last batch of an epoch is left out if it is not full.
 

@@ -113,7 +113,7 @@ class Preset:
     protocol
         Name of lists such as "cross_genre.train", which define the clips of a split instead of the stored splits.
     filter
-        Which windows are kept.
+        Filter of the windows.
     relative_root
         Whether the root's translation is relative to the window's first frame.
     normalize

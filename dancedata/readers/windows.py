@@ -111,7 +111,9 @@ class WindowDataset(SplitDataset):
     rejects
         Clips and windows that were left out, and why: "ignored", "too_short", "still", "filtered".
 
-    Notes ----- Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this
+    Notes
+    -----
+    Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this
     dataset does: the same in every worker, on every rank, and after a resume; else each reading draws from torch's
     generator. With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D),
     ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,), for windows of one local segment

@@ -136,7 +136,7 @@ class TestBadFiles:
         read(tmp_path / "a.wav")
 
     def test_silence_that_is_long_once_resampled(self, tmp_path: Path, read: Callable[[Path], object]) -> None:
-        """Half an hour at 4 kHz: 29 MB as it is, 346 MB at 48 kHz, in a file of some kilobytes."""
+        """Half an hour at 4 kHz: 29 MB unchanged, 346 MB at 48 kHz, in a file of some kilobytes."""
         soundfile.write(tmp_path / "a.flac", np.zeros(4000 * 1800, np.int16), 4000)
         assert (tmp_path / "a.flac").stat().st_size < 200_000
         with raises_message(DataError) as error:

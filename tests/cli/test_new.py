@@ -1,4 +1,4 @@
-"""dancedata new: every template passes the conformance suite as it is, and nothing is overwritten."""
+"""dancedata new: every template passes the conformance suite unchanged, and nothing is overwritten."""
 
 import importlib
 import json

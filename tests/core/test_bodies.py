@@ -128,7 +128,7 @@ def test_an_own_body_keeps_its_bones() -> None:
         np.testing.assert_allclose(found.joints()[:, :22], motion_on(tall).joints()[:, :22], atol=1e-12)
         # On the target's bones if requested.
         assert on_body(motion_on(tall), target).skeleton is target
-    # SMPL's hands are no joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
+    # SMPL's hands are not joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
     assert carried_over(motion_on(tall), SMPL24).skeleton is SMPL24
     assert (
         carried_over(motion_on(replace(SMPL24, name="mine", offsets=SMPL24.offsets * 1.2)), SMPLX22).skeleton

@@ -70,7 +70,7 @@ def test_resampled_length_of_a_whole_ratio_is_that_of_a_slice(n: int, step: int)
 
 
 @given(rates, rates, st.integers(0, 5000))
-def test_rows_lie_at_the_same_instant(a: FrameGrid, b: FrameGrid, frame: int) -> None:
+def test_rows_are_at_the_same_instant(a: FrameGrid, b: FrameGrid, frame: int) -> None:
     try:
         assert b.seconds(a.rows(frame, of=b)) == a.seconds(frame)
     except UsageError:

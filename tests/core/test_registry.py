@@ -169,7 +169,7 @@ def test_two_plug_ins_of_one_name() -> None:
     class First(Plugin):
         version = 1
 
-    registry.register("a")(First)  # a module imported twice is no clash
+    registry.register("a")(First)  # a module imported twice is not a clash
     with raises_message(UsageError):
 
         @registry.register("a")

@@ -113,7 +113,7 @@ class FineCopy(Copy):
         return path
 
     def label(self, clip: str, content: Any) -> Path:
-        """Write one label: JSON of anything, or bytes as they are."""
+        """Write one label: JSON of anything, or raw bytes."""
         data = content if isinstance(content, bytes) else json.dumps(content).encode()
         return self.write(f"label_json/{clip}.json", data)
 

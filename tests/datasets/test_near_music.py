@@ -1,4 +1,4 @@
-"""Missing music: the file that may be it, for every reader that matches music by name; and none that is not it."""
+"""Missing music: the likely file is named, for every reader that matches music by name; no unrelated file is."""
 
 import shutil
 from collections.abc import Callable
@@ -93,7 +93,7 @@ def test_aistpp_in_edges_layout_too(example: Any, tmp_path: Path) -> None:
     assert reject.fix == f"mv -n wavs/{one.name.lower()} wavs/{one.name}"
 
 
-def test_finedance_says_it_of_clips_that_a_recipe_may_do_without(example: Any) -> None:
+def test_finedance_names_it_for_optional_clips(example: Any) -> None:
     source = example("finedance")
     (source / "music_wav" / "001.wav").rename(source / "music_wav" / "1.wav")
     fixes = {clip.id: clip.music_fix for clip in DATASETS.get("finedance")().scan(source).clips}

@@ -106,7 +106,7 @@ def test_tables_of_clips_are_not_run_by_spreadsheets(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(names)
     assert not [row["clip"] for row in rows if row["clip"][0] in "=+-@\t\r"]
-    assert all(np.isfinite(float(row["pbc"])) for row in rows)  # numbers, also those below 0, as they are
+    assert all(np.isfinite(float(row["pbc"])) for row in rows)  # numbers, including those below 0, unchanged
     with open(tmp_path / "songs.csv", "w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows((row["clip"], "song") for row in rows)
     assert set(read_songs(tmp_path / "songs.csv")) == set(names)

@@ -72,7 +72,7 @@ def test_a_bar_in_a_notebook(is_notebook: bool, monkeypatch: pytest.MonkeyPatch)
         bars.append((Bar(), options))
         return bars[-1][0]
 
-    # A notebook's stderr is no terminal.
+    # A notebook's stderr is not a terminal.
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     shell = SimpleNamespace(config={"IPKernelApp": {}} if is_notebook else {})
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))  # type: ignore[misc]

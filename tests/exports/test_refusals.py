@@ -147,7 +147,7 @@ def test_the_source_is_known_without_being_named(built, tmp_path: Path, name: st
         with raises_message(UsageError):
             dancedata.export(made.path, "npz", out, progress=False)
     assert sorted(made.source.rglob("*")) == before
-    # Beside it, and where other files have the names of clips, is no source.
+    # Neither a folder next to it nor one with other files of the clips' names is a source.
     (tmp_path / "motions").mkdir()
     for path in motions.iterdir():
         (tmp_path / "motions" / path.name).write_bytes(b"another")

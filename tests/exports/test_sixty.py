@@ -80,7 +80,7 @@ def test_bailandos_songs(bailando: Path, built) -> None:
 
 
 def test_files_of_one_song(built, aist, tmp_path: Path) -> None:
-    """Loaders read one file per song: that of one sequence, if those of others are its beginning."""
+    """Loaders read one file per song: that of one sequence, if those of the others are its beginning."""
 
     def songs(name: str, sound: bytes) -> dict[str, bytes]:
         if name == "mBR0":

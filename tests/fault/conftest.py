@@ -37,7 +37,7 @@ from dancedata.core.registry import FEATURES
 @FEATURES.register("slow")
 @dataclass(frozen=True)
 class Slow(AudioFeature):
-    """Time, and a number that says which signal it is."""
+    """Time, and a number that identifies the signal."""
 
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)

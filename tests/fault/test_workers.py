@@ -314,7 +314,7 @@ except KeyboardInterrupt:
 
 
 def test_an_interrupt_while_workers_start_ends_them(tmp_path: Path) -> None:
-    """Else the interpreter would wait at its end until all units are computed."""
+    """Otherwise the interpreter would wait at its end until all units are computed."""
     done = script(RUN + INTERRUPTED, tmp_path)
     assert done.stdout == "interrupted\n", done.stderr
     assert len(list(tmp_path.iterdir())) < 200
@@ -361,7 +361,7 @@ print(*(os.environ.get(name) for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP
 def test_workers_keep_memory_unless_the_user_chose(
     user: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else encoding motion spends a fifth of its time in the system, which clears the same pages again and again."""
+    """Otherwise encoding motion spends a fifth of its time in the system, clearing the same pages."""
     for name in [name for name in os.environ if name.startswith("MALLOC_")] + ["GLIBC_TUNABLES"]:
         monkeypatch.delenv(name, raising=False)
     for name, value in user.items():

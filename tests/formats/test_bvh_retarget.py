@@ -108,7 +108,7 @@ def test_a_rest_pose_like_smpls_gives_the_rotations_back(tmp_path: Path, danced:
 
 
 def test_axes_turned_by_quarters_give_the_rotations_back(tmp_path: Path, danced: Motion) -> None:
-    """As in Rokoko's files, whose rest pose is no body's: feet, head and limbs are turned back."""
+    """As in Rokoko's files, whose rest pose is not a body's: feet, head and limbs are turned back."""
     rng = np.random.default_rng(5)
     quarters = Rotation.create_group("O")
     frames = Rotation.concatenate([quarters[int(k)] for k in rng.integers(0, 24, 24)])

@@ -86,7 +86,7 @@ def test_guided_by_coverage() -> None:
 
 
 def test_an_interrupted_run_resumes(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The order of batches depends on nothing but the run, so that the number of those done says which are left."""
+    """The order of batches depends only on the run, so that the number of finished ones determines the rest."""
     run: list[tuple[Any, ...]] = []
 
     def batch(target: str, **about: Any) -> dict[str, Any]:

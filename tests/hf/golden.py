@@ -1,4 +1,4 @@
-"""Models whose files and outputs are kept: what releases of transformers must leave as it is.
+"""Models whose files and outputs are kept: releases of transformers must not change them.
 
 The cache key of the feature hf does not have the version of transformers (decision 0024), so a release that changes
 numbers has to fail a test. `data/golden.json.gz` has, for each kind of model, config.json, the extractor's parameters

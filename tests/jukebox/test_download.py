@@ -23,7 +23,7 @@ def _remote(name: str = "a.bin", data: bytes = DATA) -> RemoteFile:
 
 
 class _Server(ThreadingHTTPServer):
-    """Serves DATA under every name; what it does wrong is set by its attributes."""
+    """Serves DATA under every name; its attributes choose its faults."""
 
     daemon_threads = True
 
@@ -38,7 +38,7 @@ class _Server(ThreadingHTTPServer):
         self.asked: list[str | None] = []
 
     def handle_error(self, *_: object) -> None:
-        """Clients that go away are what is tested."""
+        """Print nothing: lost clients are part of the tests."""
 
     @property
     def url(self) -> str:
@@ -201,7 +201,7 @@ def test_without_a_stated_length_the_size_or_the_hash_tells(server: _Server, tmp
     assert _left(tmp_path / "unknown") == []
 
 
-def test_nobody_listens(tmp_path: Path) -> None:
+def test_no_server_listens(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="download failed"):
         _fetch(tmp_path, "http://127.0.0.1:9/", attempts=2)
 

@@ -56,7 +56,7 @@ def test_key_motion(peers: Any, golden: Any, windows: list[np.ndarray], clip: in
     before = hashlib.sha256(window.tobytes()).digest()
     cues = primitives(window, 1024, n, variant="code")
     assert (cues.start[~cues.hard] + 4).tolist() == golden[f"L1024_fi{n}.selected"][clip].tolist()
-    # Of Lodge's own columns the very values, of ours within the gate of columns.
+    # Equal for Lodge's own columns, within the gate of columns for ours.
     found = cues.frames.reshape(-1, 139)[:, columns]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=0 if peers.whole else 1e-5)
     assert hashlib.sha256(window.tobytes()).digest() == before
@@ -146,7 +146,7 @@ def test_overlapping_pieces_see_earlier_writes() -> None:
     assert window[:, 4].tolist() == list(range(64))
 
 
-def test_later_pieces_leave_the_first_as_it_is() -> None:
+def test_later_pieces_do_not_change_the_first() -> None:
     window = np.zeros((512, 7))
     window[:, 4] = np.arange(512.0)
     keys = [Key(frame, False) for frame in range(60, 460, 25)]

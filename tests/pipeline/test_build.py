@@ -271,7 +271,7 @@ def test_cached_units_are_not_computed_again(
 ):
     loads = count_calls(monkeypatch, AistPP, "load")
     extracts = count_calls(monkeypatch, Librosa35, extract)
-    # Equal content in another folder, cut otherwise where windows are no part of what is computed.
+    # Equal content in another folder, cut differently where windows do not affect the results.
     stride = ["windows.stride_s=1"] if scope == "aist++" else []
     run_build(source, out, scope, set=[*stride, "name=another"])
     assert (loads, extracts) == ([], [])

@@ -45,7 +45,7 @@ class Shift(CopyAugmentation):
 
 @dataclass(frozen=True)
 class Speckle(CopyAugmentation):
-    """Rows with noise, another one for each clip; key motions as they are."""
+    """Rows with noise, another one for each clip; key motions unchanged."""
 
     version: ClassVar[int] = 1
     changes: ClassVar[Literal["rows", "motion", "time"]] = "rows"

@@ -26,7 +26,7 @@ dataset: {folder: {unit: m, up: y, fps: 30, music: optional}}
 windows: {length_s: 2, stride_s: 1}
 motion: {edge151: {}}
 """
-#: Names as in old archives, or made to do harm; and as they are shown.
+#: Names as in old archives, or made to do harm; and as shown.
 NAMES = {
     b"caf\xe9": r"caf\udce9",
     b"\xed\xa0\x80": r"\udced\udca0\udc80",

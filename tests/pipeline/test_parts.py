@@ -39,7 +39,7 @@ def test_parts_leave_all_that_a_build_computes_in_the_cache(
 ):
     recipe, cache = load_recipe(name), tmp_path / "cache"
     results = [build_part(recipe, corpus, Part(k, 3), cache=cache) for k in (1, 2, 3)]
-    # Two songs: one part has nothing to do, which is no error.
+    # Two songs: one part has nothing to do, which is not an error.
     assert [r.clips for r in results] == [2, 2, 0]
     assert "part 3/3: 0 of 4 clips, 0 songs" in str(results[2])
     assert not out.exists()

@@ -1,4 +1,4 @@
-"""The commands plan, check, info, list and features, by way of the command line: text, JSON, exit codes."""
+"""The commands plan, check, info, list and features, through the command line: text, JSON, exit codes."""
 
 import json
 import pickle

@@ -271,7 +271,7 @@ def test_workers_send_batches_however_memory_is_shared(
 
 
 def test_a_torch_that_takes_no_collate_functions(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The module as it is without torch's table: its samples are stacked, and right."""
+    """The module without torch's table: its samples are stacked, and right."""
     monkeypatch.setitem(sys.modules, "torch.utils.data._utils.collate", None)
     spec = importlib.util.spec_from_file_location("collate_alone", collate.__code__.co_filename)
     assert spec is not None

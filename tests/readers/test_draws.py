@@ -1,4 +1,4 @@
-"""Draws of samples in three epochs, by each way of reading: what varies, what is reproducible, what resumes.
+"""Draws of samples in three epochs, by each way of reading: variation, reproducibility, resuming.
 
 The ways are the rows of the table in docs/reading.md.
 """
@@ -109,7 +109,7 @@ SLOW = pytest.mark.nightly
 
 
 def draws(loader: Any, epochs: int = EPOCHS) -> list[dict[str, bool]]:
-    """Return, epoch by epoch, what was drawn: mirrored or not, by clip and start."""
+    """Return the draws, epoch by epoch: mirrored or not, by clip and start."""
     return [
         {
             f"{clip}@{int(start)}": bool(flag)
@@ -281,7 +281,7 @@ def test_a_sample_is_restored_from_its_id(train: WindowDataset) -> None:
 
 
 class Held:
-    """A wrapper of a user, not of torch's class: what it holds is among its attributes, and so is it itself."""
+    """A wrapper of a user, not of torch's class: its attributes include its datasets and itself."""
 
     def __init__(self, inner: Any) -> None:
         self.inner, self.number, self.parts, self.names = {"a": inner}, 3, [[self]], "abc"

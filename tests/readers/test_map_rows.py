@@ -26,7 +26,7 @@ from dancedata.testing.stores import random_fields, write_random_store
 
 @pytest.fixture(scope="session")
 def stores(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Store]:
-    """By scope, stores of several shards with a field of 60 rows a second and one of half precision."""
+    """By scope, stores of several shards with a field of 60 rows per second and one of half precision."""
     pose, fast, music = random_fields({"pose": 21, "fast": 30}, {"tune": 35}, fast=60)
     fields = (pose, fast, replace(music, dtype="float16"))
     found = {}

@@ -70,7 +70,7 @@ class Page(HTMLParser):
 
 
 def check_safe(page: Page) -> None:
-    """Nothing is fetched, and no script runs but those whose hash the policy has."""
+    """Nothing is fetched, and only scripts whose hash is in the policy run."""
     for tag, about in page.elements:
         assert not [name for name in about if name.startswith("on")], (tag, about)
         for name in ("src", "href", "action", "data", "srcset", "poster", "formaction", "xlink:href"):
@@ -96,7 +96,7 @@ def demo_page(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_page_is_whole_and_asks_nothing_of_the_net(demo_page: Path) -> None:
+def test_the_page_is_complete_and_makes_no_requests(demo_page: Path) -> None:
     page = Page(demo_page)
     check_safe(page)
     assert demo_page.stat().st_size < 1_500_000
@@ -310,7 +310,7 @@ def test_foreign_files_next_to_the_page_stay(tmp_path: Path, change: Callable[[P
     with raises_message(UsageError):
         _with_a_folder(page, 14)
     target = Target(page, 1)
-    target.write(b"page", cast(Player, SimpleNamespace(side={})))  # of a report that began before they came
+    target.write(b"page", cast(Player, SimpleNamespace(side={})))  # of a report that started before they were created
     assert theirs.read_bytes() == before
 
 

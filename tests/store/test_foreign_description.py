@@ -1,4 +1,4 @@
-"""Datasets of other people: what is no file is refused at once, what does not print is written as sequences."""
+"""Untrusted datasets: special files are refused at once, unprintable characters are escaped."""
 
 import json
 import os

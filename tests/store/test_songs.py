@@ -181,6 +181,6 @@ def test_silence_and_short_songs_are_not_alike(write: Callable[..., Path]) -> No
 
 
 def test_songs_of_datasets_without_a_record() -> None:
-    """Foreign documents: no hashes are no errors."""
+    """Untrusted documents: missing hashes are not errors."""
     for meta in ({}, {"source": None}, {"source": {"clips": 3}}, {"source": {"clips": {"a": 7, "b": "x y"}}}):
         assert songs_of([], meta) == {}
