@@ -98,8 +98,8 @@ def test_bad_names(plugin: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["random", "numpy"])
 def test_names_of_installed_modules(name: str, tmp_path: Path) -> None:
-    said = run("new", "filter", name, "--out", tmp_path / "out", code=2).stderr
-    assert f"{name} is the name of an installed Python module" in said
+    output = run("new", "filter", name, "--out", tmp_path / "out", code=2).stderr
+    assert f"{name} is the name of an installed Python module" in output
     assert not (tmp_path / "out").exists()
 
 

@@ -51,5 +51,5 @@ def test_unlisted_names_get_suggestions() -> None:
 
 
 def test_a_long_list_is_cut() -> None:
-    said = did_you_mean("zzz", [f"clip{number}" for number in range(100_000)])
-    assert said.endswith("clip59 and 99,940 more")
+    message = did_you_mean("zzz", [f"clip{number}" for number in range(100_000)])
+    assert message.endswith("clip59 and 99,940 more")

@@ -63,9 +63,9 @@ def test_info_sums_by_stage(own: Cache):
     assert features["entries"] == 5
     assert 5 * BIG <= features["bytes"] <= 6 * BIG
     assert features["days_unused"] == pytest.approx([1, 5], abs=0.01)
-    said = run("cache", "info", "--cache", own.root)
-    assert "6 entries" in said
-    assert "features" in said
+    output = run("cache", "info", "--cache", own.root)
+    assert "6 entries" in output
+    assert "features" in output
 
 
 def test_an_empty_or_missing_cache_is_not_an_error(tmp_path: Path):
@@ -89,8 +89,8 @@ def test_prune_by_size_removes_the_least_recently_used(own: Cache):
 
 
 def test_a_dry_run_removes_nothing(own: Cache):
-    said = run("cache", "prune", "--older-than", "2.5d", "--max-size", "1MB", "--dry-run", "--cache", own.root)
-    assert said.startswith("would remove 3 entries")
+    output = run("cache", "prune", "--older-than", "2.5d", "--max-size", "1MB", "--dry-run", "--cache", own.root)
+    assert output.startswith("would remove 3 entries")
     assert left(own) == [1, 2, 3, 4, 5]
 
 

@@ -293,9 +293,9 @@ def cli_open(out: Path) -> None:
 def test_a_folder_that_is_not_a_cache_is_not_pruned_or_verified(tmp_path: Path, plant: Any):
     check = plant(tmp_path / "scratch", ["tmp/a.tmp", "notes.txt", f"objects/01/{HEX}.npy"])
     for arguments in (["prune", "--max-size", "0B"], ["verify", "--remove"], ["info"]):
-        said = cli("cache", *arguments, "--cache", tmp_path / "scratch", code=2)
-        assert "not a cache of dancedata" in said
-        assert "notes.txt" in said
+        output = cli("cache", *arguments, "--cache", tmp_path / "scratch", code=2)
+        assert "not a cache of dancedata" in output
+        assert "notes.txt" in output
     check()
 
 

@@ -69,7 +69,7 @@ def built(sources: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) ->
         if label not in stores:
             recipe = {**RECIPES[name], **keys, "name": name}
             folder_of = source or sources[next(iter(recipe["dataset"]))]
-            out = folder / str(len(stores))
+            out = tmp_path_factory.mktemp("built")
             dancedata.build(recipe, folder_of, out, jobs=1, cache=folder / "cache", progress=False)
             stores[label] = Built(out, folder_of)
         return stores[label]

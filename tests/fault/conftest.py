@@ -111,10 +111,10 @@ class Slow:
         """Run a build to its end, check its exit code, and return what it printed."""
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         process = self.start(source, out, *arguments, **pipes)
-        printed, said = process.communicate()
-        assert process.returncode == code, f"{process.returncode}: {printed}{said}"
-        assert "Traceback" not in said, said
-        return str(printed + said)
+        printed, errors = process.communicate()
+        assert process.returncode == code, f"{process.returncode}: {printed}{errors}"
+        assert "Traceback" not in errors, errors
+        return str(printed + errors)
 
     def start(self, source: Path, out: Path, *arguments: object, **options: Any) -> subprocess.Popen[Any]:
         """Begin a build."""

@@ -274,11 +274,11 @@ def test_any_number_of_damaged_entries_cost_a_computation_each(
         return load(self, ref)
 
     monkeypatch.setattr(AistPP, "load", counted)
-    said = io.StringIO()
-    build(recipe, corpus, out, cache=cache, jobs=jobs, progress=Progress(stream=said))
+    stream = io.StringIO()
+    build(recipe, corpus, out, cache=cache, jobs=jobs, progress=Progress(stream=stream))
     assert hashes(out) == whole
     assert verify_cache(cache) == (len(list(cache.rglob("*.json"))) + 40, [])
-    assert said.getvalue().count("an entry of the cache is damaged") == 1
+    assert stream.getvalue().count("an entry of the cache is damaged") == 1
     if jobs == 1:  # else it is other processes that load
         assert sorted(loaded) == sorted(set(loaded))
         assert len(loaded) == 8

@@ -149,7 +149,7 @@ def test_two_builds_into_one_folder(slow: Any, corpus: Path, out: Path, undistur
     ends = sorted((*process.communicate(), process.returncode) for process in processes)
     codes = [code for *_, code in ends]
     assert 0 in codes
-    for printed, said, code in ends:
-        assert "another build is writing there" in said if code else printed
+    for printed, output, code in ends:
+        assert "another build is writing there" in output if code else printed
     assert hashes(out) == undisturbed
     assert [p.name for p in out.parent.iterdir()] == ["out"]

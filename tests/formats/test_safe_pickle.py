@@ -199,7 +199,7 @@ def test_missing_file(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "message"),
     [
         ({(1, 2): 3}, "a key that is neither text nor a small integer: (1, 2)"),
         ({2.5: 3}, "a key"),
@@ -213,8 +213,8 @@ def test_missing_file(path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("protocol", range(6))
-def test_keys_and_members_are_text_and_small_numbers(path: Path, protocol: int, value: Any, said: str) -> None:
-    assert said in refused(path, pickle.dumps(value, protocol), "broken_file")
+def test_keys_and_members_are_text_and_small_numbers(path: Path, protocol: int, value: Any, message: str) -> None:
+    assert message in refused(path, pickle.dumps(value, protocol), "broken_file")
 
 
 @pytest.mark.parametrize("protocol", range(6))

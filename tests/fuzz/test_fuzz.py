@@ -15,7 +15,7 @@ STRUCTURED = ("pickle", "npz", "bvh", "dataset_json", "recipe", "hdf5", "model_p
 FOUND = sorted(folder.name for folder in (HERE / "corpus").iterdir())
 
 
-def said(reports: list[dict[str, Any]]) -> list[str]:
+def findings(reports: list[dict[str, Any]]) -> list[str]:
     return [
         f"{r['target']}: {f['what']} {f['where']} {f['error']}\n{f['data'][:2000]}"
         for r in reports
@@ -34,7 +34,7 @@ def test_broken_files_are_read_or_refused(hunt: ModuleType) -> None:
     names = targets(hunt)
     cases, seed = hunt.RUNS["tests"]
     reports = hunt.hunt(cases, seed, names, workers=2, without_structure=set(names) - set(STRUCTURED))
-    assert said(reports) == []
+    assert findings(reports) == []
     assert sum(report["cases"] for report in reports) >= cases
     for report in reports:
         # Cases that are all refused, or all fine, would try nothing.
@@ -45,7 +45,7 @@ def test_broken_files_are_read_or_refused(hunt: ModuleType) -> None:
 def test_earlier_findings(hunt: ModuleType, target: str) -> None:
     files = sorted((HERE / "corpus" / target).iterdir())
     report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
-    assert said([report]) == []
+    assert findings([report]) == []
     assert report["cases"] == len(files)
     assert "valid" not in report["outcomes"], report["outcomes"]
 
@@ -72,7 +72,7 @@ def test_the_harness_detects_planted_defects(hunt: ModuleType, tmp_path: Path) -
 def test_a_hundred_thousand_broken_files(hunt: ModuleType) -> None:
     cases, seed = hunt.RUNS["nightly"]
     reports = hunt.hunt(cases, seed, targets(hunt), workers=2)
-    assert said(reports) == []
+    assert findings(reports) == []
 
 
 @pytest.mark.nightly

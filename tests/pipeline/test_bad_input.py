@@ -147,13 +147,13 @@ def reject_of(bad: Bad, rejects: Any, **wanted: Any) -> dict[str, Any]:
     return found[0]
 
 
-@pytest.mark.parametrize(("clip", "kind", "reason", "said"), [(c, *v) for c, v in MOTIONS.items()])
-def test_a_bad_motion_is_set_aside(bad: Bad, rejects: Any, clip: str, kind: str, reason: str, said: str):
+@pytest.mark.parametrize(("clip", "kind", "reason", "message"), [(c, *v) for c, v in MOTIONS.items()])
+def test_a_bad_motion_is_set_aside(bad: Bad, rejects: Any, clip: str, kind: str, reason: str, message: str):
     reject = reject_of(bad, rejects, clip=clip)
     assert reject["reason"] == reason
     assert reject["file"] == f"motions/{clip}.pkl"
     assert clip in reject["detail"]
-    assert said in reject["detail"]
+    assert message in reject["detail"]
 
 
 def test_the_attack_was_not_run(bad: Bad):
@@ -163,12 +163,12 @@ def test_the_attack_was_not_run(bad: Bad):
     assert bad.marker.exists(), "the test's attack does not work"
 
 
-@pytest.mark.parametrize(("song", "kind", "reason", "said"), [(s, *v) for s, v in SONGS.items()])
-def test_a_clip_to_a_bad_song_is_set_aside(bad: Bad, rejects: Any, song: str, kind: str, reason: str, said: str):
+@pytest.mark.parametrize(("song", "kind", "reason", "message"), [(s, *v) for s, v in SONGS.items()])
+def test_a_clip_to_a_bad_song_is_set_aside(bad: Bad, rejects: Any, song: str, kind: str, reason: str, message: str):
     found = [r for r in rejects(bad.out) if r.get("clip") == clip_to(song) and r["reason"] != "no_audio"]
     assert [r["reason"] for r in found] == [reason]
     assert song in found[0]["detail"]
-    assert said in found[0]["detail"]
+    assert message in found[0]["detail"]
 
 
 def test_windows_beyond_the_end_of_the_music_are_left_out_one_by_one(bad: Bad, rejects: Any):

@@ -229,8 +229,8 @@ def test_the_command(store: Store, tmp_path: Path) -> None:
     assert run(*args).stdout == f"{tmp_path / 'out' / 'x.bvh'}\n"
     assert as_json(*args, "--overwrite") == {"files": [str(tmp_path / "out" / "x.bvh")]}
     np.save(tmp_path / "x.npy", np.zeros((5, 150)))
-    said = run(*args, code=2).stderr
-    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in said
+    output = run(*args, code=2).stderr
+    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in output
 
 
 def test_contacts_are_not_part_of_a_motion() -> None:

@@ -100,8 +100,8 @@ def test_a_clips_metadata_are_compared(run_build: Any, built: Path, source: Path
 
 def test_the_command_ends_with_1_and_says_how_many(run_build: Any, built: Path, corpus: Path, out: Path):
     run_build(corpus, out, set=["audio={}"])
-    said = run("diff", built, out, code=1).stdout
-    assert said.splitlines()[-1].endswith(" differences")
+    output = run("diff", built, out, code=1).stdout
+    assert output.splitlines()[-1].endswith(" differences")
     about = json.loads(run("diff", built, out, "--json", code=1).stdout)
     assert about["same"] is False
     assert {"kind", "message", "names", "numbers"} == set(about["differences"][0])
@@ -135,11 +135,11 @@ def bend(out: Path, name: str, by: float, *, split: str = "train") -> None:
 
 def test_values_within_a_tolerance_are_the_same(built: Path, built_copy: Path):
     bend(built_copy, "audio/librosa35", 2.0**-10)
-    said = run("diff", built, built_copy, "--atol", "0.001", code=0).stdout.splitlines()
-    assert said[0] == "note: edge151: the same values"
-    assert said[1].startswith("note: librosa35: other values in 2 of 4 clips, by at most 0.000977 (row 0 of ")
-    assert ", column onset_envelope), within 0.001: " in said[1]
-    assert said[2:] == ["the same data within 0.001"]
+    output = run("diff", built, built_copy, "--atol", "0.001", code=0).stdout.splitlines()
+    assert output[0] == "note: edge151: the same values"
+    assert output[1].startswith("note: librosa35: other values in 2 of 4 clips, by at most 0.000977 (row 0 of ")
+    assert ", column onset_envelope), within 0.001: " in output[1]
+    assert output[2:] == ["the same data within 0.001"]
     about = json.loads(run("diff", built, built_copy, "--atol", "0.001", "--json", code=0).stdout)
     assert (about["same"], about["atol"]) == (True, 0.001)
     assert [d["numbers"]["max_abs"] for d in about["differences"]] == [0, pytest.approx(2.0**-10, rel=1e-3)]

@@ -99,8 +99,8 @@ def test_a_plan_shows_cached_units(corpus: Path, out: Path, tmp_path: Path, scop
     assert cached("motion.edge151.contacts.velocity.max_speed_m_s=1")["edge151"] == [0, 4]
     next((tmp_path / "cache" / "features").rglob("*.npy")).unlink()
     assert cached()["librosa35"] == [computed - 1, computed]
-    said = run("plan", RECIPES[scope], *where).stdout
-    assert "edge151: 151 columns, float32; in the cache: 4 of 4 clips" in said
+    output = run("plan", RECIPES[scope], *where).stdout
+    assert "edge151: 151 columns, float32; in the cache: 4 of 4 clips" in output
 
 
 def test_a_plan_changes_no_existing_dataset(corpus: Path, built_copy: Path, hashes: Callable[[Path], Any]):

@@ -191,8 +191,8 @@ def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path) -> None:
     while process.poll() is None and not (tmp_path / "pid").is_file():
         time.sleep(0.01)
     process.terminate()
-    printed, said = process.communicate(timeout=60)
-    assert (process.returncode, printed, said) == (128 + signal.SIGTERM, "", f"{interrupts.LINE}\n")
+    printed, errors = process.communicate(timeout=60)
+    assert (process.returncode, printed, errors) == (128 + signal.SIGTERM, "", f"{interrupts.LINE}\n")
     assert not Path("/proc", (tmp_path / "pid").read_text().strip()).exists()
     assert [list((tmp_path / name).iterdir()) for name in ("out", "tmp")] == [[], []]
 

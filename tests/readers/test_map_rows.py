@@ -169,9 +169,9 @@ def test_compressed_fields_are_read_and_named(
     assert list(dataset.unmapped) == ["pose", "tune"]
     assert "train-00000" in dataset.unmapped["pose"]
     assert "chunked or compressed" in dataset.unmapped["pose"]
-    said = [r.getMessage() for r in caplog.records if r.name.startswith("dancedata")]
-    assert len(said) == 2
-    assert "field pose is not read from mapped files: /motion/pose of train-00000" in said[0]
+    messages = [r.getMessage() for r in caplog.records if r.name.startswith("dancedata")]
+    assert len(messages) == 2
+    assert "field pose is not read from mapped files: /motion/pose of train-00000" in messages[0]
     assert not store.window_rows(windows, "fast").unmapped
 
 

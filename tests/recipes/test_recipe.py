@@ -74,7 +74,7 @@ def test_all_problems_are_listed_at_once():
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"windwos": {}}, "windwos: unknown key; did you mean 'windows'?"),
         ({"windows": {"lenght_s": 5, "stride_s": 1}}, "windows.lenght_s: unknown key; did you mean 'length_s'?"),
@@ -107,9 +107,9 @@ def test_all_problems_are_listed_at_once():
         ({"audio": {"librosa35": [1]}}, "audio.librosa35: parameters are a mapping of keys; found [1]"),
     ],
 )
-def test_a_problem_says_what_is_wrong(changes: dict[str, Any], said: str):
+def test_a_problem_says_what_is_wrong(changes: dict[str, Any], message: str):
     text = problem_of(**changes)
-    assert said in text
+    assert message in text
     assert "1 problem in" in text
 
 
