@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of `dancedata evaluate` hold the score of the population, by simulation.
+"""Coverage of the 95 % intervals of `dancedata evaluate`: share that holds the population's score.
 
     python benchmarks/coverage.py [--sets 4000]
 

@@ -164,7 +164,7 @@ def _by_transformers(network: Any, samples: Any, layer: int) -> Any:
 
 
 def chunks(folder: Path, minutes: float, layer: int) -> dict[str, float]:
-    """Give transformers 30-s chunks one by one, all layers kept, and interpolate: what public scripts do."""
+    """Give transformers 30-s chunks one by one, all layers kept, and interpolate, as public scripts do."""
     import numpy as np
 
     network, samples = _peer(folder), song(minutes)

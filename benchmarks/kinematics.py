@@ -88,7 +88,7 @@ def edges_way(columns: Tensor, skeleton: EdgeSkeleton) -> Tensor:
 
 
 def ax_from_6v(q: Tensor) -> Tensor:
-    """6D to axis-angle by way of matrix and quaternion."""
+    """6D to axis-angle through matrix and quaternion."""
     a = F.normalize(q[..., :3], dim=-1)
     b = q[..., 3:] - (a * q[..., 3:]).sum(-1, keepdim=True) * a
     b = F.normalize(b, dim=-1)

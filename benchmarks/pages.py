@@ -141,7 +141,7 @@ const look = () => {
 };
 requestAnimationFrame(look);
 """
-#: Whether the picture has more than one colour.
+#: True if the picture has more than one colour.
 DRAWN = """
 const c = document.querySelector('[data-dd=figure]');
 const d = new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer);

@@ -52,7 +52,7 @@ class Peer(Dataset[Sample]):
     name: ClassVar[str] = ""
     #: The package that it needs.
     package: ClassVar[str | None] = None
-    #: Whether windows are in the order of the files, not in the sampler's.
+    #: True if windows are in the order of the files, not in the sampler's.
     in_order: ClassVar[bool] = False
 
     def __init__(self, source: Source) -> None:

@@ -1,4 +1,4 @@
-"""How builds scale: clips per second with 1 and 2 jobs, overhead per unit of work, and a corpus of 100,000 clips.
+"""Scaling of builds: clips per second with 1 and 2 jobs, overhead per unit of work, and a corpus of 100,000 clips.
 
     python benchmarks/scaling.py throughput          # the demo's feature and representation
     python benchmarks/scaling.py units               # cost of scheduling, cache and publishing per unit

@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def one(way: str, recipe: str, source: Path, cache: Path, folder: Path, quiet: bool = False) -> None:
-    """Write in one way and print what it took."""
+    """Write in one way and print time and memory."""
     header, clips, arguments = caught(recipe, source, cache, folder)
     target = folder / way
     shutil.rmtree(target, ignore_errors=True)

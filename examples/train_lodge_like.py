@@ -7,7 +7,7 @@
 `--data` is FineDance (`dancedata build finedance`), AIST++ (`dancedata build aist++-lodge`), or the demo as above.
 A window of four segments has 13 primitives of 8 frames: diffusion makes all of them at once, from the music around
 each and the genre. OUT/dance.bvh and OUT/dance.svg have the generated primitives, with straight lines between them
-(the task of Lodge's local stage); OUT/primitives.npz has them as they are. Training, resuming and diffusion are those
+(the task of Lodge's local stage); OUT/primitives.npz has them unchanged. Training, resuming and diffusion are those
 of train_edge_like.py.
 """
 

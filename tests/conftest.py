@@ -158,11 +158,11 @@ class Arrays(Mapping[str, np.ndarray]):
         return self[key].shape if shape is None else tuple(shape.tolist())
 
     def index(self, key: str, axis: int = 0) -> np.ndarray:
-        """Where the entries along an axis come from."""
+        """Origin of the entries along an axis."""
         return self._all.get(f"{key}@{axis}", np.arange(self.shape(key)[axis]))
 
     def pair(self, key: str, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What was found, at the places that the reference has, and the reference."""
+        """Results at the places of the reference, and the reference."""
         assert found.shape == self.shape(key)
         for axis in range(found.ndim):
             found = np.take(found, self.index(key, axis), axis=axis)
@@ -180,7 +180,7 @@ SETS = [pytest.param("compact", marks=pytest.mark.nightly), "whole"] if HAS_SHAR
 
 
 class Peers:
-    """What the peers made of a small synthetic corpus, and the corpus."""
+    """Results of the peers on a small synthetic corpus, and the corpus."""
 
     def __init__(self, folder: Path, whole: bool) -> None:
         self.folder = folder
@@ -228,7 +228,7 @@ def peers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 class MetricsGolden:
-    """What the published programs' metrics give for some dances and sets of features, and the inputs."""
+    """Results of the published programs' metrics for some dances and sets of features, and the inputs."""
 
     def __init__(self, folder: Path, whole: bool) -> None:
         self.folder, self.whole = folder, whole

@@ -72,7 +72,7 @@ _FORBIDDEN = [
 
 
 def serve() -> None:
-    """Fork a process for each line of input: its arguments, its longest time in seconds, files for what it prints.
+    """Fork a process for each line of input: its arguments, its longest time in seconds, files for its output.
 
     Imports take longer than most cases. Prints the exit status of each process.
     """
@@ -97,7 +97,7 @@ def serve() -> None:
 
 
 def main(words: list[str]) -> None:
-    """Read cases `first` to `first + count` of a target, or given files, and print what became of them."""
+    """Read cases `first` to `first + count` of a target, or given files, and print the outcomes."""
     parser = argparse.ArgumentParser()
     parser.add_argument("target", choices=[*TARGETS, "defect"])
     parser.add_argument("scratch", type=Path)
@@ -181,7 +181,7 @@ class Runner:
         self.progress.write_text(json.dumps(self.report()))
         before = time.process_time()
         if self.limited:
-            # Processor time, for machines may be busy; the system ends the process, whatever it is doing.
+            # Processor time, because machines may be busy; the system ends the process at any point.
             signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
         self.read(data)
         signal.setitimer(signal.ITIMER_PROF, 0)
@@ -190,7 +190,7 @@ class Runner:
         self.outcomes[self.outcome] += 1
 
     def read(self, data: bytes) -> None:
-        """Write the case and read it; `outcome` says what came of it."""
+        """Write the case and read it; `outcome` is the result."""
         self.watching = False
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
@@ -215,7 +215,7 @@ class Runner:
                 self._finding("the message is not cut", data, error)
             elif not is_plain(str(error)):
                 self._finding("the message does not print", data, error)
-        except BaseException as error:  # noqa: BLE001 -- whatever it is, it is a finding
+        except BaseException as error:  # noqa: BLE001 -- every exception is a finding
             self.watching = False
             self._finding(type(error).__name__, data, error)
         finally:

@@ -1,6 +1,6 @@
 """Fuzzes one reader guided by coverage, with atheris: python benchmarks/fuzz/guided.py bvh -runs=100000
 
-The options behind the target are libFuzzer's. Without atheris (pip install atheris) it says so and does nothing.
+The options behind the target are libFuzzer's. Without atheris (pip install atheris) it only prints a note.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def _recipes(draw: Draw) -> bytes:
 
 
 def _cells() -> st.SearchStrategy[str]:
-    # Valid cells most of the time, so that a line gets as far as the cell that is not.
+    # Valid cells most of the time, so that parsing reaches the invalid one.
     return st.one_of(st.sampled_from([c for line in MANIFEST.split("\n") for c in line.split(",")]), _TEXTS)
 
 

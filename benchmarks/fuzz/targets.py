@@ -1,4 +1,4 @@
-"""What is fuzzed: every reader of files that others made, with valid files to begin from."""
+"""Targets of fuzzing: every reader of untrusted files, with valid files as seeds."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _read_finedance(path: Path) -> None:
 
 
 def _both(first: Callable[[], Any], second: Callable[[], Any]) -> None:
-    """Read a file in two ways, the second whatever becomes of the first."""
+    """Read a file in two ways; the second runs even if the first fails."""
     try:
         first()
     finally:
@@ -131,7 +131,7 @@ def _read_audio(path: Path) -> None:
     _require(bool(np.isfinite(signal.samples).all()), "samples that are not finite")
     # What features do first; a low rate makes many samples of few.
     resample(signal.samples, rate, 15_360)
-    _require((signal.n_samples, signal.sample_rate) == (length, rate), "another length than the header's")
+    _require((signal.n_samples, signal.sample_rate) == (length, rate), "length differs from the header's")
 
 
 def _read_label(path: Path) -> None:

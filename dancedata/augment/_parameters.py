@@ -32,7 +32,7 @@ def spatial_of(field: SampleField) -> Spatial | None:
         return None
     if field.representation is None:
         raise UsageError(
-            "its representation is not known, and so not which columns are places and directions",
+            "its representation is unknown, so places and directions among its columns are unknown too",
             fix="read a dataset that a recipe of this installation built",
         )
     if field.representation.spatial is None:

@@ -20,7 +20,7 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
     """The whole dance, shifted over the floor by one random vector; heights, and with them contacts, stay.
 
     Copies work for every representation; samples for those that define `spatial`. Columns that do not depend on the
-    place, such as velocities, stay as they are. Music is unchanged.
+    place, such as velocities, are unchanged. Music is unchanged.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ class Yaw(CopyAugmentation, SampleAugmentation):
     """The whole dance, turned by a random angle about the vertical through the root in the first frame.
 
     The first frame is that of the clip for stored copies, of the window for samples. All joints turn about the same
-    axis, so that contacts, heights and key motions stay as they are. Music is unchanged.
+    axis, so that contacts, heights and key motions are unchanged. Music is unchanged.
 
     Copies work for every representation; samples for those that define `spatial`.
 

@@ -271,7 +271,7 @@ def new(
     out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
     as_json: AsJson = False,
 ) -> None:
-    """Write a plug-in and its test from a template; the test passes as it is."""
+    """Write a plug-in and its test from a template; the test passes unchanged."""
     from dancedata.cli.plugins import write_plugin
 
     plugin = write_plugin(kind, name, out)
@@ -304,7 +304,7 @@ def diff(
     atol: Annotated[float | None, typer.Option(help=ATOL_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show in what two built datasets differ; exit code 1 if they do."""
+    """Show the differences between two built datasets; exit code 1 if they do."""
     from dancedata.pipeline.diff import diff as run_diff
 
     compared = run_diff(a, b, atol=atol)

@@ -27,9 +27,11 @@ def info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
 @app.command("prune")
 @errors_to_exit_codes
 def prune(
-    older_than: Annotated[str | None, typer.Option(help="Remove what was not used for so long: 30d, 12h.")] = None,
-    max_size: Annotated[str | None, typer.Option(help="Then what was used longest ago, down to this: 50GB.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be removed.")] = False,
+    older_than: Annotated[str | None, typer.Option(help="Remove entries not used for this long: 30d, 12h.")] = None,
+    max_size: Annotated[
+        str | None, typer.Option(help="Then remove the least recently used entries down to this size: 50GB.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only print what would be removed.")] = False,
     cache: CacheFolder = None,
     as_json: AsJson = False,
 ) -> None:

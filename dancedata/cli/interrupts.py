@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a command with one line and exit code 130 or 143, whatever it is doing."""
+"""Ctrl-C and SIGTERM end a command with one line and exit code 130 or 143, at any point."""
 
 from __future__ import annotations
 

@@ -190,7 +190,7 @@ def _check_name(plugin: NewPlugin) -> None:
 
 
 def _class_name(name: str, template: str) -> str:
-    """Return the name in CamelCase; append Plugin if the template uses that name otherwise."""
+    """Return the name in CamelCase; append Plugin if the template already uses that name."""
     cls = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
     taken = keyword.iskeyword(cls) or cls == "Path" or re.search(rf"\b{cls}\b", template)
     return f"{cls}Plugin" if taken else cls

@@ -50,7 +50,7 @@ def fetch_jukebox(
 def convert(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder that fetch wrote.")],
     out: Annotated[Path, typer.Option(help="Folder to write; safetensors files, 9.3 GB for layer 66.")],
-    layer: Annotated[int, typer.Option(min=1, help="Only what this layer needs is kept.")] = 66,
+    layer: Annotated[int, typer.Option(min=1, help="Keep only the weights for this layer.")] = 66,
     as_json: AsJson = False,
 ) -> None:
     """Convert the weights to safetensors: quicker to load, and smaller to move to a node without network."""

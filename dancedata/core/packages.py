@@ -16,7 +16,7 @@ from dancedata.core.errors import UsageError
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
-#: What is imported of the packages of each extra.
+#: Modules of each extra that are imported.
 MODULES = {
     "torch": ("torch",),
     "jukebox": ("torch", "accelerate", "safetensors"),
@@ -42,7 +42,7 @@ def version(name: str) -> str:
 
 
 def requirements() -> tuple[str, ...]:
-    """Return what the installed distribution requires, as in its metadata; empty if it is not installed as one."""
+    """Return the installed distribution's requirements, as in its metadata; empty if not installed as one."""
     import importlib.metadata
 
     try:
@@ -52,7 +52,7 @@ def requirements() -> tuple[str, ...]:
 
 
 def needed_by(extra: str, required: Sequence[str]) -> list[Requirement]:
-    """Return what an extra requires beyond dancedata itself; of extra "" what dancedata cannot do without."""
+    """Return the additional requirements of an extra; for extra "" those of dancedata itself."""
     from packaging.requirements import Requirement
 
     parsed = [Requirement(text) for text in required]

@@ -35,7 +35,7 @@ _RIGID_M = 0.001
 #: Range of the vertical movement of the root, as a multiple of the movement implied by the pose. Jumps increase it:
 #: 0.9 to 9.6 in real and synthetic dances. A wrong usual unit changes it at least 17-fold.
 PLAUSIBLE_ROOT = (0.1, 10.0)
-#: Poses that imply a smaller movement, metres (standard deviation), are no evidence about the root.
+#: Poses that imply a smaller movement, metres (standard deviation), are not evidence about the root.
 _LEAST_DROP_M = 0.005
 #: A root within this range of heights, metres, is never too large: dancers climb stairs.
 _ROOM_M = 3.0

@@ -168,7 +168,7 @@ class Registry(Generic[P]):
         if step in self._done:
             return
         with _loading:
-            # By another thread, or further up: a plug-in's module may ask for another plug-in.
+            # By another thread, or further up: a plug-in's module may request another plug-in.
             if step in self._begun:
                 return
             self._begun.add(step)

@@ -160,7 +160,7 @@ def moved(motion: Motion, by: Placement) -> Motion:
     """Return a motion at another place, in another direction.
 
     Joints follow exactly: the position p of each becomes T (p - r) + r + shift, where r is the root's position in the
-    first frame. The root's rest position is the same before and after it, so that the translation follows likewise.
+    first frame. The root's rest position is the same before and after it, so the translation follows too.
     """
     if not by.turn_rad and not by.x_m and not by.z_m:
         return motion

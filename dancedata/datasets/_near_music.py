@@ -17,7 +17,7 @@ from dancedata.datasets.files import AUDIO_SUFFIXES, list_folder, relative
 _OTHER = (".aac", ".aif", ".aiff", ".m4a", ".m4b", ".mp4", ".opus", ".webm", ".wma")
 #: Least similarity of the letters of two names with equal numbers: mBR0 and mBR5 are different songs.
 _ALIKE = 0.8
-#: A shorter name within another one is no evidence.
+#: A shorter name within another one is not evidence.
 _MIN_PART = 3
 #: Most unused files that are compared, most files that are searched for misspelt names, and most missing names that
 #: are looked up: the cost is their product, and a message shows only a few.

@@ -36,7 +36,7 @@ _PLACE = 0.5
 #: Least correlation of the mean lengths of 21 bones with SMPL's: 0.87 to 1 for positions of people, at most 0.73 for
 #: rotation vectors of 4,800 smooth motions, some of which circle and so are rigid as well.
 _HUMAN = 0.8
-#: A movement along a line has a smaller ratio of its second to its first extent, and is no evidence.
+#: A movement along a line has a smaller ratio of its second to its first extent, and is not evidence.
 _LINE = 0.02
 #: Tolerance of the orthonormality of the two rows of a 6D rotation; files in float32 are within 1e-7.
 _TOLERANCE = 1e-3

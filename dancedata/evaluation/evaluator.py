@@ -202,7 +202,7 @@ class Evaluator:
             They have the motion's length at the field's rate, within two rows.
         lengths
             (B,) rows of motion that each sample has, where it is padded: ``batch["lengths"]["edge151"]`` of
-            `pad_clips`. Motion and music behind them do not count. Default: all.
+            `pad_clips`. Motion and music after them do not count. Default: all.
 
         Raises
         ------
@@ -233,7 +233,7 @@ class Evaluator:
                 self._measure(name, columns, beats)
 
     def _numbered(self, n: int) -> list[str]:
-        """Return names of samples without ids, which no other sample has."""
+        """Return unique names for samples without ids."""
         numbers = (f"{process_rank()}/{k}" for k in count(len(self)))
         return list(islice((name for name in numbers if name not in self._traces), n))
 

@@ -14,10 +14,10 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric, Plugin
 from dancedata.core.registry import Registry
 
-#: Whether clips are ground truth or come from a model: some protocols cut the two differently.
+#: Clips are ground truth or come from a model: some protocols cut the two differently.
 Role = Literal["truth", "generated"]
 ROLES: tuple[Role, ...] = ("truth", "generated")
-#: Bodies that a protocol may ask for: SMPL's 24 joints, the first 24 of SMPL-X, or the 22 that both share.
+#: Bodies that a protocol may require: SMPL's 24 joints, the first 24 of SMPL-X, or the 22 that both share.
 Body = Literal["smpl24", "smplx24", "body22"]
 
 _MS = FrameGrid.of(1000)
@@ -234,7 +234,7 @@ class Protocol(Plugin):
     source
         Repository, commit and files, or paper and section.
     licence_note
-        Licence of that code. None of it is in this package unless it says so.
+        Licence of that code. None of it is in this package unless stated.
     motion
         Joints, rate and axes.
     truth, generated

@@ -17,7 +17,7 @@ from dancedata.evaluation.scores import Score, describe_outcome, scores_of
 from dancedata.execution.cache import package_version
 from dancedata.recipes.documents import document_of
 
-#: How papers write the names of scores.
+#: Names of scores as in papers.
 LABELS = {
     "fid_k": "FID_k", "fid_g": "FID_g", "div_k": "Div_k", "div_g": "Div_g", "bas": "BAS", "pfc": "PFC", "pbc": "PBC",
     "skating": "FSR", "skating_left": "FSR left", "skating_right": "FSR right",

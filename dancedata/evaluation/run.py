@@ -1,4 +1,4 @@
-"""evaluate from Python: what `dancedata evaluate` does, which calls the same function."""
+"""evaluate from Python: the function that `dancedata evaluate` calls."""
 
 from __future__ import annotations
 

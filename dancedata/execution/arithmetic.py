@@ -154,7 +154,7 @@ def _numpy_code() -> list[tuple[str, list[str]]]:
 
 
 def is_chosen_by_user() -> bool:
-    """Return whether a process started with `environment` may use other instructions than this one."""
+    """Return whether a process started with `environment` may use instructions other than this one's."""
     return has_reference() or bool(_set_at_start()) or any(x.split("=")[0] in _FOREIGN for x in _started_with())
 
 

@@ -308,7 +308,7 @@ class _clear_errors:  # noqa: N801
             ) from error
 
 
-#: How often a build starts again because entries were removed or damaged while it ran.
+#: Number of times that a build starts again because entries were removed or damaged while it ran.
 LOST_ENTRIES = 3
 
 T = TypeVar("T")

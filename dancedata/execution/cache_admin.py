@@ -118,7 +118,7 @@ def entries(root: Path) -> Iterator[Entry]:
 
 
 def cache_json(root: Path) -> dict[str, Any]:
-    """Return what `cache info --json` prints: entries, bytes, and the least and most days without use, by stage."""
+    """Return the output of `cache info --json`: entries, bytes, and the least and most days without use, by stage."""
     require_cache(root)
     now = time.time()
     stages: dict[str, StageSum] = {}
@@ -155,7 +155,7 @@ def prune(
         Remove nothing, and return what would be removed.
     """
     if older_than_s is None and max_bytes is None:
-        raise UsageError("no rule for what to remove", fix="give --older-than 30d, --max-size 50GB, or both")
+        raise UsageError("no rule for removal", fix="give --older-than 30d, --max-size 50GB, or both")
     require_cache(root)
     now = time.time()
     result = Pruned(swept=0 if dry else files.sweep(root))

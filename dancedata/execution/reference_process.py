@@ -1,6 +1,6 @@
 """Child processes that Ctrl-C does not reach: one that computes as builds do, one that reports a crash.
 
-A notebook or a training job has loaded numpy long before it asks for a feature, so kernels can no longer be
+A notebook or a training job has loaded numpy long before it requests a feature, so kernels can no longer be
 chosen. It needs one more process, which is started by the first computation and kept. That works in every process:
 multiprocessing would import the user's script again, and refuses to start children from the workers of a DataLoader.
 
@@ -200,7 +200,7 @@ last = b""
 for line in sys.stdin.buffer:
     last = line.strip()
 if last:
-    fix = "Set the file aside if it happens again; what was computed is in the cache"
+    fix = "Set the file aside if it happens again; finished units are in the cache"
     sys.stderr.write("error: the process died at %s. %s\n" % (last.decode(errors="replace"), fix))
 """
 

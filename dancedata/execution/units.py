@@ -22,7 +22,7 @@ Jobs = int | Executor
 
 #: After how many deaths of a worker that runs nothing else a unit is named as their cause.
 DEATHS_ALONE = 2
-#: After how many deaths in a row of workers that have not run a unit a stage ends.
+#: Consecutive deaths of workers that have not run a unit, after which a stage ends.
 BLIND_DEATHS = 3
 
 
@@ -70,7 +70,7 @@ def run_units(
 ) -> list[R]:
     """Return function(*call) for every call, in order.
 
-    BLAS and OpenMP run on one thread in each worker, whatever `jobs` is: sums in another order would change
+    BLAS and OpenMP run on one thread in each worker, for any `jobs`: sums in another order would change
     last digits, and builds have to be byte-identical.
 
     Where a worker process dies (out of memory, a crash in a decoder), the units that it may have been running are

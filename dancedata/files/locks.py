@@ -16,7 +16,7 @@ from stat import S_ISREG
 from dancedata.core.errors import StoreError
 from dancedata.files.atomic import PREFIX
 
-#: Where the file system has no locks: a file that was not changed for this long was left by a killed process.
+#: On file systems without locks: a file that was not changed for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 

@@ -50,7 +50,7 @@ class Layout:
     is_ours
         Whether the writer gives a file this name.
     erase
-        Removes a swapped folder as far as it is proved to be dancedata's; default: `discard`.
+        Removes the part of a swapped folder that is proved to be dancedata's; default: `discard`.
     prefix
         Put before "new" and "old" of a swap, to tell kinds apart.
     """
@@ -189,7 +189,7 @@ def tidy(out: Path, layout: Layout) -> None:
     Raises
     ------
     StoreError
-        If something under dancedata's names is not dancedata's, which is left as it is; or a file would be replaced.
+        If an entry under dancedata's names is foreign, which is left unchanged; or a file would be replaced.
     """
     journal, staging = out / layout.journal, out / STAGING
     if os.path.lexists(journal):
@@ -232,7 +232,7 @@ def is_claimed(folder: Path) -> bool:
 def discard(folder: Path, layout: Layout) -> bool:
     """Remove a folder that `claim` made, with the writer's files; return whether it is gone.
 
-    A folder with anything else in it stays as it is.
+    A folder with anything else in it is left unchanged.
     """
     if _foreign_in(folder, layout):
         return False

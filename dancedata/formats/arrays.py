@@ -312,7 +312,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def load_values(path: Path) -> object:
-    """Return the content of a pickle, a file of joblib.dump or one of torch.save, whatever its name.
+    """Return the content of a pickle, a file of joblib.dump or one of torch.save, under any name.
 
     Raises
     ------

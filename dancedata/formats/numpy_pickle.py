@@ -1,7 +1,7 @@
 """Names and states in the pickles of numpy and joblib: stand-ins for functions, and the states that are written.
 
 numpy does not validate the state of an array or a dtype: a wrong dtype flag would turn bytes of the file into
-pointers. joblib.dump writes the description of an array in the pickle, and the values as raw bytes behind its
+pointers. joblib.dump writes the description of an array in the pickle, and the values as raw bytes after its
 opcodes::
 
     NEWOBJ joblib.numpy_pickle.NumpyArrayWrapper, BUILD {subclass, shape, order, dtype, allow_mmap,
@@ -136,7 +136,7 @@ NamesOfJoblib: dict[tuple[str, str], Any] = {
 
 
 def read_array(unpickler: Any, state: dict[str, Any]) -> np.ndarray[Any, Any]:
-    """Read the array that follows its description, and leave the position of the file behind it."""
+    """Read the array that follows its description, and leave the position of the file after it."""
     frame = unpickler._unframer.current_frame
     if frame is not None and frame.read(1):
         raise invalid("an array within a frame of the pickle")

@@ -202,7 +202,7 @@ class ArrayUnpickler(CheckedUnpickler):
     Attributes
     ----------
     stream
-        The file, behind the opcodes that were read.
+        The file, after the opcodes that were read.
     names
         The names that the pickle may use, and their substitutes.
     size
@@ -236,7 +236,7 @@ class ArrayUnpickler(CheckedUnpickler):
         self.max_containers = max(MAX_CONTAINERS, size // _BYTES_PER_CONTAINER)
 
     def take(self, count: int) -> memoryview:
-        """Return the next bytes of the file, behind the opcodes that were read."""
+        """Return the next bytes of the file, after the opcodes that were read."""
         start = self.stream.tell()
         if count > len(self.data) - start:
             raise EOFError(f"an array of {count:,} bytes, but the file has {len(self.data) - start:,} more")
@@ -371,13 +371,13 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES) -> Any:
 
 
 _SAVE_ARRAYS = (
-    "Else, with the program that has written it, load the file and save its arrays alone: "
+    "Otherwise, with the program that has written it, load the file and save its arrays alone: "
     "numpy.savez(file, poses=..., trans=...)"
 )
 
 
 def _arrays_instead(found: str) -> str:
-    """Return what to do about a pickle that names something other than arrays."""
+    """Return the fix for a pickle that names something other than arrays."""
     if found.startswith("torch"):
         return (
             "save numpy arrays: call tensor.cpu().numpy() before joblib.dump or pickle.dump, or write the tensors "

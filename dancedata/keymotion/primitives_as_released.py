@@ -42,7 +42,7 @@ def key_frames(minima: Sequence[int], count: int, n_window: int) -> list[Key]:
 
     Slips of the code, kept: after a minimum is dropped the next one is not checked, so that it stays anywhere; of
     many minima every (M // count)-th is taken, from the first, so that all those near the end of the window may be
-    left out; if all gaps are narrow the first one is filled, whatever its width.
+    left out; if all gaps are narrow the first one is filled, at any width.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ class BeatDetector:
         "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
         t - 1 -> t in float32, T values, the first 0, so that no beat is at `order` or before.
     sigma_frames, sigma_s
-        Of the Gaussian that smooths the curve, in frames whatever the rate or in seconds; both None: none.
+        Of the Gaussian that smooths the curve, in frames at any rate or in seconds; both None: none.
     order
         Neighbours on each side that a minimum has to be below.
     """
@@ -58,7 +58,7 @@ class BeatDetector:
 INSTANTS = "instants"
 #: Of the Gaussian that smooths its speed, seconds: Bailando's 5 frames at 60 per second.
 _SIGMA_S = 1 / 12
-#: How far the speed has to rise on both sides of a beat, m/s, a mean over joints: rounding and float32 do not.
+#: Least rise of the speed on both sides of a beat, m/s, a mean over joints: rounding and float32 do not.
 _DEPTH_M_S = 0.0001
 #: Nearer to an end of a clip, the Gaussian reaches beyond it, and a beat of the motion may not be found, seconds.
 _MARGIN_S = 2 * _SIGMA_S

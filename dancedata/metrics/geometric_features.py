@@ -19,14 +19,14 @@ from dancedata.metrics.arguments import BoolArray, Up, at_least, axis_of, first_
 from dancedata.metrics.root import Root, rooted
 from dancedata.metrics.set_statistics import SetScores, checked_statistics
 
-#: Lengths of the body that thresholds are multiples of, whatever the dancer, metres: humerus, shoulders, hips.
+#: Lengths of the body that thresholds are multiples of, for every dancer, metres: humerus, shoulders, hips.
 HUMERUS_M = float(np.linalg.norm(np.subtract((0.199113488, 0.236807942, -0.0180702247),
                                              (0.454445392, 0.221158922, -0.0410167128))))  # fmt: skip
 SHOULDERS_M = float(np.linalg.norm(np.subtract((0.199113488, 0.236807942, -0.0180702247),
                                                (-0.191692337, 0.236928746, -0.0123055102))))  # fmt: skip
 HIPS_M = float(np.linalg.norm(np.subtract((0.0564076714, -0.323069185, 0.0109197125),
                                           (-0.0624834076, -0.331302464, 0.0150412619))))  # fmt: skip
-#: Frames per second that speeds are computed with, whatever the clip's rate.
+#: Frames per second that speeds are computed with, at any rate of the clip.
 _RATE = 120.0
 #: Joints that rules name; the hands, 22 and 23, count for the lowest point only.
 N_JOINTS = 22
@@ -93,7 +93,7 @@ class _Pose:
     def angle(self, one: Float64Array, two: Float64Array, low: float, high: float) -> BoolArray:
         """Return whether the angle between two vectors is within limits, degrees."""
         lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
-        # As in the original: a cosine that rounding puts above 1 is no angle, so that the rule does not hold.
+        # As in the original: a cosine that rounding puts above 1 has no angle, so that the rule does not hold.
         degrees = np.degrees(np.arccos((one * two).sum(axis=1) / lengths))
         return np.asarray((degrees > low) & (degrees < high))
 
@@ -161,7 +161,7 @@ _RULES: tuple[Callable[[_Pose], list[BoolArray]], ...] = (_arm_rules, _leg_rules
 def geometric(joints: Float64Array, *, up: Up = "y") -> Float64Array:
     """Return the geometric ("manual") features of a dance: shares of the frames 1 ... T - 1, 0 to 1.
 
-    Speeds are computed with 120 frames per second, whatever the clip's rate, so clips of different rates do not
+    Speeds are computed with 120 frames per second, at any rate of the clip, so clips of different rates do not
     compare.
 
     Parameters

@@ -50,7 +50,7 @@ def steady(joints: Float64Array, fps: float) -> Float64Array:
     """Return joint positions (T', J, 3) at 120 frames per second, of joints (T, J, 3) at any rate.
 
     They are those of cubic splines through the frames, smoothed by a Gaussian of 1/50 s, so that speeds and
-    accelerations of a motion are the same whatever its rate: without, steps of 1/20 s cut its corners, and those of
+    accelerations of a motion are the same at any rate: without, steps of 1/20 s cut its corners, and those of
     1/60 s hold more noise. A joint at rest stays exactly at rest.
 
     Raises

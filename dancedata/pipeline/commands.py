@@ -73,8 +73,8 @@ def build(
     Returns
     -------
     BuildResult
-        Path, counts per split, counts of what was left out by reason; `open()` opens the dataset. A dataset that was
-        built before from the same recipe and source is left as it is.
+        Path, counts per split, counts of rejects by reason; `open()` opens the dataset. A dataset that was
+        built before from the same recipe and source is left unchanged.
 
     Raises
     ------

@@ -129,7 +129,7 @@ def _decoded(
     if not plugin.decodes:
         raise UsageError(
             f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
-            fix="use the positions as they are, or store a representation that holds rotations as well",
+            fix="use the positions unchanged, or store a representation that holds rotations as well",
         )
     array = _numbers(array, representation)
     _require_shape(array, plugin, representation)
@@ -193,7 +193,7 @@ def decode_file(
     UsageError
         As `decode`; for an unknown format or array, an unknown rate, and existing files.
     DataError
-        As `decode`; if the file cannot be read, or states another rate than `fps` or `like`.
+        As `decode`; if the file cannot be read, or states a rate other than `fps` or `like`.
     StoreError
         If the files cannot be written; then none is left.
 

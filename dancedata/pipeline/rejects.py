@@ -113,7 +113,7 @@ def _detail(row: Mapping[str, Any]) -> str:
     return {
         "implausible_body": f"a skeleton of {value:.3g} m, where {low:g} to {high:g} m is plausible; its unit is "
         "probably wrong",
-        "implausible_root": f"the root rises and falls {value:.3g} times as far as the pose asks for, where "
+        "implausible_root": f"the root rises and falls {value:.3g} times as far as the pose requires, where "
         f"{least:g} to {most:g} is plausible; the unit of its translation is probably wrong",
         "implausible_sides": f"toes or knees point against the front of hips and shoulders (cosine {value:.2f}); "
         "left and right are swapped, or the motion is mirrored",

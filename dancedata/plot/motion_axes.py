@@ -47,7 +47,7 @@ def features(
     Returns
     -------
     matplotlib.axes.Axes
-        Time in seconds to the right; a line a column, the first at the top, each scaled by its 2nd and 98th
+        Time in seconds to the right; a line per column, the first at the top, each scaled by its 2nd and 98th
         percentile. Beats are white lines.
 
     Raises
@@ -116,7 +116,7 @@ def axes_or_new(axes: Axes | None, width: float, height: float) -> Axes:
     return new_axes
 
 
-#: Colours of the middle, the left and the right of a body: told apart with every kind of colour vision.
+#: Colours of the middle, the left and the right of a body: distinguishable with every kind of colour vision.
 _SIDES = ("#4a525c", "#0072b2", "#c96a00")
 #: Metres between two poses, and inches of a metre.
 _SPACING, _INCHES = 1.1, 1.15

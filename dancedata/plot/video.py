@@ -137,7 +137,7 @@ def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | N
 
 
 def _feed(pipe: IO[bytes], frames: Iterable[bytes]) -> None:
-    with suppress(BrokenPipeError):  # it has ended with an error, which its exit code tells
+    with suppress(BrokenPipeError):  # it has ended with an error, shown by its exit code
         for frame in frames:
             pipe.write(frame)
         pipe.close()
@@ -185,7 +185,7 @@ def write_video(
     theme
         "dark" or "light".
     may_share
-        The caller states to have the right to pass the music on, where the dataset's licence does not allow it.
+        The caller states the right to redistribute the music where the dataset's licence does not allow it.
     overwrite
         Replace an existing file.
 

@@ -57,7 +57,7 @@ class Chance:
         probability("p", self.p)
 
 
-#: What the argument `augment` of readers takes, see `Augmenter.of`.
+#: Type of the argument `augment` of readers, see `Augmenter.of`.
 Augment = Sequence[SampleAugmentation | Chance | str | Mapping[str, Any]] | Mapping[str, Any]
 
 

@@ -1,4 +1,4 @@
-"""BatchStream: batches by their global step, without an end, as an iterable torch dataset; or epoch by epoch."""
+"""BatchStream: batches by their global step, endless, as an iterable torch dataset; or epoch by epoch."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class BatchStream(IterableDataset[Any]):
         start_step
             Global step of the first batch; may be set before each ``iter(loader)``.
         steps
-            Number of batches; None: without an end.
+            Number of batches; None: endless.
         drop_last
             Whether the last batch of an epoch is left out if it is not full.
 

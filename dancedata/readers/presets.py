@@ -14,7 +14,7 @@ from dancedata.keymotion.characteristic_primitives import Variant, borders, prim
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.store.dataset import Store
 
-#: The name under which `fields` asks for primitives.
+#: The name of primitives in `fields`.
 PRIMITIVES = "primitives"
 
 
@@ -113,7 +113,7 @@ class Preset:
     protocol
         Name of lists such as "cross_genre.train", which define the clips of a split instead of the stored splits.
     filter
-        Which windows are kept.
+        Filter of the windows.
     relative_root
         Whether the root's translation is relative to the window's first frame.
     normalize

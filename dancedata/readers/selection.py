@@ -20,7 +20,7 @@ from dancedata.store.window_list import WindowList
 #: The fix for music without downbeats.
 _NO_DOWNBEATS = (
     "beats by librosa have no downbeats: build with audio: {beats: {source: beat_this}}, or give start_at='beat', or "
-    "ask for shorter windows"
+    "use shorter windows"
 )
 #: A filter as callers name it: a plug-in, its name and parameters as in a recipe, or False for none.
 FilterLike = WindowFilter | Mapping[str, Any] | Literal[False] | None
@@ -175,7 +175,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
             f"no window of split {split!r} can begin at a {at}",
             where=str(store.path),
             found=f"{counted(len(beatless), 'clip')}, the first is {beatless[0].clip}: {beatless[0].detail}",
-            fix=_NO_DOWNBEATS if at == "downbeat" else "ask for shorter windows",
+            fix=_NO_DOWNBEATS if at == "downbeat" else "use shorter windows",
         )
     longest = max((c.n_frames for c in store.clips), default=0)
     reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
@@ -183,7 +183,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
         f"split {split!r} has no windows of that length",
         where=str(store.path),
         found=f"clips of at most {longest} frames at {store.fps} per second; left out: {reasons}",
-        fix="ask for shorter windows, or for fewer lists and filters",
+        fix="use shorter windows, or fewer lists and filters",
     )
 
 

@@ -6,7 +6,7 @@ number of leading axes, everything is differentiable, and nothing waits for the 
     scaler = train.normalizer("edge151")
     generated = joints(scaler.unnormalize(output.float()), "edge151")    # (B, T, 24, 3), metres, +Y up
 
-*Precision.* float64 stays float64; everything else is computed in float32, whatever autocast and TF32 are set to. So
+*Precision.* float64 stays float64; everything else is computed in float32, for any autocast and TF32. So
 half-precision input loses what it lost when it was rounded, and no more: the result is float32.
 
 *Memory.* The entries of a matrix are stored apart, each contiguous over the frames of the batch, so that every

@@ -42,7 +42,7 @@ def load_recipe(
     ----------
     recipe
         Name of a recipe that comes with the package, path of a YAML file, or the document itself. A recipe that is
-        checked already is returned as it is.
+        already checked is returned unchanged.
     overrides
         Keys to change: ``"windows.stride_s=1"`` as on the command line, or ``{"windows.stride_s": 1}``.
 
@@ -56,7 +56,7 @@ def load_recipe(
     if isinstance(recipe, Recipe):
         if overrides:
             raise UsageError(
-                "a recipe that is checked already takes no overrides",
+                "a parsed recipe takes no overrides",
                 found=recipe,
                 fix="give its name, its file or its document instead",
             )

@@ -360,7 +360,7 @@ def _music(d: Document) -> list[Finding]:
     tempos = d.music.tempo_bpm
     off = [t for t in tempos if abs(t.found / t.stated - 1) > 0.05]
     if off:
-        text = f"{counted(len(off), 'clip')} of {len(tempos):,}: the beats have another tempo than is stated"
+        text = f"{counted(len(off), 'clip')} of {len(tempos):,}: the tempo of the beats differs from the stated one"
         sentences.append(Finding("look", text, "tempo_pairs"))
     short = d.contents.music_minus_motion_s.shorter
     if short:

@@ -26,7 +26,7 @@ def number(value: Any) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") -> str:
-    """Return a table; cells that are `Markup` stay as they are, all others are escaped."""
+    """Return a table; cells that are `Markup` are kept, all others are escaped."""
     top = "".join(f'<th scope="col">{escaped(cell)}</th>' for cell in head)
     body = "".join(f"<tr>{''.join(_cell(cell, first=k == 0) for k, cell in enumerate(row))}</tr>" for row in rows)
     attributes = f' class="{kind}"' if kind else ""

@@ -23,7 +23,7 @@ from dancedata.viewer.payload import link
 _LOOK, _NAMED = 20, 12
 #: Bars of a chart of flags.
 _FLAGS = 24
-#: Reasons of the ranking as they are shown.
+#: Reasons of the ranking, as shown.
 _WHY = {"flags": "flags per second", "sliding": "sliding feet", "still": "standing still"}
 
 Section = tuple[str, str, str]

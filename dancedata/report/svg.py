@@ -126,7 +126,7 @@ def _bar(k: int, x: float, y: float, width: float, height: float, title: str) ->
 def bars(
     rows: Mapping[str, Mapping[str, float]], label: str, *, other: Mapping[str, float] | None = None, unit: str = ""
 ) -> str:
-    """Return one horizontal bar a row, stacked by group; the outline of another total around it."""
+    """Return one horizontal bar per row, stacked by group; the outline of another total around it."""
     totals = {name: sum(counts.values()) for name, counts in rows.items()}
     most = max([*totals.values(), *(other or {}).values(), 0]) or 1
     room = WIDTH - _NAMES - 52
@@ -157,7 +157,7 @@ def boxes(
     classes: Mapping[str, str],
     other: Mapping[str, Quantiles] | None = None,
 ) -> str:
-    """Return one box a row: a line from p5 to p95, a box from p25 to p75, a mark at p50.
+    """Return one box per row: a line from p5 to p95, a box from p25 to p75, a mark at p50.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def _panel(title: str, rows: Sequence[ColumnRange], n: int, step: int, other: Ma
 
 
 def heat_map(rows: npt.NDArray[Any], columns: Columns, label: str) -> str:
-    """Return rows (T, D) as an image, a line a column, each scaled by its 2nd and 98th percentile."""
+    """Return rows (T, D) as an image, a line per column, each scaled by its 2nd and 98th percentile."""
     values = np.asarray(rows, dtype=np.float64)[:: -(-len(rows) // _FRAMES)]
     kept = np.arange(0, values.shape[1], -(-values.shape[1] // _ROWS))
     values = values[:, kept].T

@@ -60,7 +60,7 @@ class Report:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Every number of the page as plain JSON data; docs/report.md says what they are."""
+        """Every number of the page as plain JSON data; described in docs/report.md."""
         return self.numbers.to_json()
 
     @property
@@ -123,7 +123,7 @@ def write_report(
     source
         Folder with the music.
     may_share
-        The caller states to have the right to pass the music on, where the dataset's licence does not allow it.
+        The caller states the right to redistribute the music where the dataset's licence does not allow it.
     against
         Another dataset to compare with.
     max_mb
@@ -236,7 +236,7 @@ def _heat_maps(store: Store, numbers: Document) -> dict[str, Figure]:
 
 
 def default_path(store: str | Path) -> Path:
-    """Return NAME-report.html in the current folder; of names that are no file names only the usual characters."""
+    """Return NAME-report.html in the current folder; for invalid file names only the usual characters."""
     with open_store(store) as opened_store:
         name = "".join(
             c if c.isascii() and (c.isalnum() or c in "._+-") else "_" for c in opened_store.meta.get("name", "")

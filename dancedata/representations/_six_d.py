@@ -27,7 +27,7 @@ from dancedata.representations import _columns as parts
 
 #: The 6D convention in dataset.json (Zhou et al. 2019, by rows as in pytorch3d).
 CONVENTION = "first two rows of the matrix, flattened (pytorch3d)"
-#: How the layout's columns follow a turn or a shift.
+#: Behaviour of the layout's columns under a turn or a shift.
 ROLES: Mapping[str, Role] = MappingProxyType(
     {"contact": "unchanged", "translation": "place", "rotation_6d": "root_rotation"}
 )

@@ -20,7 +20,7 @@ from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 
 _WIDTH = 3 + 9 * SMPL24.n_joints
-#: How far R R^T may be from the identity, entry by entry: float32 columns are within 1e-6.
+#: Tolerance of R R^T against the identity, entry by entry: float32 columns are within 1e-6.
 _TOLERANCE = 1e-4
 
 

@@ -60,7 +60,7 @@ class ClipView(ClipRecord):
     def read(self, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to the clip, (T, D), a new array.
 
-        Motion: every stored row. Audio: rows that begin within the clip, as far as the music goes.
+        Motion: every stored row. Audio: rows that begin within the clip and the music.
 
         Raises
         ------

@@ -162,7 +162,7 @@ class _Sorted:
     Attributes
     ----------
     ends
-        (n,) places behind the last time of each value; None if each counts once.
+        (n,) places after the last occurrence of each value; None if each counts once.
     """
 
     values: Float32Array

@@ -140,7 +140,7 @@ class Store:
                 shard.close()
 
     def require_intact(self, clips: Iterable[str] | None = None, sha256: FileHash = sha256_file) -> None:
-        """Raise StoreError if a shard has other bytes than the build wrote; reading rows does not compare them.
+        """Raise StoreError if a shard's bytes differ from the build's; reading rows does not compare them.
 
         Only the shards of `clips` are read, by default all; `sha256` gives the hash of a file.
         """
@@ -186,8 +186,8 @@ class Store:
         split
             One of `splits`.
         length_s, length_frames, stride_s, stride_frames
-            Length and stride of the windows, at most one of each pair; default: as stored. Other values need a store of
-            track scope.
+            Length and stride of the windows, at most one of each pair; default: as stored. Other values need a
+            store of track scope.
         fields
             Fields in which these windows have to begin and end at whole rows. Default: all.
         trim

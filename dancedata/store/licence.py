@@ -1,4 +1,4 @@
-"""Whether music may be copied into a page or a video: its licence decides, not the person at the keyboard."""
+"""Permission to copy music into a page or a video: its licence decides, not the person at the keyboard."""
 
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import DATASETS

@@ -90,7 +90,7 @@ class SideFiles:
 #: Gives the SHA-256 of a file, such as `Cache.file_sha256`, which remembers it.
 FileHash = Callable[[Path], str]
 _DAMAGED = f"copy the whole folder again, or {REBUILD} with --overwrite"
-#: How many times a folder is read that is being replaced.
+#: Number of times that a folder is read while it is being replaced.
 _TRIES = 3
 
 

@@ -1,4 +1,4 @@
-"""Whether columns are normalised, and by which scaler: what a call or a file states, checked against the columns."""
+"""The scaler of columns, if any: what a call or a file states, checked against the columns."""
 
 from __future__ import annotations
 

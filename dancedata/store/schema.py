@@ -132,7 +132,7 @@ class StoreHeader:
     order
         "time": clips by id, windows by start. "name": a plain string sort of ``<clip>_slice<k>``, as EDGE's.
     meta
-        JSON that goes into dataset.json as it is (recipe, hashes, axes, licence, ...).
+        JSON that is copied into dataset.json (recipe, hashes, axes, licence, ...).
     """
 
     scope: Scope
@@ -214,5 +214,5 @@ def is_shard_name(name: str) -> bool:
 
 
 def slice_name(clip: str, index: int) -> str:
-    """Return the name of a window in EDGE's files, by which order "name" sorts."""
+    """Return the name of a window in EDGE's files, the sort key of order "name"."""
     return f"{clip}_slice{index}"

@@ -54,7 +54,7 @@ _SHOWN = 5
 def verify_shard(
     path: Path, description: Description, entry: ShardEntry
 ) -> tuple[list[Problem], Sequence[ClipRecord]]:
-    """Return the problems of a shard, and its clips as far as they can be read."""
+    """Return the problems of a shard, and its readable clips."""
     try:
         with hdf5.open_file(path) as file:
             messages = list(_check_layout(file, description, entry))

@@ -24,7 +24,7 @@ def requested_grid(
     stride_s: Seconds | None,
     stride_frames: int | None,
 ) -> WindowGrid:
-    """Return the length and stride that a caller asks for; the stored ones by default."""
+    """Return the requested length and stride; the stored ones by default."""
     length = _frames(description, "length", length_s, length_frames, description.length)
     stride = _frames(description, "stride", stride_s, stride_frames, description.stride)
     return WindowGrid(length, stride)

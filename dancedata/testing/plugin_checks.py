@@ -1,4 +1,4 @@
-"""What holds for plug-ins of every kind."""
+"""Checks of plug-ins of every kind."""
 
 import dataclasses
 import inspect
@@ -85,7 +85,7 @@ def check_metric(cls: type[Metric]) -> None:
     check_plugin(cls)
     metric = cls()
     width = len(metric.columns)
-    require(bool(cls.source), "source says where the definition is from")
+    require(bool(cls.source), "source names the origin of the definition")
     require(width > 0 and len(set(metric.columns)) == width, "every number of a clip has a unique name")
     rows = [row for row in (_measured(metric, dance) for dance in example_dances()) if row is not None]
     require(len(rows) >= 2, "ordinary dances have values")
@@ -95,12 +95,12 @@ def check_metric(cls: type[Metric]) -> None:
     require(np.array_equal(table, before), "summarise does not write into the rows")
     require(bool(scores) and all(np.isfinite(value) for value in scores.values()), "scores are finite numbers")
     require(set(cls.better) <= scores.keys(), f"better names scores: {', '.join(scores)}")
-    require(bool(cls.better), "better says what is better for a score")
+    require(bool(cls.better), "better gives the better direction of a score")
     turned = metric.summarise(table[::-1], table[::-1] if cls.needs_pool else None)
     close = scores.keys() == turned.keys() and all(np.isclose(turned[k], scores[k], atol=1e-9) for k in scores)
     require(close, "scores do not depend on the order of clips")
     if cls.needs_pool:
-        raises(UsageError, lambda: metric.summarise(table), "a metric that needs a pool asks for it")
+        raises(UsageError, lambda: metric.summarise(table), "a metric that needs a pool requires it")
     raises(Undefined, lambda: metric.summarise(table[:0], table), "a set without clips is Undefined")
 
 
@@ -113,7 +113,7 @@ def _measured(metric: Metric, dance: Dance) -> npt.NDArray[np.float64] | None:
         return None
     require(row.shape == (len(metric.columns),), f"measure gives ({len(metric.columns)},), not {row.shape}")
     require(row.dtype == np.float64, f"measure gives float64, not {row.dtype}")
-    require(bool(np.isfinite(row).all()), "numbers are finite; where there is no value, measure raises Undefined")
+    require(bool(np.isfinite(row).all()), "numbers are finite; without a value, measure raises Undefined")
     require(np.array_equal(metric.measure(dance), row), "equal dances give equal numbers")
     return row
 

@@ -27,7 +27,7 @@ from dancedata.viewer.payload import Json, curve, figure_payload
 from dancedata.viewer.scenes import Scene, Scenes
 from dancedata.viewer.source import ClipSource
 
-#: Metres; numbers far beyond cannot be told from the square of a distance that overflows.
+#: Metres; far larger numbers cannot be distinguished from the square of a distance that overflows.
 _FARTHEST = 1e7
 
 
@@ -206,7 +206,7 @@ def comparison_payload(comparison: Comparison, scene: Scene) -> Json:
     distance = scene.figure.distance_mm(figure)
     is_known = np.isfinite(distance)
     if not is_known.any():
-        return {**payload, "note": f"{comparison.name}: no joint has a name of both, so there is no distance"}
+        return {**payload, "note": f"{comparison.name}: no joint name is in both, so there is no distance"}
     payload["distance"] = curve(distance, float(scene.figure.grid.rate))
     payload["mean"] = round(float(distance[is_known].mean()), 4)
     return payload

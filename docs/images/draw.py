@@ -93,7 +93,7 @@ def build_picture() -> str:
         _arrow((272, 275), (352, 275), (352, 229)),
         _arrow((144, 300), (144, 323)),
         _arrow((416, 228), (416, 323)),
-        _box(left, 323, 528, "copy", "mirrored, turned, faster: whatever the recipe augments"),
+        _box(left, 323, 528, "copy", "mirrored, turned, faster: set in the recipe"),
         _arrow((144, 372), (144, 395)),
         _arrow((416, 372), (416, 395)),
         _box(left, 395, half, "dataset", "*.h5, stats.json,", "dataset.json: written last"),

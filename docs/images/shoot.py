@@ -186,7 +186,7 @@ def save(picture: Image.Image, path: Path) -> None:
     colours, place, counts = np.unique(
         np.asarray(picture).reshape(-1, 3), axis=0, return_inverse=True, return_counts=True
     )
-    # The most frequent colours as they are, then those farthest from them all: a ring has few pixels.
+    # The most frequent colours unchanged, then those farthest from them all: a ring has few pixels.
     chosen = np.argsort(-counts, kind="stable")[:200].tolist()
     values = colours.astype(np.int32)
     distance = np.min([np.square(values - values[k]).sum(axis=1) for k in chosen], axis=0)

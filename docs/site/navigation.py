@@ -8,7 +8,7 @@ from pathlib import Path
 
 import reference
 
-#: Where a page is added to the navigation: a row in the table of its group.
+#: Place to add a page to the navigation: a row in the table of its group.
 INDEX = Path("docs/README.md")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 #: The list of modules, in the first column of a table.
 LIST = Path("docs/python.md")
-#: Where the pages are written; git ignores it.
+#: Output folder of the pages; git ignores it.
 PAGES = Path("docs/api")
 
 

@@ -95,7 +95,7 @@ def test_it_is_plain_librosa(clicks: AudioSignal, onset_fmax: Any, fps: str, ons
     assert len(rows) == FEATURE.n_rows(signal.n_samples, signal.sample_rate, grid) == 1 + int(3 * grid.rate)
 
 
-def test_columns_and_what_they_are_of(clicks: AudioSignal) -> None:
+def test_columns_and_their_meaning(clicks: AudioSignal) -> None:
     columns = FEATURE.columns
     assert [columns.slice(group.name).start for group in columns.groups] == [0, 20, 40, 52, 53, 54]
     assert columns.width == 438
@@ -108,7 +108,7 @@ def test_columns_and_what_they_are_of(clicks: AudioSignal) -> None:
     chroma = rows[60:-60, columns.slice("chroma_cqt")].mean(axis=0)
     assert set(np.argsort(chroma)[-3:]) == {0, 4, 7}  # C, E, G
     assert rows[120, 54] == 1  # lag 0 of the tempogram
-    assert np.array_equal(rows, FEATURE.extract(clicks, FrameGrid.of(60)))  # whatever the tempo
+    assert np.array_equal(rows, FEATURE.extract(clicks, FrameGrid.of(60)))  # for any tempo
 
 
 def test_windows_are_pieces_by_themselves(clicks: AudioSignal) -> None:
@@ -138,7 +138,7 @@ def test_audio_of_fewer_than_three_rows_is_refused(fps: str, n_samples: int) -> 
 
 
 @pytest.mark.parametrize("fps", ["7", "30000/1001", "7.3"])
-def test_rates_that_it_cannot_have(clicks: AudioSignal, fps: str) -> None:
+def test_unsupported_rates(clicks: AudioSignal, fps: str) -> None:
     with raises_message(UsageError):
         FEATURE.extract(clicks, FrameGrid.of(fps))
 

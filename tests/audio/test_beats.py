@@ -94,7 +94,7 @@ def test_without_downbeats_the_phase_is_unknown():
 
 
 @pytest.mark.parametrize("seconds", [[], [0.5]])
-def test_with_fewer_than_two_beats_there_is_no_tempo(seconds):
+def test_fewer_than_two_beats_have_no_tempo(seconds):
     rows = track_of(seconds, [0] if seconds else []).rows(30, FPS)
     assert rows[:, :2].sum() == 2 * len(seconds)
     assert (rows[:, 2] == -1).all()
@@ -255,7 +255,7 @@ def test_the_weights_are_named_by_the_environment(monkeypatch):
 
 
 @pytest.mark.parametrize("given", [{"source": "madmom"}, {"weights": WEIGHTS}, {"weights_sha256": "0" * 64}])
-def test_settings_that_cannot_be_are_errors(given):
+def test_impossible_settings_are_errors(given):
     with raises_message(UsageError):
         Beats(**given)
 

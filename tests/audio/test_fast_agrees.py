@@ -91,7 +91,7 @@ def test_starts_between_frames_and_out_of_order() -> None:
     _assert_windows_agree(signal, [96000, 1, 24000, 24000], 5 * 48000)
 
 
-def test_one_window_asked_for_twice() -> None:
+def test_one_window_requested_twice() -> None:
     signal = AudioSignal(_song(15360, 5.0), 15360)
     _assert_windows_agree(signal, [0, 0], 5 * 15360)
 

@@ -35,7 +35,7 @@ def test_resampling_is_librosas(rate: int) -> None:
 
 @pytest.mark.parametrize("rate", [48000, 44100, 24000, 22050, 16000, 96000, 8000, 30720])
 def test_ends_of_windows(rate: int) -> None:
-    """Each end is what resampling the window alone gives; soxr's own rounding is 3e-7 here."""
+    """Each end equals that of the window resampled alone; soxr's own rounding is 3e-7 here."""
     step = rate // np.gcd(rate, RATE)
     length = shortest(rate, RATE, 6, 256) + 17
     samples = RNG.uniform(-1, 1, length + 9 * step).astype(np.float32)

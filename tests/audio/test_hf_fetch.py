@@ -41,7 +41,7 @@ FILES = {
 
 
 class Hub(ThreadingHTTPServer):
-    """What the hub's client asks for: the description of a model, and its files."""
+    """The requests of the hub's client: the description of a model, and its files."""
 
     def __init__(self, files: dict[str, bytes]) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
@@ -51,7 +51,7 @@ class Hub(ThreadingHTTPServer):
         self.asked: list[str] = []
 
     def server_bind(self) -> None:
-        # Not HTTPServer's, which asks for this machine's name.
+        # Not HTTPServer's, which looks up this machine's name.
         socketserver.TCPServer.server_bind(self)
 
     @property
@@ -157,7 +157,7 @@ def test_a_model_is_fetched_without_code_and_pickles(hub: Hub, tmp_path: Path) -
     assert (made.source, made.revision) == (NAME, COMMIT)
 
 
-def test_pickles_are_fetched_if_asked_and_there_is_nothing_else(hub: Hub, tmp_path: Path) -> None:
+def test_pickles_are_fetched_on_request_if_nothing_else_exists(hub: Hub, tmp_path: Path) -> None:
     found = fetch_model(NAME, COMMIT, tmp_path / "one", pickles=True, endpoint=hub.url)
     assert "pytorch_model.bin" not in found.files
     del hub.announced["model.safetensors"]
@@ -181,7 +181,7 @@ def test_an_id_is_owner_and_name(name: str, tmp_path: Path) -> None:
         fetch_model(name, COMMIT, tmp_path / "tiny")
 
 
-def test_a_folder_that_is_there_is_left_alone(hub: Hub, tmp_path: Path) -> None:
+def test_an_existing_folder_is_left_alone(hub: Hub, tmp_path: Path) -> None:
     out = tmp_path / "tiny"
     out.mkdir()
     (out / "mine").write_text("mine")
@@ -194,7 +194,7 @@ def test_a_folder_that_is_there_is_left_alone(hub: Hub, tmp_path: Path) -> None:
         fetch_model(NAME, COMMIT, out, endpoint=hub.url)
 
 
-def test_what_is_interrupted_is_resumed(hub: Hub, tmp_path: Path) -> None:
+def test_an_interrupted_download_is_resumed(hub: Hub, tmp_path: Path) -> None:
     hub.broken = "preprocessor_config.json"
     out = tmp_path / "tiny"
     with pytest.raises(SourceError, match="same command again"):
@@ -216,7 +216,7 @@ def test_other_files_in_the_unfinished_folder_do_not_become_the_model(hub: Hub, 
 
 
 @pytest.mark.parametrize("name", ["model.safetensors", "config.json"])
-def test_a_file_that_is_not_what_was_announced_is_removed(hub: Hub, tmp_path: Path, name: str) -> None:
+def test_a_file_that_differs_from_its_announced_hash_is_removed(hub: Hub, tmp_path: Path, name: str) -> None:
     hub.announced[name] = hub.announced[name][::-1]
     with raises_message(SourceError):
         fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
@@ -245,7 +245,7 @@ def test_a_hub_with_another_commit(hub: Hub, tmp_path: Path) -> None:
         (500, "", SourceError, "cannot be reached"),
     ],
 )
-def test_what_the_hub_refuses(hub: Hub, tmp_path: Path, status: int, code: str, error: type, text: str) -> None:
+def test_refusals_of_the_hub(hub: Hub, tmp_path: Path, status: int, code: str, error: type, text: str) -> None:
     hub.error = status, code
     with pytest.raises(error, match=text):
         fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
@@ -263,7 +263,7 @@ def test_without_a_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> N
 
 
 def test_the_command(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # What $HF_ENDPOINT sets when the client is imported.
+    # Set from $HF_ENDPOINT when the client is imported.
     monkeypatch.setattr(constants, "ENDPOINT", hub.url)
     address = hub.url + "/{repo_id}/resolve/{revision}/{filename}"
     monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", address)

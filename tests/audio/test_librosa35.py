@@ -141,7 +141,7 @@ def test_empty_signal() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
-def test_samples_that_are_no_numbers(value: float) -> None:
+def test_samples_that_are_not_numbers(value: float) -> None:
     samples = np.zeros(16000)
     samples[77] = value
     with raises_message(DataError) as error:
@@ -173,7 +173,7 @@ def test_no_windows(clicks: AudioSignal) -> None:
 
 
 @pytest.mark.parametrize("rate", [Fraction(2997, 100), Fraction(30000, 1001), Fraction(15), Fraction(15, 2)])
-def test_frame_rates_that_cannot_be(clicks: AudioSignal, rate: Fraction) -> None:
+def test_unsupported_frame_rates(clicks: AudioSignal, rate: Fraction) -> None:
     grid = FrameGrid.of(rate)
     with raises_message(UsageError):
         FEATURE.n_rows(48000, 48000, grid)
@@ -214,7 +214,7 @@ def test_unknown_method() -> None:
         (64, 1.0, 0.3, ""),
     ],
 )
-def test_what_the_fast_version_cannot_do_is_logged_once(
+def test_the_fallback_of_the_fast_version_is_logged_once(
     caplog: pytest.LogCaptureFixture, fps: int, seconds: float, level: float, reason: str
 ) -> None:
     _log_once.cache_clear()

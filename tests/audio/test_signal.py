@@ -136,7 +136,7 @@ class TestBadFiles:
         read(tmp_path / "a.wav")
 
     def test_silence_that_is_long_once_resampled(self, tmp_path: Path, read: Callable[[Path], object]) -> None:
-        """Half an hour at 4 kHz: 29 MB as it is, 346 MB at 48 kHz, in a file of some kilobytes."""
+        """Half an hour at 4 kHz: 29 MB unchanged, 346 MB at 48 kHz, in a file of some kilobytes."""
         soundfile.write(tmp_path / "a.flac", np.zeros(4000 * 1800, np.int16), 4000)
         assert (tmp_path / "a.flac").stat().st_size < 200_000
         with raises_message(DataError) as error:
@@ -234,7 +234,7 @@ def _written_and_read(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     return read
 
 
-def test_pcm16_is_what_libsndfile_writes() -> None:
+def test_pcm16_equals_libsndfiles_output() -> None:
     rng = np.random.default_rng(5)
     steps = np.arange(-32770, 32771, dtype=np.float32) / 32768
     near = [steps, np.nextafter(steps, np.float32(9)), np.nextafter(steps, np.float32(-9))]

@@ -178,7 +178,7 @@ def test_noise_is_a_turn_in_the_joints_own_axes() -> None:
     np.testing.assert_allclose(found.as_matrix(), rotation(alone).as_matrix(), atol=1e-9)
 
 
-def test_turns_have_the_range_that_is_asked_for() -> None:
+def test_turns_have_the_requested_range() -> None:
     """Uniform between minus and plus the limit."""
     degrees = np.degrees([Yaw(max_degrees=30)._turn(Draw(0, k)).turn_rad for k in range(2000)])
     assert np.abs(degrees).max() <= 30
@@ -257,7 +257,7 @@ def test_a_motion_at_another_speed_is_where_it_was_at_the_same_place_of_the_danc
         assert ((choices == labels[k]).any(axis=0)).all()
 
 
-def test_what_cannot_be_done_says_why() -> None:
+def test_impossible_augmentations_say_why() -> None:
     plain = SampleField("edge151", "motion", field_of("edge151").columns, FPS)
     keymotion = next(f.sample_field for f in example_fields() if f.kind == "keymotion")
     for made in (Yaw(), RootOffset(), JointNoise()):

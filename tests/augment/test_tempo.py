@@ -65,7 +65,7 @@ def test_beats_of_stretched_music_are_within_half_a_frame_of_where_they_belong(s
     assert faster.n_samples == stretched_length(signal.n_samples, speed)
     late = rises(faster, at / float(speed)) - rises(signal, at) / float(speed)
     assert np.abs(late).max() < HALF_A_FRAME_S
-    # What librosa finds in it is what it finds in music that was played at that tempo, to one row.
+    # librosa finds the same beats as in music played at that tempo, to one row.
     bpm = 120 * float(speed)
     played, when = hits(bpm, 12 / float(speed), 0.5 / float(speed))
     feature = FEATURES.get("librosa35")()
@@ -103,7 +103,7 @@ def at_speed(motion: Motion, speed: Fraction) -> Motion:
 
 @pytest.mark.parametrize("speed", SPEEDS, ids=str)
 def test_key_motions_are_within_half_a_frame_of_where_they_belong(speed: Fraction) -> None:
-    turns_s = 0.837 * np.arange(1, 11)  # a swing that stops at instants that are no frames
+    turns_s = 0.837 * np.arange(1, 11)  # a swing that stops at instants that are not frames
     time_s = np.arange(540) / 60
     rows = KEYMOTIONS.get("lodge")().analyse(at_speed(dance(np.cos(np.pi * time_s / 0.837)), speed))
     minima = (np.flatnonzero(rows[:, 1]) + 0.5) / 30  # value m is the way from frame m to m + 1
@@ -191,7 +191,7 @@ def test_plan_parts_and_jobs_see_the_same_copies(source: Path, tmp_path: Path) -
     assert shards[0] == shards[1]
     assert all(sha256_file(tmp_path / "a" / s) == sha256_file(tmp_path / "b" / s) for s in shards[0])
     store = dancedata.open(tmp_path / "a")
-    # Stretched copies of a song are no further songs, nor does another split share them.
+    # Stretched copies of a song are not counted as songs, nor shared by another split.
     songs = songs_of(store.clips, store.meta)
     assert all(songs[clip.id] == songs[clip.source] for clip in store.clips if clip.source)
     assert {split: own["songs"] for split, own in store.meta["counts"].items()} == {
@@ -218,7 +218,7 @@ def test_copies_too_short_for_a_window_are_rejects(source: Path, cache: Path, tm
     assert {(r["clip"], r["reason"]) for r in store.rejects} == {(f"{clip}__tempo", "too_short") for clip in train}
 
 
-def test_what_only_changes_samples_is_no_copy() -> None:
+def test_an_augmentation_of_samples_makes_no_copy() -> None:
     with raises_message(RecipeError):
         parse_recipe(
             document(augment={"crop": True, "drop": {}, "tempo": {"speeds": []}, "yaw": {"max_degrees": 400}})

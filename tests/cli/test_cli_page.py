@@ -40,6 +40,6 @@ def test_every_option_of_build_is_on_the_page():
         assert option in section, option
 
 
-def test_every_option_on_the_page_is_there():
+def test_every_option_on_the_page_exists():
     known = set().union(*commands().values()) | {"--help", "--not-normalized"}
     assert set(re.findall(r"--[a-z][a-z-]+", PAGE)) <= known

@@ -59,7 +59,7 @@ def test_listing_is_light():
     assert imported("-m", "dancedata", "list") & (HEAVY | {"h5py", "loky", "tqdm", "pydantic"}) == set()
 
 
-def test_listing_leaves_what_plug_ins_compute_with():
+def test_listing_does_not_import_numeric_libraries():
     names = modules("-m", "dancedata", "list")
     rest = {name for name in names if name.startswith("dancedata.audio.hf.families")}
     rest |= {"dancedata.execution.reference_process", "dancedata.execution.cache"}
@@ -74,7 +74,7 @@ def test_a_recipe_loads_its_own_plug_ins():
     assert [name for name in names if name.startswith(tuple(f"dancedata.{other}" for other in others))] == []
 
 
-def test_only_the_command_that_is_asked_for_is_made():
+def test_only_the_requested_command_is_created():
     names = {command.name or command.callback.__name__ for command in app.registered_commands}  # type: ignore[union-attr]
     assert {"build", "plan", "list", "doctor"} <= names
     for name in names:

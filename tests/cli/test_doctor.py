@@ -46,7 +46,7 @@ def test_a_working_installation(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("notes", [0, 1, 2])
-def test_notes_are_no_failure(monkeypatch: pytest.MonkeyPatch, notes: int) -> None:
+def test_notes_are_not_a_failure(monkeypatch: pytest.MonkeyPatch, notes: int) -> None:
     findings = [Finding("a", "ok", "b"), *[Finding("c", "note", "d", "e")] * notes]
     monkeypatch.setattr(doctor, "diagnose", lambda: iter(findings))
     lines = run("doctor").stdout.splitlines()

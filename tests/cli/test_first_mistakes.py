@@ -1,4 +1,4 @@
-"""What a user does wrong first, and what the command says to it."""
+"""Common first mistakes of users, and their error messages."""
 
 import json
 import shlex
@@ -40,10 +40,10 @@ ALL = ("--set", "dataset.aist++.split=all")
 # Missing music
 
 
-def test_a_build_without_music_says_where_it_looked_and_what_to_do(larger: Path, out: Path):
+def test_a_build_without_music_names_the_folders_and_the_fix(larger: Path, out: Path):
     shutil.rmtree(larger / "wavs")
-    said = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
-    lines = said.splitlines()
+    output = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
+    lines = output.splitlines()
     (counts,) = [number for number, line in enumerate(lines) if line == "  - missing_music: 8 clips"]
     assert lines[counts + 1 : counts + 3] == [
         "    song mBR0 is missing: 4 clips",
@@ -59,12 +59,12 @@ def test_a_build_without_music_says_where_it_looked_and_what_to_do(larger: Path,
 def test_near_names_are_offered(larger: Path, out: Path):
     (larger / "wavs" / "mBR0.wav").rename(larger / "wavs" / "MBR0.WAV")
     (larger / "wavs" / "mHO3.wav").rename(larger / "wavs" / "mHO3.m4a")
-    said = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
-    assert "song mBR0 is missing: 4 clips; mv -n wavs/MBR0.WAV wavs/mBR0.wav\n" in said
-    assert "song mHO3 is missing: 4 clips; ffmpeg -n -i wavs/mHO3.m4a wavs/mHO3.wav\n" in said
+    output = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
+    assert "song mBR0 is missing: 4 clips; mv -n wavs/MBR0.WAV wavs/mBR0.wav\n" in output
+    assert "song mHO3 is missing: 4 clips; ffmpeg -n -i wavs/mHO3.m4a wavs/mHO3.wav\n" in output
 
 
-def test_what_matters_comes_first_and_motion_that_is_not_there_last(larger: Path, out: Path, rejects: Any):
+def test_important_problems_come_first_and_missing_motion_last(larger: Path, out: Path, rejects: Any):
     (larger / "wavs" / "mHO3.wav").unlink()
     listed = larger / "splits" / "crossmodal_train.txt"
     names = [f"gBR_sBM_cAll_d04_mBR{n % 6}_ch{n:02d}" for n in range(10, 99)]
@@ -102,12 +102,12 @@ def test_clips_that_name_no_song_are_counted():
     ]
 
 
-def test_what_is_broken_is_said_in_plan_and_summary(larger: Path, out: Path):
+def test_broken_files_are_reported_in_plan_and_summary(larger: Path, out: Path):
     (larger / "wavs" / "mHO3.wav").write_text("no music")
     for args in (["plan"], ["build", "--out", out]):
-        said = run(args[0], "aist++", "--source", larger, *args[1:], *ALL).stdout
+        output = run(args[0], "aist++", "--source", larger, *args[1:], *ALL).stdout
         start = {"plan": "  would leave out: ", "build": "    "}[args[0]]
-        (line,) = [line for line in said.splitlines() if line.startswith(f"{start}broken_audio: 4 (")]
+        (line,) = [line for line in output.splitlines() if line.startswith(f"{start}broken_audio: 4 (")]
         assert "and 1 more): wavs/mHO3.wav: the audio file cannot be decoded" in line
 
 
@@ -131,15 +131,15 @@ def test_the_command_that_lists_every_file_can_be_copied(larger: Path, tmp_path:
 def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("torch")
     monkeypatch.delenv("DANCEDATA_JUKEBOX", raising=False)
-    said = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
-    assert "note: a build here ends with: jukebox: the folder of the weights is unknown" in said
+    output = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
+    assert "note: a build here ends with: jukebox: the folder of the weights is unknown" in output
     network = "audio={beats: {source: beat_this, weights: none.ckpt}}"
-    said = run("plan", "aist++", "--source", larger, *ALL, "--set", network).stdout
-    assert "beats: the file of the weights does not exist" in said
+    output = run("plan", "aist++", "--source", larger, *ALL, "--set", network).stdout
+    assert "beats: the file of the weights does not exist" in output
     assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
 
 
-def test_what_is_not_a_recipe(tmp_path: Path, out: Path):
+def test_values_that_are_not_recipes(tmp_path: Path, out: Path):
     (tmp_path / "captures").mkdir()
     for name in ("folder", tmp_path / "captures"):
         same_text(run("build", name, "--source", tmp_path, "--out", out, code=2).stderr)
@@ -155,7 +155,7 @@ def test_list_has_the_contact_rule_of_representations():
 
 
 @pytest.mark.parametrize("bpm", ["0", "-5", "nan", "inf"])
-def test_a_tempo_that_is_none_names_the_option(tmp_path: Path, bpm: str):
+def test_an_invalid_tempo_names_the_option(tmp_path: Path, bpm: str):
     song = tmp_path / "song.wav"
     soundfile.write(song, np.zeros(22_050), 22_050)
     same_text(run("features", song, "--bpm", bpm, "--out", tmp_path / "out", code=2).stderr)
@@ -179,9 +179,11 @@ def test_a_damaged_dataset_is_replaced_as_the_error_says(larger: Path, out: Path
 
 def test_strict_names_the_song_too(larger: Path, out: Path):
     (larger / "wavs" / "mHO3.wav").unlink()
-    said = run("build", "aist++", "--source", larger, "--out", out, *ALL, "--strict", code=1).stderr
-    assert "4 broken clips in a strict build\n  - missing_music: 4 clips\n    song mHO3 is missing: 4 clips\n" in said
-    assert "Layout: official AIST++" in said
+    output = run("build", "aist++", "--source", larger, "--out", out, *ALL, "--strict", code=1).stderr
+    assert (
+        "4 broken clips in a strict build\n  - missing_music: 4 clips\n    song mHO3 is missing: 4 clips\n" in output
+    )
+    assert "Layout: official AIST++" in output
 
 
 @pytest.mark.parametrize("dataset", ["finedance", "folder"])
@@ -195,9 +197,9 @@ def test_other_datasets_name_songs_and_near_files(tmp_path: Path, out: Path, dat
         (source / "manifest.csv").unlink()
         (source / "music" / "slow.wav").rename(source / "music" / "SMPL.wav")
         wanted = "song smpl is missing: 1 clip; mv -n music/SMPL.wav music/smpl.wav"
-    said = run("build", _recipe(tmp_path, dataset), "--source", source, "--out", out, code=1).stderr
-    assert wanted in said
-    assert all(note in said for note in DATASETS.get(dataset)().scan(source).notes)
+    output = run("build", _recipe(tmp_path, dataset), "--source", source, "--out", out, code=1).stderr
+    assert wanted in output
+    assert all(note in output for note in DATASETS.get(dataset)().scan(source).notes)
 
 
 def _recipe(folder: Path, dataset: str) -> Path:
@@ -244,8 +246,8 @@ def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path
     source = tmp_path / "source"
     DATASETS.get("finedance")().make_example(source)
     shutil.rmtree(source / "label_json")
-    said = run(command, "finedance", "--source", source, "--out", tmp_path / "out", code=1).stderr
-    assert "--set dataset.finedance.labels=optional" in said
+    output = run(command, "finedance", "--source", source, "--out", tmp_path / "out", code=1).stderr
+    assert "--set dataset.finedance.labels=optional" in output
     optional = ("--set", "dataset.finedance.labels=optional")
     assert "would leave out: missing_label" not in run("plan", "finedance", "--source", source, *optional).stdout
 
@@ -269,7 +271,7 @@ def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path
         "features x.wav --out x --feature Librosa",
     ],
 )
-def test_the_name_that_was_meant(args: str, tmp_path: Path, monkeypatch: Any):
+def test_suggested_names(args: str, tmp_path: Path, monkeypatch: Any):
     monkeypatch.chdir(tmp_path)
     same_text(run(*args.split(), code=2).stderr)
 
@@ -277,7 +279,7 @@ def test_the_name_that_was_meant(args: str, tmp_path: Path, monkeypatch: Any):
 # The closing summary
 
 
-def test_the_closing_summary_is_short_and_says_what_to_do_next(larger: Path, out: Path):
+def test_the_closing_summary_is_short_and_names_the_next_steps(larger: Path, out: Path):
     args = ("build", "aist++", "--source", larger, "--out", out, "--jobs", 1)
     (larger / "ignore_list.txt").write_text("gBR_sBM_cAll_d04_mBR0_ch01\n")
     lines = run(*args).stdout.splitlines()
@@ -325,8 +327,8 @@ def test_flags_are_summed_up_by_kind(built_copy: Path):
     document["files"]["quality.jsonl"]["sha256"] = sha256_file(built_copy / "quality.jsonl")
     document["self_sha256"] = self_hash(document)
     (built_copy / "dataset.json").write_text(json.dumps(document))
-    said = describe_built(built_copy)
-    assert "  flagged, not repaired (quality.jsonl): fast_turn in 1 clip, root_jump in 2 clips\n" in said
+    output = describe_built(built_copy)
+    assert "  flagged, not repaired (quality.jsonl): fast_turn in 1 clip, root_jump in 2 clips\n" in output
 
 
 # Features of the user's own songs
@@ -340,12 +342,12 @@ def about_of(folder: Path) -> dict[str, Any]:
 
 def test_an_estimated_tempo_is_printed_stored_and_gives_the_same_rows(corpus: Path, tmp_path: Path):
     song = corpus / "wavs" / "mHO3.wav"
-    said = run("features", song, "--out", tmp_path / "a").stdout
+    output = run("features", song, "--out", tmp_path / "a").stdout
     about = about_of(tmp_path / "a")
     assert about["tempo_estimated"] is True
     assert about["start_bpm"] is None
     assert 60 < about["tempo_bpm"] < 240
-    assert f"tempo estimated: {about['tempo_bpm']:.5g} BPM" in said
+    assert f"tempo estimated: {about['tempo_bpm']:.5g} BPM" in output
     plain = Librosa35(method="librosa")
     assert about["tempo_bpm"] == pytest.approx(plain.estimated_bpm(load_audio(song), FrameGrid.of(30)))
     run("features", song, "--out", tmp_path / "b", "--bpm", repr(about["tempo_bpm"]))
@@ -358,11 +360,11 @@ def test_an_estimated_tempo_is_printed_stored_and_gives_the_same_rows(corpus: Pa
 
 def test_the_tempo_of_every_window_is_stored(corpus: Path, tmp_path: Path):
     song = corpus / "wavs" / "mHO3.wav"
-    said = run("features", song, "--out", tmp_path / "a", "--like", "aist++-edge-exact").stdout
+    output = run("features", song, "--out", tmp_path / "a", "--like", "aist++-edge-exact").stdout
     about = about_of(tmp_path / "a")
     tempos = about["tempo_bpm"]
     assert len(tempos) == about["shape"][0] > 1
-    assert f"tempo of each window estimated: {min(tempos):.5g} to {max(tempos):.5g} BPM" in said
+    assert f"tempo of each window estimated: {min(tempos):.5g} to {max(tempos):.5g} BPM" in output
     rows = np.load(tmp_path / "a" / "mHO3.librosa35.npy")
     for tempo in set(tempos):
         run("features", song, "--out", tmp_path / "b", "--like", "aist++-edge-exact", "--bpm", repr(tempo))
@@ -407,13 +409,13 @@ def test_a_folder_is_not_a_song(corpus: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", ["mBR0.librosa35.npy", "mBR0.librosa35.json"])
-def test_features_replace_no_file_of_others(corpus: Path, tmp_path: Path, name: str):
+def test_features_replace_no_foreign_file(corpus: Path, tmp_path: Path, name: str):
     song, out = corpus / "wavs" / "mBR0.wav", tmp_path / "out"
     out.mkdir()
     (out / name).write_text('{"mine": 1}')
-    said = run("features", song, "--out", out, code=2).output
-    assert "mBR0.librosa35.npy" in said
-    assert "move them away" in said
+    output = run("features", song, "--out", out, code=2).output
+    assert "mBR0.librosa35.npy" in output
+    assert "move them away" in output
     assert [path.name for path in out.iterdir()] == [name]
     assert (out / name).read_text() == '{"mine": 1}'
     (out / name).unlink()

@@ -1,4 +1,4 @@
-"""dancedata new: every template passes the conformance suite as it is, and nothing is overwritten."""
+"""dancedata new: every template passes the conformance suite unchanged, and nothing is overwritten."""
 
 import importlib
 import json
@@ -19,7 +19,7 @@ from tests.commands import as_json, run
 from tests.messages import raises_message, same_text
 
 
-def test_there_is_a_template_of_every_kind() -> None:
+def test_every_kind_has_a_template() -> None:
     assert {id(kind.registry) for kind in KINDS.values()} == {
         id(registry) for registry in (*REGISTRIES.values(), EXPORTS)
     }
@@ -54,7 +54,7 @@ def test_the_test_that_is_written_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_to_do_next(kind: str, tmp_path: Path) -> None:
+def test_next_steps(kind: str, tmp_path: Path) -> None:
     done = run("new", kind, "shake", "--out", tmp_path / "a folder")
     assert sorted(p.name for p in (tmp_path / "a folder").iterdir()) == ["shake.py", "test_shake.py"]
     group = KINDS[kind].registry.package
@@ -98,8 +98,8 @@ def test_bad_names(plugin: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["random", "numpy"])
 def test_names_of_installed_modules(name: str, tmp_path: Path) -> None:
-    said = run("new", "filter", name, "--out", tmp_path / "out", code=2).stderr
-    assert f"{name} is the name of an installed Python module" in said
+    output = run("new", "filter", name, "--out", tmp_path / "out", code=2).stderr
+    assert f"{name} is the name of an installed Python module" in output
     assert not (tmp_path / "out").exists()
 
 

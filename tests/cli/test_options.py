@@ -67,7 +67,7 @@ def test_the_docstring_lists_the_parameters(function: Callable[..., Any]) -> Non
 
 
 @pytest.mark.parametrize("command", PYTHON)
-def test_what_several_commands_have_is_written_once(command: str) -> None:
+def test_shared_options_are_defined_once(command: str) -> None:
     shared: dict[str, list[Any]] = {
         "as_json": [options.AsJson],
         "backend": [options.Backend],

@@ -75,7 +75,7 @@ def test_export(name: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("registry", [*REGISTRIES.values(), EXPORTS], ids=lambda r: r.kind)
-def test_there_is_a_plugin_of_every_kind(registry: Registry):
+def test_every_kind_has_a_plugin(registry: Registry):
     assert registry.names()
 
 
@@ -107,7 +107,7 @@ def test_a_field_without_a_word_in_the_docstring_fails(monkeypatch: pytest.Monke
         conformance.check_contact_rule(_register(monkeypatch, CONTACTS, cls))
 
 
-def test_a_parameter_that_is_no_json_fails(monkeypatch: pytest.MonkeyPatch):
+def test_a_parameter_that_is_not_json_fails(monkeypatch: pytest.MonkeyPatch):
     base = CONTACTS.get(CONTACTS.names()[0])
     doc = f"{base.__doc__}\n\n    when\n        A pair, which JSON makes a list.\n"
     cls = _subclass(CONTACTS, __doc__=doc, __annotations__={"when": Any}, when=(1, 2))

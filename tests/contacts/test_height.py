@@ -43,7 +43,7 @@ def test_speed_does_not_matter() -> None:
     np.testing.assert_array_equal(Height()(joints, THIRTY, SMPL24), np.ones((3, 4)))
 
 
-def test_limits_of_ones_own() -> None:
+def test_custom_limits() -> None:
     found = Height(ankle_m=0.3, toe_m=0.01)(feet(0.25, 0.35, 0.005, 0.015), THIRTY, SMPL24)
     np.testing.assert_array_equal(found, [[1, 0, 1, 0]])
 

@@ -118,7 +118,7 @@ def test_parameters_are_carried_over_by_name(source: Skeleton, target: Skeleton)
         assert found.skeleton is target
 
 
-def test_a_body_of_ones_own_keeps_its_bones() -> None:
+def test_an_own_body_keeps_its_bones() -> None:
     tall = replace(SMPLX55, name="tall", offsets=SMPLX55.offsets * 1.2)
     for target in (SMPLX52, SMPLX22):
         found = carried_over(motion_on(tall), target)
@@ -128,7 +128,7 @@ def test_a_body_of_ones_own_keeps_its_bones() -> None:
         np.testing.assert_allclose(found.joints()[:, :22], motion_on(tall).joints()[:, :22], atol=1e-12)
         # On the target's bones if requested.
         assert on_body(motion_on(tall), target).skeleton is target
-    # SMPL's hands are no joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
+    # SMPL's hands are not joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
     assert carried_over(motion_on(tall), SMPL24).skeleton is SMPL24
     assert (
         carried_over(motion_on(replace(SMPL24, name="mine", offsets=SMPL24.offsets * 1.2)), SMPLX22).skeleton
@@ -142,7 +142,7 @@ def test_other_families_are_refused() -> None:
     for motion, target in ((motion_on(other), SMPLX22), (motion_on(SMPLX22), other)):
         with raises_message(UsageError):
             carried_over(motion, target)
-    # Its own joints are fine, whatever the family.
+    # Its own joints are fine, in any family.
     same = replace(other, offsets=other.offsets * 2)
     motion = motion_on(other)
     assert carried_over(motion, same) is motion

@@ -1,4 +1,4 @@
-"""Frame rates, times, windows: exact, whatever the rate."""
+"""Frame rates, times, windows: exact at any rate."""
 
 from fractions import Fraction
 from typing import Any
@@ -27,13 +27,13 @@ rates = st.sampled_from(["24", "25", "29.97", "30000/1001", "30", "50", "60", "1
         (Fraction(1, 3), Fraction(1, 3)),
     ],
 )
-def test_rates_are_what_is_written(value: Any, exact: Fraction) -> None:
+def test_rates_are_exact_decimals(value: Any, exact: Fraction) -> None:
     assert as_rate(value) == exact
     assert FrameGrid.of(value) == FrameGrid(exact)
 
 
 @pytest.mark.parametrize("value", [0, -30, "", "thirty", "30/0", float("nan"), float("inf"), None, [30]])
-def test_rates_that_are_none(value: Any) -> None:
+def test_invalid_rates(value: Any) -> None:
     with raises_message(UsageError):
         as_rate(value)
 
@@ -75,7 +75,7 @@ def test_resampled_length_of_a_whole_ratio_is_that_of_a_slice(n: int, step: int)
 
 
 @given(rates, rates, st.integers(0, 5000))
-def test_rows_lie_at_the_same_instant(a: FrameGrid, b: FrameGrid, frame: int) -> None:
+def test_rows_are_at_the_same_instant(a: FrameGrid, b: FrameGrid, frame: int) -> None:
     try:
         assert b.seconds(a.rows(frame, of=b)) == a.seconds(frame)
     except UsageError:

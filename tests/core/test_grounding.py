@@ -38,7 +38,7 @@ def test_mean_of_level_toes_else_the_lower(left: float, right: float, floor: flo
     assert ground_height(feet(left, right), SMPL24) == pytest.approx(floor, abs=1e-12)
 
 
-def test_the_frame_that_is_asked_for() -> None:
+def test_the_requested_frame() -> None:
     joints = np.concatenate([feet(0, 0), feet(1, 1), feet(2, 3)])
     assert [ground_height(joints, SMPL24, frame) for frame in range(3)] == [0, 1, 2]
     for frame in (-1, 3):
@@ -54,9 +54,7 @@ def random_motion(seed: int, skeleton: Skeleton, trim: int = 0) -> Motion:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 9999), st.integers(0, 5), st.sampled_from([SMPL24, SMPLX22, SMPLX52]))
-def test_the_lower_toe_stands_on_the_floor_once_the_beginning_is_cut(
-    seed: int, trim: int, skeleton: Skeleton
-) -> None:
+def test_the_lower_toe_is_on_the_floor_once_the_beginning_is_cut(seed: int, trim: int, skeleton: Skeleton) -> None:
     motion = random_motion(seed, skeleton, trim)
     found = grounded(motion)
     toes = found.joints()[trim, [10, 11], 1]

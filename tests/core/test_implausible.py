@@ -1,4 +1,4 @@
-"""Flags of clips whose unit makes no dancer: bodies by their bones, translations by what the pose asks for."""
+"""Flags of clips whose unit makes no dancer: bodies by their bones, translations by the pose."""
 
 from pathlib import Path
 from typing import Any
@@ -61,7 +61,7 @@ def test_a_translation_in_another_unit(dance: Motion, unit: float) -> None:
         assert value == pytest.approx(factor, rel=0.3)
 
 
-def test_what_says_nothing_about_the_root(dance: Motion) -> None:
+def test_columns_without_the_root(dance: Motion) -> None:
     root_taken_out = np.zeros_like(dance.translation)
     assert kinds(Motion(root_taken_out, dance.rotations, dance.grid, dance.skeleton)) == []
     still = np.zeros_like(dance.rotations)

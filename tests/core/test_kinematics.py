@@ -50,7 +50,7 @@ def test_6d_is_the_first_two_rows() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.01, 100))
-def test_6d_comes_back_whatever_its_length(seed: int, factor: float) -> None:
+def test_6d_of_any_length_is_decoded(seed: int, factor: float) -> None:
     rotvec = np.random.default_rng(seed).normal(size=(4, 3, 3)) * 2
     matrix = matrix_from_rotvec(rotvec)
     rows = rotation_6d(matrix) * factor
@@ -207,7 +207,7 @@ def test_limits_are_speeds(rate: int) -> None:
     assert found[1].to_json()["value"] == pytest.approx(12.1 / rate, abs=1e-4)
 
 
-def test_wraps_are_no_turns() -> None:
+def test_wraps_are_not_turns() -> None:
     translation, rotations, grid = still(100)
     rotations[:, 0, 1] = np.linspace(0, 14, 100)
     wrapped = Rotation.from_rotvec(rotations[:, 0]).as_rotvec()

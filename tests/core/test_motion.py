@@ -60,7 +60,7 @@ def test_shapes_that_do_not_fit(translation: Any, rotations: Any, reason: str) -
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("what", ["translation", "rotations"])
-def test_values_that_are_no_numbers(value: float, what: str) -> None:
+def test_values_that_are_not_numbers(value: float, what: str) -> None:
     arrays = {"translation": np.zeros((9, 3)), "rotations": np.zeros((9, 24, 3))}
     arrays[what][4:6, ..., 1] = value
     with pytest.raises(DataError, match=rf"{what} .* 2 of 9 frames, the first at frame 4") as error:
@@ -136,7 +136,7 @@ def test_frames_that_coincide_are_hit() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(RATES), st.integers(2, 60), st.integers(0, 99), st.floats(0, 4))
-def test_no_frame_lies_beyond_its_neighbours(rate: str, n: int, seed: int, size: float) -> None:
+def test_no_frame_is_beyond_its_neighbours(rate: str, n: int, seed: int, size: float) -> None:
     motion = make(n, rate, seed, size)
     made = motion.resampled(THIRTY)
     low, high = motion.translation.min(axis=0), motion.translation.max(axis=0)

@@ -40,14 +40,14 @@ def for_type_checkers(package: ModuleType) -> dict[str, str]:
     }
 
 
-def test_the_list_is_what_it_was_meant_to_be() -> None:
+def test_the_public_list_is_unchanged() -> None:
     assert set(dancedata.__all__) == PUBLIC | MODULES
     assert dir(dancedata) == sorted(dancedata.__all__)
     table = (Path(__file__).resolve().parents[2] / "docs" / "python.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `dancedata\.(\w+)` \|", table, flags=re.MULTILINE)) == MODULES
 
 
-def test_modules_are_there_without_an_import_of_their_own() -> None:
+def test_modules_are_available_without_a_separate_import() -> None:
     code = (
         "import sys, dancedata; own = {m for m in sys.modules if m.startswith('dancedata.')}\n"
         "assert not own & {f'dancedata.{m}' for m in sys.argv[1:]}, own\n"
@@ -59,7 +59,7 @@ def test_modules_are_there_without_an_import_of_their_own() -> None:
 
 
 @pytest.mark.parametrize("package", [dancedata, dancedata.readers, dancedata.audio.jukebox], ids=lambda p: p.__name__)
-def test_type_checkers_see_what_is_loaded(package: ModuleType) -> None:
+def test_type_checkers_see_lazy_names(package: ModuleType) -> None:
     if package is not dancedata:
         pytest.importorskip("torch")
     typed = for_type_checkers(package)

@@ -80,7 +80,7 @@ for ask in (lambda: CONTACTS.get("velocity"), lambda: "velocity" in CONTACTS, CO
 
 
 @pytest.mark.parametrize(
-    ("module", "said"),
+    ("module", "message"),
     [
         (
             "from dancedata.contacts.height import *\n"
@@ -96,7 +96,7 @@ for ask in (lambda: CONTACTS.get("velocity"), lambda: "velocity" in CONTACTS, CO
     ids=["the name of a shipped one", "cannot be imported"],
 )
 def test_a_plug_in_of_another_distribution_never_takes_the_place_of_a_shipped_one(
-    tmp_path: Path, module: str, said: str
+    tmp_path: Path, module: str, message: str
 ) -> None:
     info = tmp_path / "mine-1.0.dist-info"
     info.mkdir()
@@ -106,7 +106,7 @@ def test_a_plug_in_of_another_distribution_never_takes_the_place_of_a_shipped_on
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
     done = subprocess.run([sys.executable, "-c", ASKING], env=environment, capture_output=True, text=True, check=True)
     assert "GOT" not in done.stdout, done.stdout
-    assert done.stdout.count(said) == 6
+    assert done.stdout.count(message) == 6
 
 
 @pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)
@@ -169,7 +169,7 @@ def test_two_plug_ins_of_one_name() -> None:
     class First(Plugin):
         version = 1
 
-    registry.register("a")(First)  # a module imported twice is no clash
+    registry.register("a")(First)  # a module imported twice is not a clash
     with raises_message(UsageError):
 
         @registry.register("a")
@@ -177,7 +177,7 @@ def test_two_plug_ins_of_one_name() -> None:
             version = 1
 
 
-def test_what_is_registered_is_checked() -> None:
+def test_registered_classes_are_checked() -> None:
     with raises_message(UsageError):
 
         @FEATURES.register("a")

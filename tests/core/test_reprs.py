@@ -1,4 +1,4 @@
-"""What a notebook prints is short: one to three lines, no arrays, whatever the object holds."""
+"""The repr in a notebook is short: one to three lines, no arrays, for any content."""
 
 from collections.abc import Iterator
 from fractions import Fraction

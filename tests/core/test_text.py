@@ -34,7 +34,7 @@ class Loud:
     __str__ = __repr__
 
 
-def test_what_does_not_print_is_written_as_sequences() -> None:
+def test_unprintable_characters_are_escaped() -> None:
     assert printable(HOSTILE) == SAFE
     assert printable(HOSTILE, lines=True) == SAFE.replace("\\n", "\n")
     assert printable(printable(HOSTILE)) == SAFE
@@ -99,7 +99,7 @@ def test_json_for_a_terminal_is_still_json() -> None:
     assert json.loads(text) == document
 
 
-def test_errors_print_whatever_they_are_about() -> None:
+def test_errors_are_printable_for_any_text() -> None:
     """As a whole, and after the way back from a worker process."""
     for error in (
         DataError(
@@ -118,11 +118,11 @@ def test_an_error_about_a_file_is_one_line() -> None:
     assert "\n" not in str(DataError("bad", reason="nan", where="a\nb", found="c\nd", fix="e\nf"))
 
 
-def test_names_that_are_nearly_right_are_cut() -> None:
+def test_suggested_names_are_truncated() -> None:
     assert len(did_you_mean("x" * 10**6, ["y" * 10**6, "x\x1b"])) < 700
 
 
-def test_what_is_left_out_can_be_stored_and_printed() -> None:
+def test_rejects_can_be_stored_and_printed() -> None:
     reject = Reject("bad_name", clip=HOSTILE, file=f"motions/{HOSTILE}", detail=HOSTILE * 1000)
     scan = Scan("x", (), (reject,), (HOSTILE, "z" * 10**6))
     row = json.dumps(reject.to_json(), ensure_ascii=False).encode()
@@ -133,7 +133,7 @@ def test_what_is_left_out_can_be_stored_and_printed() -> None:
     assert len(scan.notes[1]) < 5000
 
 
-def test_what_a_check_finds_can_be_printed() -> None:
+def test_findings_of_a_check_can_be_printed() -> None:
     problem = Problem("error", f"/x/{HOSTILE}", HOSTILE)
     assert str(problem) == f"error: /x/{SAFE}: {SAFE}"
     problem.to_json()["message"].encode()

@@ -36,7 +36,7 @@ def use(recipe: Recipe, signal: AudioSignal, motion: Motion, target: Export, job
     target.write(job, ExportFolder(job.out, job.out))
 """
 
-# A feature of another package: the template as it is, and with a signature and a class variable that do not fit.
+# A feature of another package: the template unchanged, and with a signature and a class variable that do not fit.
 TEMPLATE = (Path(dancedata.cli.templates.__file__).parent / "feature.py").read_text(encoding="utf-8")
 WRONG = TEMPLATE.replace("sample_rate: int, grid: FrameGrid) -> int:", "sample_rate: int) -> int:").replace(
     "version: ClassVar[int] = 1", 'version: ClassVar[str] = "1"'

@@ -44,7 +44,7 @@ class AistCopy(Copy):
     """AIST++'s official layout."""
 
     def content(self, n_frames: int = 90, **changes: Any) -> dict[str, Any]:
-        """What a motion pickle holds; a change to None takes the key away."""
+        """Content of a motion pickle; a change to None removes the key."""
         rng = np.random.default_rng(SEED)
         content: dict[str, Any] = {
             "smpl_poses": rng.normal(0, 0.3, (n_frames, 72)).astype(np.float32),
@@ -98,7 +98,7 @@ class FineCopy(Copy):
     """FineDance's layout."""
 
     def columns(self, n_frames: int = 90) -> np.ndarray[Any, Any]:
-        """What a motion file holds: (T, 315) float32, random rotations."""
+        """Content of a motion file: (T, 315) float32, random rotations."""
         from scipy.spatial.transform import Rotation
 
         rng = np.random.default_rng(SEED)
@@ -113,7 +113,7 @@ class FineCopy(Copy):
         return path
 
     def label(self, clip: str, content: Any) -> Path:
-        """Write one label: JSON of anything, or bytes as they are."""
+        """Write one label: JSON of anything, or raw bytes."""
         data = content if isinstance(content, bytes) else json.dumps(content).encode()
         return self.write(f"label_json/{clip}.json", data)
 

@@ -51,7 +51,7 @@ def test_edge_layout(empty_copy: Any, below: str) -> None:
     assert f"one audio file per sequence in {below}wavs/" in notes(scan)
 
 
-def test_folder_above_with_music_and_lists_beside_it(empty_copy: Any) -> None:
+def test_folder_above_with_music_and_lists_next_to_it(empty_copy: Any) -> None:
     empty_copy.motion(TRAIN, folder="aist_plusplus_final/motions")
     empty_copy.song("music/mBR2.wav")
     empty_copy.names("splits/crossmodal_val.txt", TRAIN)
@@ -246,7 +246,7 @@ def test_rule_and_lists_against_all_real_names(shared: Path) -> None:
         "holiday.jpg",
     ],
 )
-def test_wrong_folder_says_what_is_there(empty_copy: Any, file: str) -> None:
+def test_the_error_for_a_wrong_folder_lists_its_content(empty_copy: Any, file: str) -> None:
     empty_copy.write(file, b"x")
     with raises_message(SourceError):
         AistPP().scan(empty_copy.root)

@@ -27,7 +27,7 @@ def test_split_file_as_windows_saves_it(official: Any) -> None:
     assert "lists some names more than once" in notes(scan)
 
 
-def test_split_of_ones_own(official: Any) -> None:
+def test_an_own_split(official: Any) -> None:
     official.names("splits/mine_train.txt", TEST)
     assert splits(AistPP(split="mine").scan(official.root)) == {TEST: "train"}
     assert splits(AistPP().scan(official.root)) == {TRAIN: "train", VAL: "val", TEST: "test"}, "rule: no such file"
@@ -71,7 +71,7 @@ def test_clip_in_two_splits(official: Any) -> None:
         AistPP().scan(official.root)
 
 
-def test_split_file_that_is_no_text(official: Any) -> None:
+def test_split_file_that_is_not_text(official: Any) -> None:
     official.write("splits/crossmodal_train.txt", b"\xff\xfe\x00g")
     with pytest.raises(SourceError, match="UTF-8"):
         AistPP().scan(official.root)

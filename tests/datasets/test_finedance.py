@@ -293,7 +293,7 @@ def test_links(finedance: Any) -> None:
         "motion/dance.npy",
     ],
 )
-def test_wrong_folder_says_what_is_there(fine: Any, file: str) -> None:
+def test_the_error_for_a_wrong_folder_lists_its_content(fine: Any, file: str) -> None:
     fine.write(file, b"x")
     with raises_message(SourceError):
         FineDance().scan(fine.root)

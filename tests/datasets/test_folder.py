@@ -132,7 +132,7 @@ def test_songs_of_one_name_in_two_folders_are_two_songs(source: Path) -> None:
     assert [clip.music for clip in Folder().scan(source).clips] == ["songs/a", "other/a"]
 
 
-def test_what_is_listed_and_not_there(source: Path) -> None:
+def test_listed_files_that_are_missing(source: Path) -> None:
     manifest(source, "motion,audio\ntakes/a.npz,songs/no.wav\ntakes/no.npz,songs/a.wav\ntakes/b.npz,\n")
     scan = Folder().scan(source)
     assert {(r.clip, r.reason) for r in scan.rejects} == {
@@ -221,7 +221,7 @@ def test_mistakes_in_jsonl(source: Path, text: str, words: list[str]) -> None:
         assert word in str(error.value)
 
 
-def test_a_manifest_that_is_no_text(source: Path) -> None:
+def test_a_manifest_that_is_not_text(source: Path) -> None:
     put(source, "manifest.csv", b"motion\n\xff\xfe.npz")
     with pytest.raises(SourceError, match="UTF-8"):
         Folder().scan(source)
@@ -299,7 +299,7 @@ def test_matching_names_in_two_folders(tmp_path: Path) -> None:
     assert "none is given, so all 2 clips are in 'train'" in notes
 
 
-def test_names_that_are_no_ids(tmp_path: Path) -> None:
+def test_names_that_are_not_ids(tmp_path: Path) -> None:
     for name in ("good", "a\\b", "a\nb", "x" * 201):
         put_motion(tmp_path, f"{name}.npz")
     scan = Folder(music="optional").scan(tmp_path)
@@ -327,7 +327,7 @@ def test_folders_without_motion(tmp_path: Path) -> None:
         Folder().scan(tmp_path)
 
 
-def test_what_cannot_be_used_is_said_once_and_named_by_load(tmp_path: Path) -> None:
+def test_unusable_files_are_reported_once_and_named_by_load(tmp_path: Path) -> None:
     put_motion(tmp_path, "a.npz")
     put(tmp_path, "b.bvh")
     scan = Folder(music="optional").scan(tmp_path)
@@ -363,7 +363,7 @@ def test_wrong_parameters(wrong: dict[str, Any]) -> None:
         Folder(**wrong)
 
 
-def test_a_split_that_is_no_name() -> None:
+def test_a_split_that_is_not_a_name() -> None:
     with raises_message(StoreError):
         Folder(split="../x")
 

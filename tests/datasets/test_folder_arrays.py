@@ -90,7 +90,7 @@ def test_amass(tmp_path: Path, skeleton: Skeleton, rate_key: str, suffix: str) -
     assert 1.2 < height(motion) < 2.2
 
 
-def test_amass_in_parts_with_objects_beside(tmp_path: Path) -> None:
+def test_amass_in_parts_with_additional_objects(tmp_path: Path) -> None:
     """SMPL-X "stageii" files: what is pickled in them is not touched."""
     poses, trans = standing(55)
     turned, moved = z_up(poses, trans, SMPLX55)
@@ -121,7 +121,7 @@ def test_the_manifest_has_the_last_word_on_amass(tmp_path: Path) -> None:
     motion = load(path, {"fps": "30000/1001", "up": "y", "unit": "cm"}, fps=50, up="z", unit="mm")
     assert motion.grid.rate == Fraction(30000, 1001)
     assert np.allclose(motion.joints(), forward_kinematics(SMPLH52, poses, trans))
-    # What a recipe declares is for files that say nothing.
+    # Declarations of a recipe apply to files that state nothing.
     poses, trans = z_up(poses, trans, SMPLH52)
     np.savez(path, poses=poses.reshape(N, 156), trans=trans, mocap_framerate=120.0)
     assert load(path, fps=50, up="y", unit="mm").grid.rate == 120
@@ -140,7 +140,7 @@ def test_aist_pickles(tmp_path: Path) -> None:
         assert motion.skeleton is SMPL24
 
 
-def test_smpl_needs_to_be_told_everything(tmp_path: Path) -> None:
+def test_smpl_needs_all_declarations(tmp_path: Path) -> None:
     poses, trans = standing(24)
     path = tmp_path / "a.npz"
     np.savez(path, poses=poses.reshape(N, 72), trans=trans)
@@ -303,7 +303,7 @@ def test_rates_as_text(tmp_path: Path, value: Any, rate: Any) -> None:
     assert clip.load().grid.rate == rate
 
 
-def test_the_cures_of_a_rate_that_is_none(tmp_path: Path) -> None:
+def test_the_fixes_for_an_invalid_rate(tmp_path: Path) -> None:
     """A rate that is an object or a word: declared in the manifest, or saved again as the message says."""
     for value in (np.array("fast"), np.array(None, dtype=object)):
         np.savez(tmp_path / "a.npz", **GOOD, mocap_framerate=value)
@@ -322,7 +322,7 @@ def test_plain_arrays_of_other_widths(tmp_path: Path, width: int) -> None:
     assert error.value.reason == "bad_shape"
 
 
-def test_columns_that_are_no_rotations(tmp_path: Path) -> None:
+def test_columns_that_are_not_rotations(tmp_path: Path) -> None:
     array = finedance(*standing(52))
     array[3, 9:15] = 0
     np.save(tmp_path / "a.npy", array)

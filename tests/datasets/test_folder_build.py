@@ -15,7 +15,7 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 
 
-def test_the_example_says_what_it_is(tmp_path: Path) -> None:
+def test_the_example_describes_itself(tmp_path: Path) -> None:
     Folder().make_example(tmp_path / "x")
     scan = Folder().scan(tmp_path / "x")
     assert scan.layout == "manifest (csv)"
@@ -87,7 +87,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, sc
         assert {clip.id for clip in store.clips} == {"amass_poses", "rokoko_jesse_dance", "cmu_01_01", "fair1_dab"}
         assert np.isfinite(store.read(store.windows("train")[0], "edge151")).all()
         assert all(c.height_m is not None and 1.2 < c.height_m < 2.2 for c in store.clips)
-    # What a person sees: rates, axes, unit and height.
+    # Output for people: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
     for words in (
         "100 per second: 1",
@@ -118,7 +118,7 @@ def _height(source: Path, out: Path, **dataset: object) -> float:
         return clip.height_m
 
 
-def test_what_is_declared_is_part_of_the_key(tmp_path: Path) -> None:
+def test_declarations_are_part_of_the_key(tmp_path: Path) -> None:
     """One file, one cache: another unit in the manifest, or in the recipe, is another motion."""
     example, source = tmp_path / "example", tmp_path / "source"
     Folder().make_example(example)

@@ -1,4 +1,4 @@
-"""What may lie in a source folder where a file is expected, and names that no file should have."""
+"""Special files in a source folder, and names that no file should have."""
 
 import os
 import pickle
@@ -65,7 +65,7 @@ def test_a_pipe_for_anything_else(pipe: Path) -> None:
         load_recipe(pipe.rename(pipe.with_suffix(".yaml")))
 
 
-def test_pipes_in_a_folder_of_ones_own(tmp_path: Path) -> None:
+def test_pipes_in_a_folder(tmp_path: Path) -> None:
     Folder().make_example(tmp_path)
     (tmp_path / "manifest.csv").unlink()
     os.mkfifo(tmp_path / "motions" / "pipe.npz")
@@ -99,7 +99,7 @@ def test_pipes_that_a_manifest_names(tmp_path: Path) -> None:
         "z" * (1 << 23) + "\n" + "z" * 10,
     ],
 )
-def test_lists_that_are_none(tmp_path: Path, text: str) -> None:
+def test_invalid_lists(tmp_path: Path, text: str) -> None:
     (tmp_path / "x_train.txt").write_text(text)
     with raises_message(SourceError) as error:
         read_names(tmp_path / "x_train.txt")

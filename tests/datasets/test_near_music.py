@@ -1,4 +1,4 @@
-"""Missing music: the file that may be it, for every reader that matches music by name; and none that is not it."""
+"""Missing music: the likely file is named, for every reader that matches music by name; no unrelated file is."""
 
 import shutil
 from collections.abc import Callable
@@ -45,7 +45,7 @@ def test_a_proper_name_of_something_else_is_not_offered(tmp_path: Path) -> None:
     assert files.fix("wavs/mJS2") == ""
 
 
-def test_what_can_be_read_is_offered_first(tmp_path: Path) -> None:
+def test_readable_files_are_offered_first(tmp_path: Path) -> None:
     assert near(tmp_path, "wavs/mJS2.aac", "wavs/mjs2.wav").fix("wavs/mJS2").startswith("mv -n wavs/mjs2.wav")
 
 
@@ -93,7 +93,7 @@ def test_aistpp_in_edges_layout_too(example: Any, tmp_path: Path) -> None:
     assert reject.fix == f"mv -n wavs/{one.name.lower()} wavs/{one.name}"
 
 
-def test_finedance_says_it_of_clips_that_a_recipe_may_do_without(example: Any) -> None:
+def test_finedance_names_it_for_optional_clips(example: Any) -> None:
     source = example("finedance")
     (source / "music_wav" / "001.wav").rename(source / "music_wav" / "1.wav")
     fixes = {clip.id: clip.music_fix for clip in DATASETS.get("finedance")().scan(source).clips}

@@ -52,7 +52,7 @@ def refused(call: Callable[[], Any], reason: str) -> None:
 
 
 @pytest.mark.parametrize("shape", [(24, 3), (22, 3), (17, 3), (72,), (66,)])
-def test_an_array_of_positions_says_what_can_be_done(read: Any, dance: Motion, shape: tuple[int, ...]) -> None:
+def test_an_array_of_positions_is_an_error_with_a_fix(read: Any, dance: Motion, shape: tuple[int, ...]) -> None:
     joints = dance.joints()[:, : int(np.prod(shape)) // 3].reshape(-1, *shape)
     refused(lambda: read(joints), "bad_shape")
 
@@ -176,7 +176,7 @@ def test_smooth_motions_pass(kind: str) -> None:
                 require_rotations(Path("x"), "poses", vectors, translation, SMPL24.parents)
 
 
-def test_numbers_at_the_end_of_their_range_are_no_crash() -> None:
+def test_extreme_numbers_do_not_crash() -> None:
     rotations = np.random.default_rng(0).normal(0, 1e300, (40, 24, 3))
     with raises_message(DataError):
         require_rotations(Path("x"), "poses", rotations, rotations[:, 1], SMPL24.parents)
@@ -208,7 +208,7 @@ def test_real_motions_are_rotations_and_their_joints_are_not(shared: Path) -> No
             require_rotations(Path("x"), "poses", np.nan_to_num(points), np.nan_to_num(points[:, 0]), range(-1, 16))
 
 
-def test_hands_that_do_not_turn_are_no_evidence() -> None:
+def test_hands_that_do_not_turn_are_not_evidence() -> None:
     """The bones from a wrist to its fingers would all be the wrist's rotation, here of constant length."""
     seconds = np.arange(90) / 30
     vectors = np.zeros((90, 55, 3))

@@ -180,7 +180,7 @@ def test_bones_that_stretch(bvh: Path, text: str, by_m: float, flagged: bool) ->
 
 
 @pytest.mark.parametrize(
-    ("time", "said"),
+    ("time", "message"),
     [
         ("0.016", "62.5 FPS is near 60: a capture at 60 whose frame time was rounded drifts from its music by 2.4 s"),
         (
@@ -191,10 +191,10 @@ def test_bones_that_stretch(bvh: Path, text: str, by_m: float, flagged: bool) ->
         *((time, "") for time in ("0.016667", "0.01667", "0.0166833", "0.0333", "0.04", "0.008333", "0.0225")),
     ],
 )
-def test_frame_times_near_a_usual_rate(bvh: Path, text: str, time: str, said: str) -> None:
+def test_frame_times_near_a_usual_rate(bvh: Path, text: str, time: str, message: str) -> None:
     bvh.write_text(re.sub(r"Frame Time: \S+", f"Frame Time: {time}", text))
     notes = [note for note in describe(bvh, Reading(Declared(), Declared(unit="m")))[0] if "FPS is near" in note]
-    assert len(notes) == bool(said)
-    assert all(note.startswith(said) for note in notes)
+    assert len(notes) == bool(message)
+    assert all(note.startswith(message) for note in notes)
     declared, _ = describe(bvh, Reading(Declared(fps="60"), Declared(unit="m")))
     assert not any("FPS is near" in note for note in declared)

@@ -42,7 +42,7 @@ def test_registered_and_described(name: str, reader: type[Dataset]) -> None:
 
 
 @pytest.mark.parametrize("reader", [AistPP, FineDance, Folder])
-def test_folders_that_are_no_source(tmp_path: Path, reader: type[Dataset]) -> None:
+def test_folders_that_are_not_a_source(tmp_path: Path, reader: type[Dataset]) -> None:
     (tmp_path / "file").write_text("x")
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / ".DS_Store").write_text("x")

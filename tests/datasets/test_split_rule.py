@@ -1,4 +1,4 @@
-"""Splits by a rule: a function of the group's name and the seed, whatever else there is."""
+"""Splits by a rule: a function of the group's name and the seed alone."""
 
 import hashlib
 import json
@@ -52,7 +52,7 @@ def by_hand(name: str, seed: int, val: float, test: float) -> str:
     seed=st.integers(0, 2**62),
     by=st.sampled_from(["music", "clip"]),
 )
-def test_it_is_what_the_page_says(name: str, seed: int, by: str) -> None:
+def test_it_matches_the_page(name: str, seed: int, by: str) -> None:
     rule = SplitRule.of({"val": 0.25, "test": 0.125, "by": by, "seed": seed})
     assert rule.split(name) == by_hand(name, seed, 0.25, 0.125)
     assert rule.split(unicodedata.normalize("NFD", name)) == rule.split(unicodedata.normalize("NFC", name))
@@ -66,7 +66,7 @@ def test_known_songs_stay_where_they_are() -> None:
     assert [n for n in named if rule.split(n) == "test"] == TEST
 
 
-def test_a_dataset_that_grows_moves_no_clip_whatever_the_order() -> None:
+def test_a_growing_dataset_moves_no_clip_in_any_order() -> None:
     whole = splits(RULE, clips(200))
     refs = clips(200)
     random.Random(3).shuffle(refs)
@@ -185,7 +185,7 @@ def source(once: Once, tmp_path: Path) -> Path:
 
 
 def write_manifest(source: Path, lines: list[str]) -> None:
-    # Equal samples are one song, whatever its names are.
+    # Equal samples are one song, under any names.
     song = (source / "music/slow.wav").read_bytes()
     for k in range(6):
         (source / f"music/s{k}.wav").write_bytes(song[: -2 * k - 2] + (k + 1).to_bytes(2, "little") * (k + 1))
@@ -193,7 +193,7 @@ def write_manifest(source: Path, lines: list[str]) -> None:
     (source / "manifest.csv").write_text("\n".join(["id,motion,audio,music,split", *rows]))
 
 
-def test_plan_shows_what_comes_out(source: Path, tmp_path: Path) -> None:
+def test_plan_shows_the_resulting_split(source: Path, tmp_path: Path) -> None:
     write_manifest(source, [""] * 12)
     rule = {"val": 0.2, "test": 0.2, "by": "music", "seed": 1}
     (tmp_path / "r.json").write_text(json.dumps(document(rule)))

@@ -44,7 +44,7 @@ def test_every_room_is_in_the_picture_of_the_layers() -> None:
     assert sorted(drawn) == sorted(first_column(section("Rooms")))
 
 
-def test_every_function_on_the_page_is_there() -> None:
+def test_every_function_on_the_page_exists() -> None:
     named = re.findall(r"`(dancedata(?:\.\w+)+)`", PAGE)
     modules = {name for name in named if name.count(".") < 3 or name.endswith("commands")}
     assert len(set(named) - modules) >= 10

@@ -11,7 +11,7 @@ from dancedata.formats.motion_files import MOTION_FILES
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "decoding.md").read_text(encoding="utf-8")
 
 
-def test_its_code_prints_what_it_shows(
+def test_its_code_prints_the_output_shown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -35,7 +35,7 @@ def demo(run_build: Callable[..., object], tmp_path_factory: pytest.TempPathFact
     return data.parent
 
 
-def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+def test_readme_snippets_print_the_output_shown(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
     monkeypatch.chdir(demo)
     snippets, outputs = _blocks("README.md", "python"), _blocks("README.md", "text")
     assert len(snippets) >= 2
@@ -48,7 +48,7 @@ def test_readme_snippets_print_what_it_says(demo: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-def test_the_python_page_prints_what_it_says(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+def test_the_python_page_prints_the_output_shown(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
     pytest.importorskip("torch")
     monkeypatch.chdir(demo)
     text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
@@ -172,7 +172,7 @@ def test_a_plug_in_is_one_file_of_the_tree(tmp_path: Path) -> None:
             np.testing.assert_allclose(table, clip.read("joints"), atol=5.1e-4)
 
 
-def test_the_page_of_exports_prints_what_it_says(
+def test_the_page_of_exports_prints_the_output_shown(
     demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(demo)
@@ -218,7 +218,7 @@ def test_readme_names_every_preset() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 @pytest.mark.parametrize("page", ["evaluation", "metrics"])
-def test_the_pages_on_evaluation_print_what_they_say(
+def test_the_pages_on_evaluation_print_the_output_shown(
     demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, page: str
 ) -> None:
     monkeypatch.chdir(demo)

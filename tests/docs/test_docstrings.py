@@ -60,7 +60,7 @@ def test_headings_of_sections_are_lines_of_their_own() -> None:
     assert [file for file in files if re.search(r"^ *[A-Z]\w+ -{3,}", file.read_text(), re.MULTILINE)] == []
 
 
-def test_examples_are_there_and_show_output() -> None:
+def test_examples_exist_and_show_output() -> None:
     assert len([value for value in OBJECTS.values() if any(example.want for example in examples(value))]) >= 25
 
 

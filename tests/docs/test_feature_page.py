@@ -12,7 +12,7 @@ from dancedata.recipes.parse import load_recipe, parse_recipe
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "audio-features.md").read_text(encoding="utf-8")
 
 
-def test_its_code_prints_what_it_shows(capsys: pytest.CaptureFixture[str]) -> None:
+def test_its_code_prints_the_output_shown(capsys: pytest.CaptureFixture[str]) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", TEXT, flags=re.DOTALL | re.MULTILINE)
     assert blocks
     for code, output in blocks:

@@ -88,7 +88,7 @@ def test_photographs_are_small_and_each_is_taken_by_the_script() -> None:
     assert sum(sizes.values()) < 1_000_000
 
 
-def test_every_picture_is_shown_and_others_work_is_credited_beside_it() -> None:
+def test_every_picture_is_shown_and_credited() -> None:
     shown = {path: set(re.findall(r"images/([\w-]+\.(?:png|svg))\)", path.read_text("utf-8"))) for path in PAGES}
     assert set().union(*shown.values()) == {path.name for path in IMAGES.iterdir() if path.suffix in (".png", ".svg")}
     for path, names in shown.items():

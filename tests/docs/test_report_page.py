@@ -32,7 +32,7 @@ class Demo:
 
     @property
     def whole(self) -> bool:
-        """Whether it is the demo of the page."""
+        """True for the demo of the page."""
         return self.clip == CLIP
 
 
@@ -50,7 +50,7 @@ def numbers_hidden(text: str) -> str:
     return re.sub(r"\d[\d,]*", "#", text)
 
 
-def test_the_page_prints_what_it_says(
+def test_the_page_prints_the_output_shown(
     demo: Demo, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("matplotlib")

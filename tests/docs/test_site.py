@@ -70,7 +70,7 @@ def test_modules_that_pages_import_are_in_the_reference(module) -> None:
     assert missing == set()
 
 
-def test_pages_of_others_in_the_folder_of_the_reference_stay(module, tmp_path: Path) -> None:
+def test_foreign_pages_in_the_folder_of_the_reference_stay(module, tmp_path: Path) -> None:
     reference, folder = module("reference"), tmp_path / "docs" / "api"
     folder.mkdir(parents=True)
     (tmp_path / reference.LIST).write_text("| `dancedata.cache` | |\n")

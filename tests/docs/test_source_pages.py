@@ -81,10 +81,10 @@ def test_the_page_on_video(tmp_path: Path, example: Path, run: Callable[[str], l
     recipes = blocks("from-video.md", "yaml")
     for name, recipe in zip(("recipe.yaml", "hybrik.yaml"), recipes, strict=True):
         (tmp_path / name).write_text(recipe)
-    said = run("from-video.md")
+    output = run("from-video.md")
     notes = next(block for block in blocks("from-video.md", "text") if block.startswith("note:"))
     # Wrapped on the page.
-    assert set(notes.replace("\n  ", " ").splitlines()) <= set(said[0].splitlines())
+    assert set(notes.replace("\n  ", " ").splitlines()) <= set(output[0].splitlines())
     with dancedata.open(tmp_path / "data" / "videos") as ds:
         assert [c.id for c in ds.clips] == ["anna-person0", "anna-person1", "ben-person1", "carla"]
     with dancedata.open(tmp_path / "data" / "hybrik") as ds:
@@ -129,6 +129,6 @@ def test_the_page_on_fbx(tmp_path: Path, example: Path, run: Callable[[str], lis
 def test_the_page_on_what_is_wrong(tmp_path: Path, run: Callable[[str], list[str]]) -> None:
     source = write_synthetic(tmp_path / "SOURCE", songs=2, clips_per_song=4, clip_s=6)
     (source / "wavs" / "mBR0.wav").rename(source / "wavs" / "mbr0.wav")
-    said = run("when-something-is-wrong.md")
+    output = run("when-something-is-wrong.md")
     (message,) = (b for b in blocks("when-something-is-wrong.md", "text") if b.startswith("error:"))
-    assert message.strip().replace("\n  ", " ") in said[0].splitlines()
+    assert message.strip().replace("\n  ", " ") in output[0].splitlines()

@@ -78,5 +78,5 @@ def test_lodge(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("image", sorted(set(re.findall(r"\]\((images/[^)]+)\)", TEXT))))
-def test_images_are_there(image: str) -> None:
+def test_images_exist(image: str) -> None:
     assert (ROOT / "docs" / image).is_file()

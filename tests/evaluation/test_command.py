@@ -86,7 +86,7 @@ def test_a_store_against_itself(store: Store) -> None:
     assert f"pool: {store.path}, 8 clips" in text
 
 
-def test_music_files_give_what_the_store_has(store: Store, folder: Path) -> None:
+def test_music_files_agree_with_the_store(store: Store, folder: Path) -> None:
     stored = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--json"))
     wavs = folder / "small-source" / "wavs"
     assert wavs.is_dir(), sorted(p.name for p in (folder / "small-source").iterdir())
@@ -125,9 +125,7 @@ def test_beats_of_windows_are_computed_each_by_itself(store: Store, folder: Path
     assert found["scores"]["bas"]["n"] == found["pieces"]
 
 
-def test_a_feature_that_is_not_there(
-    store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_missing_feature(store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from dancedata.core.registry import FEATURES
 
     monkeypatch.setattr(FEATURES, "names", lambda: ("librosa35",))

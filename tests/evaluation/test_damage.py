@@ -86,9 +86,7 @@ def test_side_files_that_were_changed_are_refused(copy: Path, name: str) -> None
             dancedata.decode(np.zeros((9, 151)), "edge151", like=copy)
 
 
-def test_exports_reports_and_diff_compare_what_they_read(
-    store: Store, copy: Path, flip: Flip, tmp_path: Path
-) -> None:
+def test_exports_reports_and_diff_verify_their_input(store: Store, copy: Path, flip: Flip, tmp_path: Path) -> None:
     assert dancedata.diff(store.path, copy) == []
     flip("edge151")
     for use in (

@@ -37,7 +37,7 @@ def values(report: Any) -> dict[str, float | None]:
     return {score.name: score.value for score in report.scores}
 
 
-def test_batches_give_what_the_motions_give(store: Store, evaluator: Evaluator, batch: Any) -> None:
+def test_batches_agree_with_single_motions(store: Store, evaluator: Evaluator, batch: Any) -> None:
     ids, columns, music = batch
     evaluator.reset()
     for k in range(0, len(ids), 4):
@@ -149,7 +149,7 @@ def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any)
     junk = padded.copy()
     junk[1, 131:] = columns[0, 0]  # what a network makes of padded rows
     loud = heard.copy()
-    loud[1, 131:, 34] = 1  # beats behind the end are not of the sample
+    loud[1, 131:, 34] = 1  # beats after the end do not belong to the sample
     evaluator.update(junk, ids=ids[:4], music=loud, lengths=sizes)
     assert len(evaluator) == 4
     evaluator.reset()
@@ -284,7 +284,7 @@ def test_ids_of_readers_keep_all_and_ids_of_clips_are_refused(store: Store, eval
     for batch in data.DataLoader(windows, batch_size=7):
         evaluator.update(batch["edge151"], ids=batch["id"], music=batch["librosa35"])
     assert len(evaluator) == len(windows) > len(set(windows.windows.clip.tolist()))
-    clips = set(windows.windows.clip.tolist())  # windows of one clip are no further evidence
+    clips = set(windows.windows.clip.tolist())  # windows of one clip are not additional evidence
     assert {m.clip for m in evaluator._measured.values()} == {windows.store.clips[k].id for k in clips}
     before = values(evaluator.compute())
     for batch in data.DataLoader(windows, batch_size=5):  # the same samples, in other batches: once is enough
@@ -317,7 +317,7 @@ def test_calls_with_and_without_ids_keep_all(evaluator: Evaluator, batch: Any) -
     assert len(evaluator) == len(evaluator.compute().clips) == 6
 
 
-def test_samples_without_ids_of_processes_that_cannot_be_told_apart(evaluator: Evaluator, batch: Any) -> None:
+def test_samples_without_ids_of_indistinguishable_processes(evaluator: Evaluator, batch: Any) -> None:
     _, columns, _ = batch
     first, second = two(evaluator)
     for own in (first, second):

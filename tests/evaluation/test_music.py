@@ -1,4 +1,4 @@
-"""Where beats of music are from."""
+"""Sources of music beats."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,7 +52,7 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
     assert any("no beats of music" in warning for warning in nameless.warnings)
 
 
-def test_music_that_ends_before_the_motion_is_told(store: Store, tmp_path: Path) -> None:
+def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: Path) -> None:
     clip = store.clips[0]
     joints = dancedata.decode(clip.read("edge151"), "edge151").joints()
     long = {"long": np.concatenate([joints, joints, joints])}
@@ -97,7 +97,7 @@ def test_lists_of_songs_of_other_spreadsheets(tmp_path: Path) -> None:
     assert read_songs(tmp_path / "songs.csv") == {"a;b;c": "mBR0"}
 
 
-def test_songs_that_are_not_there_are_named(store: Store, tmp_path: Path) -> None:
+def test_missing_songs_are_named(store: Store, tmp_path: Path) -> None:
     for k, clip in enumerate(store.clips[:2]):
         np.save(tmp_path / f"sample{k}.npy", clip.read("edge151"))
     options: dict[str, Any] = {"like": store, "normalized": False, "bootstrap": 0, "metrics": ["bas"]}

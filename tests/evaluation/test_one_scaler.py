@@ -60,7 +60,7 @@ def evaluated(store: Store, rows: Any, **options: Any) -> Any:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("reader", [WindowDataset, ClipDataset])
-def test_what_readers_normalise_comes_back(store: Store, tmp_path: Path, kind: str, reader: Any) -> None:
+def test_normalising_is_undone(store: Store, tmp_path: Path, kind: str, reader: Any) -> None:
     changed, plain = (reader(store, fields=(FIELD,), normalize=n, **KINDS[kind]) for n in (True, False))
     for one in (changed, plain):
         one.set_epoch(0)  # otherwise each read draws again

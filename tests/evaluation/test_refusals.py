@@ -1,4 +1,4 @@
-"""What is refused, and what is counted instead of being hidden."""
+"""Refused input, and problems that are counted instead of hidden."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ def test_metrics_have_the_names_of_the_table(store: Store) -> None:
         dancedata.evaluate(store, metrics=["skatin"])
 
 
-def test_a_score_without_a_value_says_what_is_better(store: Store) -> None:
+def test_a_score_without_a_value_has_a_direction(store: Store) -> None:
     scores = dancedata.evaluate(dances(n_frames=30), like=store, bootstrap=0).scores
     assert {s.name: s.better for s in scores if s.value is None}["fid_k"] == "lower"
 
@@ -209,7 +209,7 @@ def test_undeclared_facts_of_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rate", [0, -30, np.nan, np.inf, 1e300, [30, 30]])
-def test_stored_rates_that_are_no_rates(tmp_path: Path, rate: Any) -> None:
+def test_invalid_stored_rates(tmp_path: Path, rate: Any) -> None:
     np.savez(tmp_path / "a.npz", joints=dance(), fps=rate)
     with raises_message(DataError):
         dancedata.evaluate(tmp_path, fps=30, up="y", metrics=["pfc"])
@@ -224,7 +224,7 @@ def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: 
     assert dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"], bootstrap=0)["pfc"] is not None
 
 
-def test_columns_beside_positions_are_what_is_read(store: Store, tmp_path: Path) -> None:
+def test_columns_take_precedence_over_positions(store: Store, tmp_path: Path) -> None:
     columns = store.clips[0].read("edge151")
     options: dict[str, Any] = {"representation": "edge151", "fps": 30, "metrics": ["pfc"], "bootstrap": 0}
     wanted = []

@@ -61,7 +61,7 @@ def test_numbers_that_overflow_are_undefined_by_name(store: Store, bootstrap: in
     assert "the numbers overflow (not_finite)" in str(report)
 
 
-def test_intervals_stay_within_what_a_score_can_be(store: Store) -> None:
+def test_intervals_stay_within_the_range_of_a_score(store: Store) -> None:
     report = dancedata.evaluate(store, metrics=["pfc", "skating"])
     intervals = {score.name: score.interval for score in report.scores}
     assert set(intervals) == {"pfc", "skating_left", "skating_right", "skating"}
@@ -85,7 +85,7 @@ def test_too_few_clips_say_so() -> None:
         ([1, 2, 3, 2], None),
     ],
 )
-def test_intervals_that_say_little_are_told(values: list[float], warning: str | None) -> None:
+def test_wide_intervals_are_reported(values: list[float], warning: str | None) -> None:
     rows = MetricRows(np.array(values)[:, None], np.arange(4.0), tuple("abcd"), {})
     ((score,), warnings) = scores_of(Pfc(), rows, None, draws=200)
     assert (score.interval is None) == (values == [1, 1, 1, 1])
@@ -106,7 +106,7 @@ def test_tables_of_clips_are_not_run_by_spreadsheets(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(names)
     assert not [row["clip"] for row in rows if row["clip"][0] in "=+-@\t\r"]
-    assert all(np.isfinite(float(row["pbc"])) for row in rows)  # numbers, also those below 0, as they are
+    assert all(np.isfinite(float(row["pbc"])) for row in rows)  # numbers, including those below 0, unchanged
     with open(tmp_path / "songs.csv", "w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows((row["clip"], "song") for row in rows)
     assert set(read_songs(tmp_path / "songs.csv")) == set(names)
@@ -123,7 +123,7 @@ def test_clips_in_memory_that_are_not_dances() -> None:
             dancedata.evaluate(clips, fps=30)  # type: ignore[arg-type]
 
 
-def test_only_the_metrics_that_are_asked_for(store: Store, tmp_path: Path) -> None:
+def test_only_the_requested_metrics(store: Store, tmp_path: Path) -> None:
     whole = dancedata.evaluate(store, split="test", bootstrap=0)
     for metrics, names in (
         (["pfc"], ["pfc"]),

@@ -47,7 +47,7 @@ def test_finedance(tmp_path: Path) -> None:
     assert set(measured) == {"skating", "div_k", "div_g", "bas"} or found.skipped
 
 
-def test_nothing_was_published(tmp_path: Path, folder: Path) -> None:
+def test_nothing_published(tmp_path: Path, folder: Path) -> None:
     with raises_message(UsageError):
         self_test(folder / "small-source", protocol="lodge-finedance")
     with raises_message(SourceError):

@@ -121,7 +121,7 @@ def test_edge_like_learns_generates_and_resumes(run: Callable[..., ModuleType], 
         ("train_lodge_like", "no field 'lodge139'; found joints, librosa35"),
     ],
 )
-def test_data_that_an_example_cannot_use_is_said_in_a_line(
+def test_unusable_data_is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
 ) -> None:
     fields = random_fields({"joints": 72}, {"librosa35": 35})
@@ -144,7 +144,7 @@ def test_lodge_like_learns_and_generates(run: Callable[..., ModuleType], data: P
         assert str(made["genre"]) == dancedata.open(data).clips[-1].genre
 
 
-def test_a_song_that_is_not_there_ends_before_training(run: Callable[..., ModuleType], tmp_path: Path) -> None:
+def test_a_missing_song_is_an_error_before_training(run: Callable[..., ModuleType], tmp_path: Path) -> None:
     for name, size in (("train_edge_like", ["--seconds", "2"]), ("train_lodge_like", ["--frames", "128"])):
         with raises_message(DanceDataError):
             run(name, tmp_path, *size, "--steps", "1", "--song", str(tmp_path / "nope.wav"))

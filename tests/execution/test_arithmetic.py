@@ -47,7 +47,7 @@ recipe, source, out, cache, jobs = sys.argv[1:]
 import numpy  # before anything can be chosen
 build(load_recipe(recipe), Path(source), Path(out), cache=Path(cache), jobs=int(jobs))
 """
-#: What a user may have set, or another processor would choose.
+#: Settings that a user may have, or another processor would choose.
 SETTINGS = {
     "nothing": {},
     "Sandybridge": {"OPENBLAS_CORETYPE": "Sandybridge"},
@@ -120,7 +120,7 @@ def test_the_command_line_gives_the_same_bytes(
 @needs_reference
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", MORE_SETTINGS)
-def test_the_command_line_gives_the_same_bytes_whatever_is_set(
+def test_the_command_line_gives_the_same_bytes_under_any_settings(
     recipe: Path, expected: dict[str, str], tmp_path: Path, name: str
 ) -> None:
     assert build_by_command(recipe, tmp_path, **MORE_SETTINGS[name]) == expected
@@ -178,13 +178,13 @@ def process() -> Iterator[ReferenceProcess]:
 
 
 @needs_reference
-def test_the_reference_process_computes_with_what_is_promised(process: ReferenceProcess) -> None:
+def test_the_reference_process_uses_the_promised_instructions(process: ReferenceProcess) -> None:
     assert process.arithmetic == arithmetic.REFERENCE
     assert process.call(arithmetic.here, ()) == arithmetic.REFERENCE
     assert arithmetic.environment()["OPENBLAS_CORETYPE"] == "Haswell"
 
 
-def test_what_a_function_raises_is_raised_and_the_process_goes_on(process: ReferenceProcess) -> None:
+def test_exceptions_are_raised_and_the_process_continues(process: ReferenceProcess) -> None:
     def fail() -> None:
         raise DataError("too faint", reason="nan", where="song.wav")
 
@@ -195,7 +195,7 @@ def test_what_a_function_raises_is_raised_and_the_process_goes_on(process: Refer
     assert process.call(lambda x: x + 1, (3,)) == 4
 
 
-def test_what_cannot_travel_is_an_error_that_says_so(process: ReferenceProcess) -> None:
+def test_unpicklable_values_are_a_clear_error(process: ReferenceProcess) -> None:
     with pytest.raises(TypeError, match="cannot pickle"):
         process.call(lambda: threading.Lock(), ())
     assert process.call(abs, (-2,)) == 2
@@ -272,7 +272,7 @@ def test_it_ends_with_its_owner_though_a_fork_lives_on() -> None:
         child.join()
 
 
-def test_folders_of_modules_that_are_no_text_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_module_folders_that_are_not_text_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", [*sys.path, Path("/somewhere")])
     started = ReferenceProcess()
     assert started.call(abs, (-2,)) == 2
@@ -283,7 +283,7 @@ def test_folders_of_modules_that_are_no_text_are_left_out(monkeypatch: pytest.Mo
 IN_THE_WAY = ("json", "random", "queue", "struct", "signal", "multiprocessing", "numpy", "joblib")
 
 
-def test_modules_of_the_working_folder_do_not_stand_in_for_others(tmp_path: Path) -> None:
+def test_modules_of_the_working_folder_do_not_replace_others(tmp_path: Path) -> None:
     """No file of a data folder runs because it is the working folder."""
     for name in IN_THE_WAY:
         (tmp_path / f"{name}.py").write_text("open('ran', 'w').close()\nraise SystemExit('foreign code')\n")
@@ -339,7 +339,7 @@ def test_versions_of_numpy_name_features_in_their_own_way(
     assert arithmetic._numpy_features() == features
 
 
-def test_only_what_was_chosen_is_changed_and_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_chosen_settings_are_changed_and_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
     tunables = "glibc.malloc.check=1:glibc.cpu.hwcaps=-AVX2"
     monkeypatch.setenv("GLIBC_TUNABLES", tunables)

@@ -63,11 +63,11 @@ def test_a_tempo_is_a_number_however_it_is_written():
         {"sha": "t"},
     ],
 )
-def test_what_shapes_a_feature_is_in_its_key(other: dict[str, Any]):
+def test_settings_of_a_feature_are_in_its_key(other: dict[str, Any]):
     assert feature_key(*other.pop("overrides", ()), **other) != feature_key()
 
 
-def test_what_shapes_no_feature_is_not_in_its_key():
+def test_unrelated_settings_are_not_in_the_key_of_a_feature():
     shaping_nothing = ("windows.stride_s=1", "name=another", "store.shard_mb=1", "motion={joints: {}}")
     assert feature_key(*shaping_nothing) == feature_key()
 
@@ -89,7 +89,7 @@ def test_a_version_of_a_feature_raised_by_hand_is_another_key(monkeypatch: pytes
     assert FeatureKeys(recipe.audio[0]).window(120.0, signal, 3) != before
 
 
-def test_a_window_is_known_by_its_song_and_its_place_there():
+def test_a_window_is_identified_by_its_song_and_position():
     """Not by its samples alone, nor by its number: another stride that gives the same place finds its rows."""
 
     def key(song: str = "sha", number: int = 6, rate: int = 44100, *overrides: str) -> str:
@@ -101,7 +101,7 @@ def test_a_window_is_known_by_its_song_and_its_place_there():
     assert key("sha", 2, 44100, "windows.stride_s=1.5") == key()
 
 
-def test_what_shapes_motion_is_in_its_key(corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_settings_of_motion_are_in_its_key(corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def key(*overrides: str, sha: str = "m") -> str:
         recipe = load_recipe("aist++", overrides)
         (ref, *_) = recipe.dataset.scan(corpus).clips
@@ -152,7 +152,7 @@ def test_hashes_of_files_are_remembered_until_the_file_changes(own: Cache, tmp_p
     assert own.file_sha256(path) != first
 
 
-def test_a_file_written_over_another_is_another_whatever_its_time(own: Cache, tmp_path: Path):
+def test_an_overwritten_file_is_detected_for_any_mtime(own: Cache, tmp_path: Path):
     """As `tar xf` leaves it: the same path, size and time of change, and the inode that the old file had."""
     path = tmp_path / "song.wav"
     path.write_bytes(b"one")
@@ -179,7 +179,7 @@ def damage(cache: Path, stage: str) -> int:
     return len(paths)
 
 
-def test_a_careful_cache_compares_what_it_looks_up(own: Cache):
+def test_a_careful_cache_verifies_entries(own: Cache):
     own.put_array("features", KEY, np.arange(3.0))
     careful = replace(own, careful=True)
     assert careful.array("features", KEY) is not None
@@ -358,7 +358,7 @@ def test_a_song_that_changes_during_a_build_is_set_aside(
     identified = audio_units.identify_audio(own, song)
     assert isinstance(identified, SignalId)
     if how == "at rest":
-        # What is as it was is not hashed again.
+        # Unchanged files are not hashed again.
         monkeypatch.setattr(AudioSignal, "sha256", None)
     elif how == "touched":
         os.utime(song, (0, 0))
@@ -400,7 +400,7 @@ def test_a_link_to_a_file_is_known_by_the_file(own: Cache, tmp_path: Path):
     assert own.known_sha256(link) is None
 
 
-def test_a_body_model_that_changes_during_a_build_is_no_part_of_it(corpus: Path, own: Cache):
+def test_a_body_model_that_changes_during_a_build_is_not_used(corpus: Path, own: Cache):
     recipe = load_recipe("aist++")
     (ref, *_) = recipe.dataset.scan(corpus).clips
     sha = own.file_sha256(ref.motion_path)

@@ -1,4 +1,4 @@
-"""dancedata cache info, prune and verify, by way of the command line and of the functions behind it."""
+"""dancedata cache info, prune and verify, through the command line and through its functions."""
 
 import json
 import os
@@ -63,12 +63,12 @@ def test_info_sums_by_stage(own: Cache):
     assert features["entries"] == 5
     assert 5 * BIG <= features["bytes"] <= 6 * BIG
     assert features["days_unused"] == pytest.approx([1, 5], abs=0.01)
-    said = run("cache", "info", "--cache", own.root)
-    assert "6 entries" in said
-    assert "features" in said
+    output = run("cache", "info", "--cache", own.root)
+    assert "6 entries" in output
+    assert "features" in output
 
 
-def test_an_empty_or_missing_cache_is_no_error(tmp_path: Path):
+def test_an_empty_or_missing_cache_is_not_an_error(tmp_path: Path):
     assert as_json("cache", "info", "--cache", tmp_path / "none")["entries"] == 0
     assert as_json("cache", "prune", "--max-size", "0B", "--cache", tmp_path / "none")["removed"] == 0
     assert as_json("cache", "verify", "--cache", tmp_path / "none")["ok"]
@@ -80,7 +80,7 @@ def test_prune_by_age(own: Cache):
     assert left(own) == [3, 4, 5]
 
 
-def test_prune_by_size_removes_what_was_used_longest_ago(own: Cache):
+def test_prune_by_size_removes_the_least_recently_used(own: Cache):
     own.array("features", key(1))  # is a use
     found = as_json("cache", "prune", "--max-size", "350kB", "--cache", own.root)
     assert left(own) == [1, 4, 5]
@@ -89,12 +89,12 @@ def test_prune_by_size_removes_what_was_used_longest_ago(own: Cache):
 
 
 def test_a_dry_run_removes_nothing(own: Cache):
-    said = run("cache", "prune", "--older-than", "2.5d", "--max-size", "1MB", "--dry-run", "--cache", own.root)
-    assert said.startswith("would remove 3 entries")
+    output = run("cache", "prune", "--older-than", "2.5d", "--max-size", "1MB", "--dry-run", "--cache", own.root)
+    assert output.startswith("would remove 3 entries")
     assert left(own) == [1, 2, 3, 4, 5]
 
 
-def test_what_is_mapped_stays(own: Cache):
+def test_mapped_entries_stay(own: Cache):
     found = own.array("features", key(2))
     assert found is not None
     rows = found.mapped()
@@ -108,7 +108,7 @@ def test_what_is_mapped_stays(own: Cache):
     assert left(own) == []
 
 
-def test_what_a_running_build_may_be_using_stays(own: Cache):
+def test_entries_of_a_running_build_stay(own: Cache):
     with cache_files.running(own.root):
         own.array("features", key(2))  # as a build that finds it
         result = prune(own.root, max_bytes=0)
@@ -125,7 +125,7 @@ def test_a_build_that_was_killed_keeps_nothing(own: Cache):
     assert (result.kept, result.swept) == (0, 1)
 
 
-def test_what_was_used_since_it_was_listed_stays(own: Cache, monkeypatch: pytest.MonkeyPatch):
+def test_entries_used_since_they_were_listed_stay(own: Cache, monkeypatch: pytest.MonkeyPatch):
     remove = cache_files.remove_unused
 
     def used_meanwhile(path: Path, used: float) -> bool:
@@ -153,7 +153,7 @@ def test_prune_and_verify_touch_nothing_but_entries(own: Cache):
 
 
 @pytest.mark.parametrize("suffix", ["npy", "json"])
-def test_verify_finds_what_is_damaged(own: Cache, suffix: str):
+def test_verify_finds_damaged_entries(own: Cache, suffix: str):
     assert run("cache", "verify", "--cache", own.root).endswith("6 entries, 0 damaged\n")
     path = sorted(own.root.rglob(f"*.{suffix}"))[0]
     data = bytearray(path.read_bytes())
@@ -167,7 +167,7 @@ def test_verify_finds_what_is_damaged(own: Cache, suffix: str):
     assert as_json("cache", "verify", "--cache", own.root)["ok"]
 
 
-def test_prune_wants_to_know_what(own: Cache):
+def test_prune_needs_a_rule(own: Cache):
     run("cache", "prune", "--cache", own.root, code=2)
     run("cache", "prune", "--max-size", "many", "--cache", own.root, code=2)
     run("cache", "prune", "--older-than", "1y", "--cache", own.root, code=2)

@@ -1,4 +1,4 @@
-"""Files that dancedata did not make: whatever their names, no command removes or changes them."""
+"""Files that dancedata did not make: no command removes or changes them, under any name."""
 
 import json
 import os
@@ -121,7 +121,7 @@ def killed(corpus: Path, out: Path, cache: Path, n: int, *overrides: str) -> boo
 
 
 @pytest.mark.parametrize("used", ["for the first time", "before", "by the first release"])
-def test_no_command_touches_what_others_have_in_the_cache_or_beside_out(
+def test_no_command_touches_foreign_files_in_the_cache_or_next_to_out(
     run_build: Any, corpus: Path, out: Path, tmp_path: Path, plant: Any, built: Path, used: str
 ):
     cache = tmp_path / "scratch"
@@ -157,7 +157,7 @@ def test_no_command_touches_what_others_have_in_the_cache_or_beside_out(
 
 
 @pytest.mark.parametrize(("name", "overwrite"), [(name, k % 2 == 1) for k, name in enumerate(IN_OUT)])
-def test_a_folder_with_files_of_others_is_refused(
+def test_a_folder_with_foreign_files_is_refused(
     run_build: Any, corpus: Path, out: Path, plant: Any, name: str, overwrite: bool
 ):
     # A shard and a card are what a killed build of the first release left, and what others may have as well.
@@ -172,7 +172,7 @@ def test_a_folder_with_files_of_others_is_refused(
 
 
 @pytest.mark.parametrize("name", [n for n in IN_OUT if n not in DATASET_FILES])
-def test_a_dataset_with_files_of_others_beside_it_is_not_replaced(
+def test_a_dataset_with_foreign_files_is_not_replaced(
     run_build: Any, corpus: Path, built_copy: Path, plant: Any, name: str
 ):
     check = plant(built_copy, [name])
@@ -290,12 +290,12 @@ def cli_open(out: Path) -> None:
     open_store(out)
 
 
-def test_a_folder_that_is_no_cache_is_not_pruned_or_verified(tmp_path: Path, plant: Any):
+def test_a_folder_that_is_not_a_cache_is_not_pruned_or_verified(tmp_path: Path, plant: Any):
     check = plant(tmp_path / "scratch", ["tmp/a.tmp", "notes.txt", f"objects/01/{HEX}.npy"])
     for arguments in (["prune", "--max-size", "0B"], ["verify", "--remove"], ["info"]):
-        said = cli("cache", *arguments, "--cache", tmp_path / "scratch", code=2)
-        assert "not a cache of dancedata" in said
-        assert "notes.txt" in said
+        output = cli("cache", *arguments, "--cache", tmp_path / "scratch", code=2)
+        assert "not a cache of dancedata" in output
+        assert "notes.txt" in output
     check()
 
 
@@ -375,7 +375,7 @@ def test_dataset_json_names_no_file_elsewhere(run_build: Any, corpus: Path, buil
     assert (built_copy.parent / "notes.txt").read_text() == MINE
 
 
-def test_prune_of_a_folder_that_is_none_says_what_to_do(tmp_path: Path):
+def test_prune_of_a_missing_folder_names_the_fix(tmp_path: Path):
     (tmp_path / "notes.txt").write_text(MINE)
     with raises_message(UsageError):
         prune(tmp_path, max_bytes=0)

@@ -38,7 +38,7 @@ def no_time_passes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("no_time_passes")
-def test_lines_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch):
+def test_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     assert run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream)) == [1, 4, 9]
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
@@ -72,7 +72,7 @@ def test_a_bar_in_a_notebook(is_notebook: bool, monkeypatch: pytest.MonkeyPatch)
         bars.append((Bar(), options))
         return bars[-1][0]
 
-    # A notebook's stderr is no terminal.
+    # A notebook's stderr is not a terminal.
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     shell = SimpleNamespace(config={"IPKernelApp": {}} if is_notebook else {})
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))  # type: ignore[misc]
@@ -94,7 +94,7 @@ def test_nothing_if_quiet():
 
 
 @pytest.mark.usefixtures("no_time_passes")
-def test_what_is_known_is_not_computed(monkeypatch: pytest.MonkeyPatch):
+def test_known_results_are_not_recomputed(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     calls = [(1,), (-2,), (3,)]
     known = [None, "known", None]

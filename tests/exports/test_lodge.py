@@ -43,7 +43,7 @@ def test_the_normaliser_is_of_lodges_classes(export, built, over: str, tmp_path,
     torch = pytest.importorskip("torch")
     out, store = export("finedance", "lodge", scaler=over).path, built("finedance").store
     assert not any(name.startswith("dld") for name in sys.modules)
-    # Lodge's module, as far as a pickle needs it.
+    # The part of Lodge's module that a pickle needs.
     module = tmp_path / "site" / "dld" / "data" / "utils"
     module.mkdir(parents=True)
     (module / "preprocess.py").write_text("class Normalizer: pass\nclass MinMaxScaler: pass\n")
@@ -96,7 +96,7 @@ def test_assets_name_the_final_folder(export) -> None:
     assert all((out / name).exists() for name in paths.values())
 
 
-def test_what_the_loaders_will_miss_is_noted(export) -> None:
+def test_clips_that_loaders_expect_but_lack_are_noted(export) -> None:
     pytest.importorskip("torch")
     notes = {to: " ".join(export("finedance", to, to).notes) for to in ("lodge", "finedance")}
     # The example has four tracks; 120 and 130 are not among them.

@@ -30,7 +30,7 @@ DOCUMENT: dict[str, Any] = {
     "windows": {"length_s": 5, "stride_s": 0.5},
     "motion": {"edge151": {}, "humanml263": {}, "joints": {}},
 }
-#: What a file's own layout does not say.
+#: Facts that a file's layout does not state.
 ANY = Reading(Declared(), Declared())
 
 
@@ -225,7 +225,7 @@ def test_webdataset_is_read_by_webdataset(store: Store, dataset: Path, tmp_path:
     assert sample["json"]["start"] == windows[3].start
 
 
-def test_what_is_lacking_is_named(dataset: Path, tmp_path: Path) -> None:
+def test_missing_requirements_are_named(dataset: Path, tmp_path: Path) -> None:
     one = {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 6}}
     positions = _build(tmp_path, dataset=one, motion={"joints": {}}, scope="window")
     for target, parts in {
@@ -246,7 +246,7 @@ def test_what_is_lacking_is_named(dataset: Path, tmp_path: Path) -> None:
 
 
 def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) -> None:
-    """Where only positions come back, rotations are fitted to them."""
+    """If only positions are restored, rotations are fitted to them."""
     dancedata.export(dataset, "bvh", tmp_path / "out", progress=False, field="humanml263")
     clip = store.clips[0].id
     motion = load_motion(tmp_path / "out" / "bvh_m" / f"{clip}.bvh", Reading(Declared(unit="m", up="y"), Declared()))

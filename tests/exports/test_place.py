@@ -1,4 +1,4 @@
-"""An export appears whole or not at all, and nothing of others is touched."""
+"""An export appears whole or not at all, and foreign files are not touched."""
 
 import errno
 import json
@@ -36,7 +36,7 @@ def npz(built, tmp_path: Path) -> Callable[..., Any]:
     return run
 
 
-def test_what_an_export_says_of_itself(npz, built) -> None:
+def test_contents_of_export_json(npz, built) -> None:
     done = npz()
     about = json.loads((done.path / "export.json").read_text())
     assert about == done.about
@@ -50,7 +50,7 @@ def test_what_an_export_says_of_itself(npz, built) -> None:
     assert "research use, no redistribution" in (done.path / "README.md").read_text()
 
 
-def test_an_export_is_replaced_only_where_that_is_asked(npz) -> None:
+def test_an_export_is_replaced_only_with_overwrite(npz) -> None:
     first = tree(npz().path)
     with raises_message(StoreError):
         npz()
@@ -59,9 +59,9 @@ def test_an_export_is_replaced_only_where_that_is_asked(npz) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", ["added", "other size", "same size", "README.md", "a folder of others", "a link", "a pipe"]
+    "change", ["added", "other size", "same size", "README.md", "a foreign folder", "a link", "a pipe"]
 )
-def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
+def test_changed_files_stay(npz, change: str, tmp_path: Path) -> None:
     out = npz().path
     path = {
         "added": out / "clips" / "mine.txt",
@@ -69,7 +69,7 @@ def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
         "same size": out / "index.json",
         "README.md": out / "README.md",
     }.get(change, out / "mine")
-    if change == "a folder of others":
+    if change == "a foreign folder":
         path.mkdir()
         path = path / "file"
     if change == "a link":
@@ -85,7 +85,7 @@ def test_what_others_changed_stays(npz, change: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "dataset", "forged"])
-def test_folders_of_others_are_refused(npz, kind: str, tmp_path: Path) -> None:
+def test_foreign_folders_are_refused(npz, kind: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     if kind == "file":
         out.write_text("mine")
@@ -138,15 +138,15 @@ def test_an_interrupted_export_leaves_nothing(npz, tmp_path: Path, error: type, 
     assert not list(tmp_path.iterdir())
 
 
-def test_what_a_killed_export_left_goes_with_the_next(npz, tmp_path: Path) -> None:
+def test_the_next_export_removes_the_rest_of_a_killed_one(npz, tmp_path: Path) -> None:
     half = tmp_path / ".dancedata-out.export-new-01234567"
     claim(half)
     (half / "clips").mkdir()
     (half / "clips" / "a.npz").write_bytes(b"half")
-    (tmp_path / ".dancedata-out.export-new-89abcdef").mkdir()  # killed before it had said that it is ours
+    (tmp_path / ".dancedata-out.export-new-89abcdef").mkdir()  # killed before it wrote the marker
     saying = tmp_path / ".dancedata-out.export-new-fedcba98"
     saying.mkdir()
-    (saying / ".dancedata-01234567.tmp").write_bytes(b"ha")  # killed while it was saying so
+    (saying / ".dancedata-01234567.tmp").write_bytes(b"ha")  # killed while writing the marker
     foreign = tmp_path / ".dancedata-out.export-new-76543210"
     foreign.mkdir()
     (foreign / "mine").write_text("mine")
@@ -168,7 +168,7 @@ def test_a_swap_that_was_killed_is_put_back(npz, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("which", ["new", "old"])
 def test_a_removal_that_was_killed_is_finished(npz, tmp_path: Path, which: str, monkeypatch) -> None:
-    """Its proof is the last file that goes, and what is half removed is not put back as an export."""
+    """Its marker is removed last, and a half-removed folder is not restored as an export."""
     npz()
     rest = tmp_path / f".dancedata-out.export-{which}-01234567"
     (tmp_path / "out").rename(rest)
@@ -221,7 +221,7 @@ def test_two_exports_at_once(tmp_path: Path) -> None:
         second()
 
 
-def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+def test_a_file_that_appears_during_the_export_is_not_replaced(tmp_path: Path) -> None:
     def fill() -> None:
         with new_export(tmp_path / "out", overwrite=False) as folder:
             (folder / "a").write_text("a")

@@ -1,4 +1,4 @@
-"""What a dataset lacks is said at once, before anything is written."""
+"""Missing requirements of a dataset are reported together, before anything is written."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -36,14 +36,14 @@ def refusal(store: Path, to: str, out: Path, **options) -> str:
         ("bailando", ["no field bailando438", "--source DIR"]),
     ],
 )  # fmt: skip
-def test_everything_is_said_at_once(built, tmp_path: Path, to: str, wanted: list[str]) -> None:
+def test_all_problems_are_reported_at_once(built, tmp_path: Path, to: str, wanted: list[str]) -> None:
     text = refusal(built("sixty").path, to, tmp_path / "out")
     assert f"the dataset cannot be exported as {to}; nothing was written:" in text
     for words in wanted:
         assert words in text, words
 
 
-def test_thirty_per_second_beside_sixty(built, tmp_path: Path) -> None:
+def test_thirty_per_second_next_to_sixty(built, tmp_path: Path) -> None:
     """A recipe at 30 gives motion at 60 next to music at 30: the trap of FACT and Bailando."""
     made = built("sixty", fps=30, audio={"librosa35": {}}, motion={"fact219": {}, "bailando72": {}})
     text = refusal(made.path, "fact", tmp_path / "out")
@@ -99,7 +99,7 @@ def test_names_that_would_be_read_wrongly(built, tmp_path: Path) -> None:
     assert "__mirror" in text
 
 
-def test_ids_that_are_no_file_names(tmp_path: Path) -> None:
+def test_ids_that_are_not_file_names(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "store", clips={"train": 2, "test": 1})
     first = made.clips[0]
     values = {name: getattr(first, name) for name in StoredClip.__dataclass_fields__}
@@ -128,7 +128,7 @@ def test_unknown_targets_and_parameters(built, tmp_path: Path) -> None:
         dancedata.export(tmp_path, "npz", tmp_path / "out")
 
 
-def test_an_export_does_not_go_into_what_it_reads(built) -> None:
+def test_an_export_is_not_written_into_its_input(built) -> None:
     made = built("edge")
     for place in (made.path, made.source):
         with raises_message(UsageError):
@@ -147,7 +147,7 @@ def test_the_source_is_known_without_being_named(built, tmp_path: Path, name: st
         with raises_message(UsageError):
             dancedata.export(made.path, "npz", out, progress=False)
     assert sorted(made.source.rglob("*")) == before
-    # Beside it, and where other files have the names of clips, is no source.
+    # Neither a folder next to it nor one with other files of the clips' names is a source.
     (tmp_path / "motions").mkdir()
     for path in motions.iterdir():
         (tmp_path / "motions" / path.name).write_bytes(b"another")
@@ -186,7 +186,7 @@ def test_clips_shorter_than_a_window(tmp_path: Path) -> None:
     assert "test has no window of five seconds" in text
 
 
-def test_npz_names_fields_that_are_not_there(built, tmp_path: Path) -> None:
+def test_npz_names_missing_fields(built, tmp_path: Path) -> None:
     assert "no field 'edge15'" in refusal(built("edge").path, "npz", tmp_path / "out", fields=["edge15"])
 
 
@@ -198,7 +198,7 @@ def test_errors_of_the_source_are_their_own(built, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("to", EXPORTS.names())
-def test_a_target_says_what_it_reads(to: str) -> None:
+def test_a_target_lists_its_options(to: str) -> None:
     cls = EXPORTS.get(to)
     assert isinstance(cls.recipe, dict)
     assert not any(folder in ("", ".") for folder in cls.listed_folders)

@@ -80,7 +80,7 @@ def test_bailandos_songs(bailando: Path, built) -> None:
 
 
 def test_files_of_one_song(built, aist, tmp_path: Path) -> None:
-    """Loaders read one file per song: that of one sequence, if those of others are its beginning."""
+    """Loaders read one file per song: that of one sequence, if those of the others are its beginning."""
 
     def songs(name: str, sound: bytes) -> dict[str, bytes]:
         if name == "mBR0":
@@ -132,7 +132,7 @@ def test_crc32c_of_long_data_is_that_of_its_bytes_one_by_one() -> None:
     assert crc32c(data) == state ^ 0xFFFFFFFF
 
 
-def test_an_example_is_what_protobuf_writes() -> None:
+def test_an_example_equals_protobufs_output() -> None:
     # google.protobuf, SerializeToString(deterministic=True) of the same tf.train.Example.
     wanted = "0a2e0a0b0a016112060a040a0278790a110a0166120c120a0a080000803f000000400a0c0a016e12071a050a03ac0201"
     assert example({"n": (300, 1), "a": b"xy", "f": np.array([1, 2], np.float32)}).hex() == wanted
@@ -251,7 +251,7 @@ def test_unpaired_records_are_drawn_from_a_seed(built, aist, tmp_path: Path) -> 
     pairs = [[r for p in sorted(out.glob("*testval*")) for r in records(p)] for out in results]
     names = [[r["motion_name"].decode() for r in one] for one in pairs]
     same = [songs[r["motion_name"].decode()] == r["audio_name"].decode() for r in pairs[0]]
-    assert same.count(True) == len(songs)  # the pairs that are meant, and no other
+    assert same.count(True) == len(songs)  # only the intended pairs
     assert names[0] == names[1]
     assert sorted(names[0]) == sorted([*songs] * 4)
     files = [sorted(out.iterdir()) for out in results]

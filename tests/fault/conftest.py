@@ -1,4 +1,4 @@
-"""A small corpus and a plug-in feature that takes its time, counts its calls, and kills its process if told to."""
+"""A small corpus and a plug-in feature that takes its time, counts its calls, and kills its process on request."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ from dancedata.synthetic import write_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
 SONGS = 4
-#: How the names of folders begin that joblib makes for large arguments, unless it is told otherwise.
+#: Prefix of the folders that joblib makes for large arguments, by default.
 JOBLIB = "joblib_memmapping_folder"
 
 #: The feature, installed as a third-party distribution. Files of the folder $SLOW control its side effects.
@@ -37,7 +37,7 @@ from dancedata.core.registry import FEATURES
 @FEATURES.register("slow")
 @dataclass(frozen=True)
 class Slow(AudioFeature):
-    """Time, and a number that says which signal it is."""
+    """Time, and a number that identifies the signal."""
 
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)
@@ -111,10 +111,10 @@ class Slow:
         """Run a build to its end, check its exit code, and return what it printed."""
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         process = self.start(source, out, *arguments, **pipes)
-        printed, said = process.communicate()
-        assert process.returncode == code, f"{process.returncode}: {printed}{said}"
-        assert "Traceback" not in said, said
-        return str(printed + said)
+        printed, errors = process.communicate()
+        assert process.returncode == code, f"{process.returncode}: {printed}{errors}"
+        assert "Traceback" not in errors, errors
+        return str(printed + errors)
 
     def start(self, source: Path, out: Path, *arguments: object, **options: Any) -> subprocess.Popen[Any]:
         """Begin a build."""

@@ -274,11 +274,11 @@ def test_any_number_of_damaged_entries_cost_a_computation_each(
         return load(self, ref)
 
     monkeypatch.setattr(AistPP, "load", counted)
-    said = io.StringIO()
-    build(recipe, corpus, out, cache=cache, jobs=jobs, progress=Progress(stream=said))
+    stream = io.StringIO()
+    build(recipe, corpus, out, cache=cache, jobs=jobs, progress=Progress(stream=stream))
     assert hashes(out) == whole
     assert verify_cache(cache) == (len(list(cache.rglob("*.json"))) + 40, [])
-    assert said.getvalue().count("an entry of the cache is damaged") == 1
+    assert stream.getvalue().count("an entry of the cache is damaged") == 1
     if jobs == 1:  # else it is other processes that load
         assert sorted(loaded) == sorted(set(loaded))
         assert len(loaded) == 8
@@ -357,7 +357,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
     assert not stray.exists()
 
 
-def test_what_a_living_process_holds_is_left_alone(tmp_path: Path):
+def test_files_of_a_running_process_are_kept(tmp_path: Path):
     cache = Cache(tmp_path)
     names = [f"dancedata-{number:032x}.tmp" for number in range(2)]
     with cache.lock("features", f"{0:064x}"), cache_files.locked_file(tmp_path / "tmp", names[0]):

@@ -58,8 +58,8 @@ def test_ctrl_c_while_workers_start(
             when_it_runs(process)
             time.sleep(chance.uniform(0, 1.5))
         os.killpg(process.pid, signal.SIGINT)
-        printed, said = process.communicate(timeout=60)
-        assert (process.returncode, printed, said) == (130, "", f"{interrupts.LINE}\n"), number
+        printed, errors = process.communicate(timeout=60)
+        assert (process.returncode, printed, errors) == (130, "", f"{interrupts.LINE}\n"), number
         assert workers(process.pid) == []
         assert not out.exists()
         if number < tries - 1:
@@ -79,8 +79,8 @@ def test_impatience_changes_nothing(slow: Any, corpus: Path, out: Path):
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGINT)
         time.sleep(0.02)
-    printed, said = process.communicate(timeout=60)
-    assert (process.returncode, printed, said) == (130, "", f"{interrupts.LINE}\n")
+    printed, errors = process.communicate(timeout=60)
+    assert (process.returncode, printed, errors) == (130, "", f"{interrupts.LINE}\n")
     assert workers(process.pid) == []
 
 
@@ -145,7 +145,7 @@ def in_a_destructor() -> None:
     [interrupt, terminate, turned_into_another_error, ended_by_a_library, in_a_destructor],
     ids=lambda f: f.__name__,
 )
-def test_one_line_whatever_becomes_of_the_exception(command: Any, capfd: pytest.CaptureFixture[str]):
+def test_one_line_for_any_exception(command: Any, capfd: pytest.CaptureFixture[str]):
     with pytest.raises(SystemExit) as caught:
         interrupts.run(command)
     assert caught.value.code == (143 if command is terminate else 130)

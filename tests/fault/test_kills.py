@@ -16,7 +16,7 @@ SONG_S = 0.2
 
 
 @pytest.mark.parametrize("kills", [pytest.param(2), pytest.param(50, marks=pytest.mark.nightly)])
-def test_a_build_killed_at_random_moments_ends_as_if_undisturbed(
+def test_a_build_killed_at_random_moments_gives_the_same_result(
     slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, kills: int
 ):
     slow.sleep(SONG_S)
@@ -109,7 +109,7 @@ BOTH = [(when, n) for n in range(1, 10) for when in ("before", "after")]
     ],
     ids=["some", "all"],
 )
-def test_a_build_killed_at_a_file_that_it_publishes_goes_on(
+def test_a_build_killed_while_publishing_resumes(
     slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, moments: list[tuple[str, int]]
 ):
     arguments = slow.command("--source", corpus, "--out", out, "--jobs", 1)[3:]
@@ -149,7 +149,7 @@ def test_two_builds_into_one_folder(slow: Any, corpus: Path, out: Path, undistur
     ends = sorted((*process.communicate(), process.returncode) for process in processes)
     codes = [code for *_, code in ends]
     assert 0 in codes
-    for printed, said, code in ends:
-        assert "another build is writing there" in said if code else printed
+    for printed, output, code in ends:
+        assert "another build is writing there" in output if code else printed
     assert hashes(out) == undisturbed
     assert [p.name for p in out.parent.iterdir()] == ["out"]

@@ -1,4 +1,4 @@
-"""Equal bytes whatever the way: number of jobs, parts, order of files. Dask is in test_workers."""
+"""Equal bytes for any number of jobs, parts and order of files. Dask is in test_workers."""
 
 import json
 import shutil

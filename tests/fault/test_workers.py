@@ -51,7 +51,7 @@ def threads(slow: Any, tmp_path: Path) -> Iterator[list[str]]:
     yield from run_cluster(slow, tmp_path, 1, 2)
 
 
-def test_a_worker_that_is_killed_under_loky_costs_what_it_was_doing(
+def test_a_worker_killed_under_loky_loses_only_its_unit(
     slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
 ):
     for song in songs[1:3]:
@@ -68,9 +68,9 @@ def test_a_unit_that_always_kills_its_worker_is_named(
 ):
     order = slow.folder / f"kill-{songs[2]}"
     order.touch()
-    said = slow.build(corpus, out, "--jobs", 2, code=1)
-    assert "this unit of work kills its worker process (slow)" in said
-    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in said
+    output = slow.build(corpus, out, "--jobs", 2, code=1)
+    assert "this unit of work kills its worker process (slow)" in output
+    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in output
     assert not out.exists()
     order.unlink()
     slow.build(corpus, out, "--jobs", 1)
@@ -100,14 +100,14 @@ def test_a_unit_that_always_kills_its_dask_worker_is_named(
     slow: Any, corpus: Path, out: Path, songs: list[str], cluster: list[str]
 ):
     (slow.folder / f"kill-{songs[2]}").touch()
-    said = slow.build(corpus, out, *cluster, code=1)
-    assert "this unit of work kills its worker process (slow)" in said
-    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in said
+    output = slow.build(corpus, out, *cluster, code=1)
+    assert "this unit of work kills its worker process (slow)" in output
+    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in output
     assert not out.exists()
 
 
 @pytest.mark.nightly
-def test_a_scheduler_that_is_lost_ends_the_build_which_goes_on(
+def test_a_build_resumes_after_a_lost_scheduler(
     slow: Any, corpus: Path, out: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
 ):
     pytest.importorskip("distributed")
@@ -124,10 +124,10 @@ def test_a_scheduler_that_is_lost_ends_the_build_which_goes_on(
         while not slow.calls():
             time.sleep(0.1)
         os.killpg(cluster.pid, signal.SIGKILL)
-        _, said = building.communicate(timeout=120)
-    assert building.returncode == 1, said
-    assert "the Dask cluster was lost" in said
-    assert "Traceback" not in said
+        _, output = building.communicate(timeout=120)
+    assert building.returncode == 1, output
+    assert "the Dask cluster was lost" in output
+    assert "Traceback" not in output
     assert not out.exists()
     slow.sleep(0)
     slow.build(corpus, out, "--jobs", 1)
@@ -142,7 +142,7 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "output"),
     [
         ({}, None),
         ({"token_text": "another"}, "a worker sees another cache"),
@@ -154,8 +154,8 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
         ({"locked": False}, "locks on files in the cache do not reach"),
     ],
 )
-def test_a_worker_is_checked_for_what_it_needs(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], said: str | None
+def test_a_worker_is_checked_for_its_requirements(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, Any], output: str | None
 ):
     distributed = pytest.importorskip("distributed")
     from dancedata.core.errors import DanceDataError
@@ -172,12 +172,12 @@ def test_a_worker_is_checked_for_what_it_needs(
         right: dict[str, Any] = {"token": token, "token_text": "w", "source": corpus}
         right |= {"names_sha256": dask._names_sha256(corpus), "versions": dask._versions({"librosa"})}
         required = dask.WorkerRequirements(**{**right, **wrong})
-        stack.enter_context(nullcontext() if said is None else pytest.raises(DanceDataError, match=said))
+        stack.enter_context(nullcontext() if output is None else pytest.raises(DanceDataError, match=output))
         dask.check_worker(required)
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "said"),
+    ("options", "code", "output"),
     [
         (["--backend", "dask"], 2, "Give its address"),
         (["--backend", "spark"], 2, "allowed: loky, dask"),
@@ -186,14 +186,14 @@ def test_a_worker_is_checked_for_what_it_needs(
         (["--part", "1/4", "--backend", "dask"], 2, "--part goes with neither"),
     ],
 )
-def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, said: str):
+def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, output: str):
     from typer.testing import CliRunner
 
     from dancedata.cli.app import app
 
     arguments = ["build", "aist++", "--source", str(corpus), "--out", str(out), *options]
     result = CliRunner().invoke(app, arguments)
-    assert (result.exit_code, said in result.stderr) == (code, True), result.stderr
+    assert (result.exit_code, output in result.stderr) == (code, True), result.stderr
     assert not out.exists()
 
 
@@ -217,8 +217,8 @@ def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Pat
     assert not out.exists()
 
 
-@pytest.mark.parametrize(("end", "said"), [("os.kill(os.getpid(), signal.SIGSEGV)", True), ("None", False)])
-def test_a_crash_in_the_only_process_names_the_file(end: str, said: bool) -> None:
+@pytest.mark.parametrize(("end", "output"), [("os.kill(os.getpid(), signal.SIGSEGV)", True), ("None", False)])
+def test_a_crash_in_the_only_process_names_the_file(end: str, output: bool) -> None:
     """A decoder that crashes with --jobs 1, where no worker shields the command."""
     code = f"""
 import os, signal
@@ -232,8 +232,8 @@ calls = [(Path("good.wav"),), (Path("bad song.wav"),)]
 run_units(decode, calls, jobs=1, label="decoding music", progress=Progress(quiet=True))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode == -signal.SIGSEGV) is said
-    if said:
+    assert (done.returncode == -signal.SIGSEGV) is output
+    if output:
         assert "error: the process died at decoding music, bad song.wav." in done.stderr
     else:
         assert done.stderr == ""
@@ -259,7 +259,7 @@ def test_no_unit_is_blamed_for_workers_that_die_before_they_run_one() -> None:
     assert "a.wav" not in str(caught.value)
 
 
-def test_units_that_were_not_running_when_a_worker_died_are_no_suspects() -> None:
+def test_only_running_units_are_suspected_when_a_worker_dies() -> None:
     from dancedata.execution.executors.base import WorkerDiedError
     from dancedata.execution.executors.loky import LokyExecutor
 
@@ -314,7 +314,7 @@ except KeyboardInterrupt:
 
 
 def test_an_interrupt_while_workers_start_ends_them(tmp_path: Path) -> None:
-    """Else the interpreter would wait at its end until all units are computed."""
+    """Otherwise the interpreter would wait at its end until all units are computed."""
     done = script(RUN + INTERRUPTED, tmp_path)
     assert done.stdout == "interrupted\n", done.stderr
     assert len(list(tmp_path.iterdir())) < 200
@@ -361,7 +361,7 @@ print(*(os.environ.get(name) for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP
 def test_workers_keep_memory_unless_the_user_chose(
     user: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else encoding motion spends a fifth of its time in the system, which clears the same pages again and again."""
+    """Otherwise encoding motion spends a fifth of its time in the system, clearing the same pages."""
     for name in [name for name in os.environ if name.startswith("MALLOC_")] + ["GLIBC_TUNABLES"]:
         monkeypatch.delenv(name, raising=False)
     for name, value in user.items():

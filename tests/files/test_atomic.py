@@ -34,7 +34,7 @@ def test_json_has_one_text() -> None:
         canonical_json(float("nan"))
 
 
-def test_written_whole_and_readable_by_others(tmp_path: Path) -> None:
+def test_written_whole_and_readable_by_other_users(tmp_path: Path) -> None:
     before = os.umask(0o027)
     try:
         write_json(tmp_path / "x.json", {"b": 1, "a": "é"})
@@ -87,7 +87,7 @@ def test_json_that_cannot_be_written_touches_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "x").read_text() == "1\n"
 
 
-def test_folder_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         write_bytes(tmp_path / "no" / "x", b"")
 
@@ -120,7 +120,7 @@ def test_audio_signal_is_known_by_samples_and_rate() -> None:
     assert len({signal.sha256, *(AudioSignal(s.astype(np.float32), r).sha256 for s, r in others)}) == 4
 
 
-def test_audio_signal_that_is_none() -> None:
+def test_invalid_audio_signal() -> None:
     with raises_message(UsageError):
         AudioSignal(np.zeros((5, 2), np.float32), 48000)
     with raises_message(UsageError):

@@ -28,7 +28,7 @@ def test_a_file_is_locked_by_one_and_gone_afterwards(tmp_path: Path) -> None:
         assert first
 
 
-def test_a_lock_that_is_waited_for_is_one_on_a_file_that_others_find(tmp_path: Path) -> None:
+def test_a_lock_acquired_after_waiting_is_on_the_current_file(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     got: list[int | None] = []
     with file_lock(path):
@@ -148,7 +148,7 @@ def no_file_beside(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "open", refuse)
 
 
-def test_where_no_file_can_be_made_beside_it_the_folder_is_locked(
+def test_the_folder_is_locked_if_no_file_can_be_created_next_to_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "out").mkdir()
@@ -164,7 +164,7 @@ def test_where_no_file_can_be_made_beside_it_the_folder_is_locked(
 
 
 @pytest.mark.parametrize(("code", "held"), [(errno.ENOSYS, None), (errno.EBADF, False), (errno.EAGAIN, False)])
-def test_what_a_file_system_says_of_locks(monkeypatch: pytest.MonkeyPatch, code: int, held: bool | None) -> None:
+def test_lock_errors_of_file_systems(monkeypatch: pytest.MonkeyPatch, code: int, held: bool | None) -> None:
     def flock(fd: int, operation: int) -> None:
         raise OSError(code, os.strerror(code))
 

@@ -81,7 +81,7 @@ def test_killed_at_any_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, m
         ("folder/a.bin", ("none", "another", "ours")),
     ],
 )
-def test_a_folder_of_our_name_with_files_of_others(tmp_path: Path, name: str, proofs: tuple[str, ...]) -> None:
+def test_a_folder_of_our_name_with_foreign_files(tmp_path: Path, name: str, proofs: tuple[str, ...]) -> None:
     for proof in proofs:
         ours = tmp_path / proof / STAGING
         ours.parent.mkdir()
@@ -126,7 +126,7 @@ def test_a_file_that_came_after_the_last_one_was_written(tmp_path: Path, monkeyp
     assert content(tmp_path) == {name: name for name in NAMES}
 
 
-def test_what_a_writer_killed_while_it_made_the_folder_leaves(tmp_path: Path) -> None:
+def test_leftovers_of_a_writer_killed_while_creating_the_folder(tmp_path: Path) -> None:
     (tmp_path / STAGING).mkdir()
     (tmp_path / STAGING / ".dancedata-abcd_123.tmp").write_text("")
     write(tmp_path)

@@ -85,7 +85,7 @@ def test_parts_and_betas(tmp_path: Path) -> None:
 
 
 def test_the_library_gives_the_same_joints(tmp_path: Path) -> None:
-    """smplx itself, on a model with all that it asks for."""
+    """smplx itself, on a model with everything that it requires."""
     pytest.importorskip("smplx")
     torch = pytest.importorskip("torch")
     from smplx.body_models import SMPLX
@@ -191,7 +191,7 @@ def test_a_model_of_another_body(tmp_path: Path) -> None:
         {"J_regressor": np.array({"sparse": 1}, dtype=object)},
     ],
 )
-def test_files_that_are_no_model(tmp_path: Path, changes: dict[str, Any]) -> None:
+def test_files_that_are_not_a_model(tmp_path: Path, changes: dict[str, Any]) -> None:
     with raises_message(UsageError):
         body_model_skeleton(model(tmp_path / "m.npz", SMPLX55, **changes))
 

@@ -48,7 +48,7 @@ def write(tmp_path: Path):
     return make
 
 
-def test_what_a_file_says(write) -> None:
+def test_facts_stated_by_a_file(write) -> None:
     bvh = read_bvh(write(TEXT))
     assert bvh.names == ("Hips", "Spine")
     assert [j.parent for j in bvh.joints] == [-1, 0]

@@ -108,7 +108,7 @@ def test_a_rest_pose_like_smpls_gives_the_rotations_back(tmp_path: Path, danced:
 
 
 def test_axes_turned_by_quarters_give_the_rotations_back(tmp_path: Path, danced: Motion) -> None:
-    """As in Rokoko's files, whose rest pose is no body's: feet, head and limbs are turned back."""
+    """As in Rokoko's files, whose rest pose is not a body's: feet, head and limbs are turned back."""
     rng = np.random.default_rng(5)
     quarters = Rotation.create_group("O")
     frames = Rotation.concatenate([quarters[int(k)] for k in rng.integers(0, 24, 24)])
@@ -381,7 +381,7 @@ def test_optional_joints_may_be_missing(tmp_path: Path, danced: Motion) -> None:
     assert np.allclose(np.linalg.norm(toes, axis=1), np.linalg.norm(SMPL24.offsets[10]), rtol=0.05)
 
 
-def test_skeletons_that_are_none(own: Path) -> None:
+def test_invalid_skeletons_in_files(own: Path) -> None:
     lines = own.read_text().splitlines()
     at = next(k for k, line in enumerate(lines) if "LeftFoot" in line) + 2
     lines[at] = "OFFSET 0 0 0"

@@ -199,7 +199,7 @@ def test_missing_file(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "message"),
     [
         ({(1, 2): 3}, "a key that is neither text nor a small integer: (1, 2)"),
         ({2.5: 3}, "a key"),
@@ -213,8 +213,8 @@ def test_missing_file(path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("protocol", range(6))
-def test_keys_and_members_are_text_and_small_numbers(path: Path, protocol: int, value: Any, said: str) -> None:
-    assert said in refused(path, pickle.dumps(value, protocol), "broken_file")
+def test_keys_and_members_are_text_and_small_numbers(path: Path, protocol: int, value: Any, message: str) -> None:
+    assert message in refused(path, pickle.dumps(value, protocol), "broken_file")
 
 
 @pytest.mark.parametrize("protocol", range(6))
@@ -239,7 +239,7 @@ def test_nesting_is_bounded(path: Path, protocol: int) -> None:
     assert "contains itself" in refused(path, pickle.dumps(around, protocol), "broken_file")
 
 
-def test_an_array_whose_axes_lie_in_another_order(path: Path) -> None:
+def test_an_array_with_axes_in_another_order(path: Path) -> None:
     values = np.arange(24.0).reshape(2, 3, 4).transpose(2, 0, 1)
     for protocol in range(6):
         path.write_bytes(pickle.dumps(values, protocol))
@@ -327,7 +327,7 @@ def test_values_that_are_arrays(value: Any, dtype: str) -> None:
 
 
 @pytest.mark.parametrize("value", [[[1.0]], [[1], [2]], "text", None, [True], {1: 2}, [1, None]])
-def test_values_that_are_none(value: Any) -> None:
+def test_invalid_values(value: Any) -> None:
     assert as_array(value) is None
 
 

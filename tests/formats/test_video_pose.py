@@ -1,4 +1,4 @@
-"""What WHAM, PHALP, GVHMR and others write: read, divided by people, put on the frames of the video, built."""
+"""Files of WHAM, PHALP, GVHMR and others: read, divided by people, put on the frames of the video, built."""
 
 import pickle
 import wave
@@ -293,7 +293,7 @@ def test_files_of_phalp_that_contradict_themselves(tmp_path: Path) -> None:
         path.write_bytes(joblib_bytes({"0.jpg": {**good, "smpl": [pose], **change}}))
         error = refused(path)
         assert error.reason == "bad_shape", change
-    # Found by fuzzing: a number that float64 does not hold, which is no warning.
+    # Found by fuzzing: a number beyond float64 must not cause a warning.
     large = {**pose, "betas": np.full(10, np.finfo(np.longdouble).max)}
     path.write_bytes(joblib_bytes({"0.jpg": {**good, "smpl": [large]}}))
     assert Folder(fps=30, music="optional").load(ClipRef("a", path, None, "train")).n_frames == 1

@@ -145,7 +145,7 @@ def test_small_files_that_want_much(hunt: ModuleType, tmp_path: Path, target: st
         path.write_bytes(make())
     report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
     assert [f"{f['what']} {f['where']} {f['error']}" for f in report["findings"]] == []
-    # What is wrong with a label is no error, but said.
+    # An invalid label is not an error, but reported.
     assert target == "label" or "valid" not in report["outcomes"], report["outcomes"]
 
 

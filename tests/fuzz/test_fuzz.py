@@ -15,7 +15,7 @@ STRUCTURED = ("pickle", "npz", "bvh", "dataset_json", "recipe", "hdf5", "model_p
 FOUND = sorted(folder.name for folder in (HERE / "corpus").iterdir())
 
 
-def said(reports: list[dict[str, Any]]) -> list[str]:
+def findings(reports: list[dict[str, Any]]) -> list[str]:
     return [
         f"{r['target']}: {f['what']} {f['where']} {f['error']}\n{f['data'][:2000]}"
         for r in reports
@@ -34,7 +34,7 @@ def test_broken_files_are_read_or_refused(hunt: ModuleType) -> None:
     names = targets(hunt)
     cases, seed = hunt.RUNS["tests"]
     reports = hunt.hunt(cases, seed, names, workers=2, without_structure=set(names) - set(STRUCTURED))
-    assert said(reports) == []
+    assert findings(reports) == []
     assert sum(report["cases"] for report in reports) >= cases
     for report in reports:
         # Cases that are all refused, or all fine, would try nothing.
@@ -42,15 +42,15 @@ def test_broken_files_are_read_or_refused(hunt: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("target", FOUND)
-def test_what_was_found_once(hunt: ModuleType, target: str) -> None:
+def test_earlier_findings(hunt: ModuleType, target: str) -> None:
     files = sorted((HERE / "corpus" / target).iterdir())
     report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
-    assert said([report]) == []
+    assert findings([report]) == []
     assert report["cases"] == len(files)
     assert "valid" not in report["outcomes"], report["outcomes"]
 
 
-def test_the_harness_sees_what_it_looks_for(hunt: ModuleType, tmp_path: Path) -> None:
+def test_the_harness_detects_planted_defects(hunt: ModuleType, tmp_path: Path) -> None:
     words = {
         "spins": "more than 1 s",
         "grows": "MemoryError",
@@ -72,7 +72,7 @@ def test_the_harness_sees_what_it_looks_for(hunt: ModuleType, tmp_path: Path) ->
 def test_a_hundred_thousand_broken_files(hunt: ModuleType) -> None:
     cases, seed = hunt.RUNS["nightly"]
     reports = hunt.hunt(cases, seed, targets(hunt), workers=2)
-    assert said(reports) == []
+    assert findings(reports) == []
 
 
 @pytest.mark.nightly
@@ -85,8 +85,8 @@ def test_guided_by_coverage() -> None:
         assert run.returncode == 0, run.stderr[-2000:]
 
 
-def test_an_interrupted_run_goes_on(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The order of batches depends on nothing but the run, so that the number of those done says which are left."""
+def test_an_interrupted_run_resumes(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The order of batches depends only on the run, so that the number of finished ones determines the rest."""
     run: list[tuple[Any, ...]] = []
 
     def batch(target: str, **about: Any) -> dict[str, Any]:

@@ -18,7 +18,7 @@ windows: {length_s: 2, stride_s: 1}
 motion: {edge151: {}}
 audio: {librosa35: {}}
 """
-#: Far above what a build of one clip takes, far below what the files ask for. Processor time, not time.
+#: Far above what a build of one clip takes, far below unrestricted reading. Processor time.
 CPU_S, ADDRESS_SPACE = 120, 6 << 30
 
 
@@ -41,7 +41,7 @@ def limited() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
 
 
-def test_a_build_stores_the_good_clip_beside_all_of_them(hostile: ModuleType, tmp_path: Path) -> None:
+def test_a_build_stores_the_good_clip_among_all_of_them(hostile: ModuleType, tmp_path: Path) -> None:
     from dancedata.datasets.folder import Folder
 
     source, out = tmp_path / "source", tmp_path / "out"

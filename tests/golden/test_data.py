@@ -24,7 +24,7 @@ def test_it_is_small_and_its_files_are_described() -> None:
         assert name == "README.md" or any(name.startswith(k.rstrip("*")) for k in known), name
 
 
-def test_what_stays_outside_is_one_line(tmp_path: Path) -> None:
+def test_a_filtered_traceback_is_one_line(tmp_path: Path) -> None:
     env = {**os.environ, "DANCEDATA_SHARED": str(tmp_path / "nowhere"), "PYTHONPATH": str(ROOT)}
     names = ("golden/test_real_clips", "formats/test_bvh_retarget", "core/test_kinematics")
     options = ["-q", "-n", "0", "-p", "no:cacheprovider", "-k", "real or edges"]

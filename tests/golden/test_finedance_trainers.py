@@ -31,7 +31,7 @@ def lodge(peers: Any) -> Any:
     return peers.load("lodge_mofea319.npz")
 
 
-def test_the_store_is_sound_and_says_what_it_left_out(store: Store) -> None:
+def test_the_store_is_sound_and_lists_its_rejects(store: Store) -> None:
     assert [p for p in verify_store(store.path) if p.severity == "error"] == []
     assert {c.id: (c.split, c.genre, c.trim_start) for c in store.clips} == {
         "001": ("train", "Popping", 0),
@@ -126,7 +126,7 @@ def test_the_music_is_lodges(store: Store, peers: Any) -> None:
         np.testing.assert_array_equal(found[:, 33:], wanted[:, 33:])
 
 
-def test_primitives_beside_the_window(store: Store) -> None:
+def test_primitives_alongside_the_window(store: Store) -> None:
     fields = ("lodge139", "librosa35", "primitives")
     item = WindowDataset(store, preset="lodge-global", fields=fields)[0]
     assert item["primitives"].shape == (13, 8, 139)

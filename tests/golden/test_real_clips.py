@@ -54,7 +54,7 @@ def test_builds_checks_and_reads(store: Store) -> None:
         assert store.read(window, "librosa35").shape == (150, 35)
 
 
-def test_what_is_missing_is_said_by_name(store: Store) -> None:
+def test_missing_packages_are_named(store: Store) -> None:
     missing = {r["clip"] for r in store.rejects if r["reason"] == "missing_motion"}
     assert len(missing) == 988  # 1,020 names in the three split files, less 28 ignored, less these 4
     assert "gLH_sBM_cAll_d17_mLH4_ch01" in missing

@@ -1,4 +1,4 @@
-"""Models whose files and outputs are kept: what releases of transformers must leave as it is.
+"""Models whose files and outputs are kept: releases of transformers must not change them.
 
 The cache key of the feature hf does not have the version of transformers (decision 0024), so a release that changes
 numbers has to fail a test. `data/golden.json.gz` has, for each kind of model, config.json, the extractor's parameters
@@ -57,7 +57,7 @@ def tensor(name: str, shape: tuple[int, ...], dtype: str) -> np.ndarray:
 
 
 def _index_of_pairs(width: int) -> np.ndarray:
-    """Which entry of its table a Swin transformer adds for a pair of patches of a window, as in CLAP's files."""
+    """Index of the entry of its table that a Swin transformer adds for a pair of patches, as in CLAP's files."""
     places = np.indices((width, width)).reshape(2, -1)
     apart = places[:, :, None] - places[:, None, :] + width - 1
     return np.asarray(apart[0] * (2 * width - 1) + apart[1], np.int64)
@@ -103,7 +103,7 @@ def outputs(folder: Path) -> dict[str, np.ndarray]:
 
 
 def layouts() -> dict[str, Any]:
-    """What is kept of the models' files, by kind."""
+    """Parts of the models' files that are kept, by kind."""
     with gzip.open(LAYOUTS, "rt") as file:
         found: dict[str, Any] = json.load(file)
     return found

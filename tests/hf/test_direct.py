@@ -61,7 +61,7 @@ def _check_layers(encoder: Callable[..., HuggingFaceEncoder], kind: str, samples
 
 
 @pytest.mark.parametrize("kind", SPEECH)
-def test_wav2vec2_and_what_is_built_like_it(
+def test_wav2vec2_and_similar_models(
     kind: str, model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder]
 ) -> None:
     folder, samples = model(kind), noise(2, 16_000)
@@ -220,7 +220,7 @@ def test_muq_front_end_and_conformer(
     np.testing.assert_allclose(found.stamps_s, np.arange(len(wanted)) / 25, atol=1e-12)
 
 
-def test_mert_is_hubert_and_nothing_that_is_planted_runs(
+def test_mert_is_hubert_and_planted_code_does_not_run(
     model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder], tmp_path: Path
 ) -> None:
     import shutil

@@ -107,7 +107,7 @@ def _seams(whole: HuggingFaceEncoder, cut: HuggingFaceEncoder) -> np.ndarray:
 def test_seams(
     kind: str, layers: Any, tolerance: float, offset_s: float, encoder: Callable[..., HuggingFaceEncoder]
 ) -> None:
-    """What convolutions see is the same in chunks as in the whole."""
+    """Convolutions see the same in chunks as in the whole."""
     cut = encoder(kind, layers=layers, chunk_s=2 + offset_s, overlap_s=1.2)
     assert _seams(encoder(kind, layers=layers), cut).max() < tolerance
 
@@ -166,7 +166,7 @@ def test_silence_is_finite_and_a_blink_is_too_short(kind: str, feature: Callable
     assert caught.value.reason == "short_audio"
 
 
-def test_what_float16_cannot_hold_is_never_stored(feature: Callable[..., HuggingFace]) -> None:
+def test_values_beyond_float16_are_never_stored(feature: Callable[..., HuggingFace]) -> None:
     with raises_message(DataError):
         feature("hubert")._stored(np.array([[1.0, 7e4]], np.float32))
     assert feature("hubert", store="float32")._stored(np.array([[7e4]], np.float32)).dtype == np.float32
@@ -213,7 +213,7 @@ def test_from_python(model: Callable[[str], Path], encoder: Callable[..., Huggin
         dancedata.extract("hf", signal, model=str(model("mert")), precision="fp16", device="cpu")
 
 
-def test_bf16_is_what_transformers_computes_in_bf16(model: Callable[[str], Path]) -> None:
+def test_bf16_equals_transformers_in_bf16(model: Callable[[str], Path]) -> None:
     import transformers
 
     samples = noise(0.5, 16_000)
@@ -225,7 +225,7 @@ def test_bf16_is_what_transformers_computes_in_bf16(model: Callable[[str], Path]
     np.testing.assert_array_equal(own.values, wanted)
 
 
-def test_what_does_not_fit_stays_on_the_host(encoder: Callable[..., HuggingFaceEncoder]) -> None:
+def test_blocks_that_do_not_fit_stay_on_the_host(encoder: Callable[..., HuggingFaceEncoder]) -> None:
     pytest.importorskip("accelerate")
     samples = noise(0.4, 16_000)
     own = encoder("hubert", fresh=True)
@@ -236,7 +236,7 @@ def test_what_does_not_fit_stays_on_the_host(encoder: Callable[..., HuggingFaceE
 
 
 def test_memory_is_flat(encoder: Callable[..., HuggingFaceEncoder], monkeypatch: pytest.MonkeyPatch) -> None:
-    """No batch is longer than a chunk, whatever the song; rows that are done take the type that is stored."""
+    """No batch is longer than a chunk, for any song; rows that are done take the type that is stored."""
     own = encoder("wav2vec2-large", chunk_s=2, overlap_s=0.4)
     seen = _spied(own, monkeypatch)
     finished: list[int] = []

@@ -1,4 +1,4 @@
-"""Outputs of files as they are today: a transformers that reads them or computes otherwise fails."""
+"""Current outputs of files: a transformers that reads them or computes differently fails."""
 
 from pathlib import Path
 

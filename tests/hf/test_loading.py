@@ -75,7 +75,7 @@ def test_weights_that_do_not_fit(copy: Callable[..., Path], kind: str, change: A
     assert "copied" in str(caught.value)
 
 
-def test_what_training_alone_needs_may_lack_or_be_there(copy: Callable[..., Path]) -> None:
+def test_tensors_used_only_in_training_are_optional(copy: Callable[..., Path]) -> None:
     folder = copy(
         "hubert", lambda t: t.update({"lm_head.weight": torch.ones(2, 2), "masked_spec_embed": torch.ones(24)})
     )
@@ -143,7 +143,7 @@ def test_an_old_torch_reads_no_pickles(copy: Callable[..., Path], monkeypatch: p
         {"conv_kernel": [10**9, 10], "conv_stride": [1, 1]},
     ],
 )
-def test_configs_that_cannot_be_used(copy: Callable[..., Path], keys: dict[str, Any]) -> None:
+def test_unusable_configs(copy: Callable[..., Path], keys: dict[str, Any]) -> None:
     folder = _edit(copy("hubert"), **keys)
     with raises_message(SourceError):
         assert settings(folder).columns.width
@@ -161,7 +161,7 @@ def test_a_config_whose_types_transformers_refuses(copy: Callable[..., Path]) ->
 
 
 @pytest.mark.parametrize("keys", [{"return_dict": False}, {"output_hidden_states": "yes"}, {"torchscript": True}])
-def test_keys_of_what_a_call_returns_change_nothing(
+def test_keys_of_the_result_of_a_call_change_nothing(
     copy: Callable[..., Path], model: Callable[[str], Path], keys: dict[str, Any]
 ) -> None:
     samples = noise(0.3, 16_000)

@@ -47,7 +47,7 @@ print(json.dumps(found[1:]))
 @pytest.mark.nightly
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak is read from Linux's /proc")
 def test_peak_memory_is_flat_from_1_to_10_minutes(tmp_path: Path) -> None:
-    """What grows is the signal: here 5.8 MB per minute, and its normalised copy with a difference on the way."""
+    """Only the signal grows: here 5.8 MB per minute, and its normalised copy with a difference on the way."""
     write_random_model("mert", tmp_path / "model", conv_dim=[64] * 7)
     command = [sys.executable, "-c", CODE, str(tmp_path / "model"), "0"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -70,7 +70,7 @@ def _all_frames(n_samples: int, timing: Timing, grid: FrameGrid, length: int, ov
 
 @given(st.integers(30_000, 3_000_000), GRIDS, TIMINGS, st.integers(2, 30))
 @settings(max_examples=60, deadline=None)
-def test_what_a_frame_gives_adds_up_to_its_own_stretch_exactly(
+def test_contributions_of_a_frame_add_up_to_its_stretch_exactly(
     n: int, grid: FrameGrid, timing: Timing, seconds: int
 ) -> None:
     """Weights of a frame sum to fps / rate, for every frame away from the ends and of a whole hop."""
@@ -100,7 +100,7 @@ def test_what_a_frame_gives_adds_up_to_its_own_stretch_exactly(
 
 @given(st.integers(30_000, 400_000), GRIDS, TIMINGS, st.sampled_from(["area", "linear", "nearest"]))
 @settings(max_examples=40, deadline=None)
-def test_rows_are_what_plain_arithmetic_gives(n: int, grid: FrameGrid, timing: Timing, method: str) -> None:
+def test_rows_equal_plain_arithmetic(n: int, grid: FrameGrid, timing: Timing, method: str) -> None:
     _, counts, frames = _all_frames(n, timing, grid, 4 * timing.sample_rate, timing.sample_rate)
     n_rows = FrameGrid.of(timing.sample_rate).resampled_length(n, grid)
     rng = np.random.default_rng(0)
@@ -206,7 +206,7 @@ def test_as_many_rows_as_announced_at_any_rate(
 
 
 def _response(own: HuggingFaceEncoder, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """How much each frame of the front end changes with a click at sample `at`, and the frames' stamps in samples."""
+    """Change of each frame of the front end with a click at sample `at`, and the frames' stamps in samples."""
     family = own.settings.family
     base = np.random.default_rng(0).normal(0, 0.1, n).astype(np.float32)
     click = base.copy()
@@ -230,10 +230,10 @@ SEE_BOTH_SIDES = (
 
 
 @pytest.mark.parametrize("kind", SEE_BOTH_SIDES)
-def test_a_click_lies_in_the_middle_of_the_frames_that_see_it(
+def test_a_click_is_in_the_middle_of_the_frames_that_see_it(
     kind: str, encoder: Callable[..., HuggingFaceEncoder]
 ) -> None:
-    """Within half a hop: as many frames before a click answer to it as behind it."""
+    """Within half a hop: as many frames respond before a click as after it."""
     own = encoder(kind, normalize="none", **({} if kind in ("clap", "dac") or "encodec" in kind else {"layers": 0}))
     family = own.settings.family
     hop, n = float(family.timing.hop), min(own.settings.chunk_samples, int(24 * family.timing.hop))

@@ -78,7 +78,7 @@ def test_other_weights_are_another_dataset(corpus: Path, tmp_path: Path, monkeyp
         _build(corpus, tmp_path, "track")
 
 
-def test_interrupted_after_any_window_it_goes_on(
+def test_resumes_after_an_interrupt_at_any_window(
     corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed: list[tuple[str, int]] = []
@@ -140,7 +140,7 @@ def test_killed_from_outside_and_resumed_gives_the_same_bytes(
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_ones_own_song_like_a_dataset(
+def test_an_own_song_like_a_dataset(
     corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = _build(corpus, tmp_path, scope)

@@ -136,7 +136,7 @@ def test_interrupted_conversion_does_not_load_and_can_be_repeated(
 
 
 @pytest.mark.parametrize("name", ["vqvae.safetensors", "block-001.safetensors"])
-def test_files_of_others_are_not_replaced(tiny: SimpleNamespace, tmp_path: Path, name: str) -> None:
+def test_foreign_files_are_not_replaced(tiny: SimpleNamespace, tmp_path: Path, name: str) -> None:
     (tmp_path / "out").mkdir()
     for mine in (name, "notes.txt"):
         (tmp_path / "out" / mine).write_text("somebody's")

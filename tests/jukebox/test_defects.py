@@ -1,4 +1,4 @@
-"""What is wrong in the reference implementations (jukemirlib, transformers), and right here."""
+"""Defects of the reference implementations (jukemirlib, transformers) that this one does not have."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -83,7 +83,7 @@ def test_memory_that_torch_keeps_counts_as_free(monkeypatch: pytest.MonkeyPatch)
     assert _devices.free_memory(torch.device("cpu")) is None
 
 
-def test_what_cannot_be_is_said_before_a_build(tiny: SimpleNamespace, tmp_path: Path) -> None:
+def test_impossible_settings_are_reported_before_a_build(tiny: SimpleNamespace, tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text('{"model_type": "jukebox"}')
     with raises_message(SourceError):
         Jukebox(weights=tmp_path, layer=6).resolved(sha256_file)
@@ -124,7 +124,7 @@ def _key(feature: Jukebox) -> str:
     return FeatureKeys(_job(feature)).track(None, "a")
 
 
-def test_tempo_is_no_part_of_the_key(tiny: SimpleNamespace) -> None:
+def test_tempo_is_not_in_the_key(tiny: SimpleNamespace) -> None:
     feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
     tracks, windows = (FeatureKeys(_job(feature, windows)) for windows in (None, WindowSpec(150, 15, FPS)))
     assert tracks.track(120.0, "a") == tracks.track(None, "a") != tracks.track(None, "b")
@@ -135,7 +135,7 @@ def test_tempo_is_no_part_of_the_key(tiny: SimpleNamespace) -> None:
 @pytest.mark.parametrize(
     "change", [{"layer": 5}, {"precision": "bf16"}, {"overlap_s": 5.0}, {"weights_sha256": "0" * 64}]
 )
-def test_what_shapes_numbers_is_part_of_the_key(tiny: SimpleNamespace, change: dict[str, Any]) -> None:
+def test_settings_that_change_numbers_are_in_the_key(tiny: SimpleNamespace, change: dict[str, Any]) -> None:
     feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
     other = replace(feature, **change)
     assert _key(feature) != _key(other)

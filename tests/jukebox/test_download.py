@@ -23,7 +23,7 @@ def _remote(name: str = "a.bin", data: bytes = DATA) -> RemoteFile:
 
 
 class _Server(ThreadingHTTPServer):
-    """Serves DATA under every name; what it does wrong is set by its attributes."""
+    """Serves DATA under every name; its attributes choose its faults."""
 
     daemon_threads = True
 
@@ -38,7 +38,7 @@ class _Server(ThreadingHTTPServer):
         self.asked: list[str | None] = []
 
     def handle_error(self, *_: object) -> None:
-        """Clients that go away are what is tested."""
+        """Print nothing: lost clients are part of the tests."""
 
     @property
     def url(self) -> str:
@@ -110,7 +110,7 @@ def test_whole_file_with_progress(server: _Server, tmp_path: Path) -> None:
     assert len(server.asked) == 1
 
 
-def test_goes_on_where_the_connection_was_cut(server: _Server, tmp_path: Path) -> None:
+def test_resumes_after_a_lost_connection(server: _Server, tmp_path: Path) -> None:
     server.cut_after = [1_000_000, 0, 500_000]
     assert _fetch(tmp_path, server.url).read_bytes() == DATA
     assert server.asked == [None, "bytes=1000000-", "bytes=1000000-", "bytes=1500000-"]
@@ -125,7 +125,7 @@ def test_a_partial_download_of_another_program_stays(server: _Server, tmp_path: 
     assert all((tmp_path / name).read_bytes() == b"mine" for name in names if name != "a.bin")
 
 
-def test_gives_up_but_keeps_what_is_there(server: _Server, tmp_path: Path) -> None:
+def test_gives_up_but_keeps_the_partial_file(server: _Server, tmp_path: Path) -> None:
     server.cut_after = [700_000, 0, 0, 0, 0]
     with pytest.raises(SourceError, match="failed; found the connection ended early; 700000 bytes downloaded"):
         _fetch(tmp_path, server.url, attempts=3)
@@ -201,7 +201,7 @@ def test_without_a_stated_length_the_size_or_the_hash_tells(server: _Server, tmp
     assert _left(tmp_path / "unknown") == []
 
 
-def test_nobody_listens(tmp_path: Path) -> None:
+def test_no_server_listens(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="download failed"):
         _fetch(tmp_path, "http://127.0.0.1:9/", attempts=2)
 
@@ -218,7 +218,7 @@ def test_from_a_folder(tmp_path: Path) -> None:
         _fetch(tmp_path / "to2", tmp_path / "from", _remote("b.bin"))
 
 
-def test_damaged_file_that_is_already_there(server: _Server, tmp_path: Path) -> None:
+def test_existing_damaged_file(server: _Server, tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"x")
     with raises_message(SourceError):
         _fetch(tmp_path, server.url)

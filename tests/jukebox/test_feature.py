@@ -80,7 +80,7 @@ def test_a_longer_song_joins_contexts_without_a_gap(
     assert np.isfinite(rows).all()
 
 
-def test_rows_before_a_context_ends_do_not_depend_on_what_follows(feature: Jukebox, song: AudioSignal) -> None:
+def test_rows_before_a_context_ends_do_not_depend_on_later_music(feature: Jukebox, song: AudioSignal) -> None:
     # The transformer is causal; what follows a context is heard by neither its codes nor its rows.
     loud = song.samples.copy()
     loud[28 * 22050 :] *= 0.5
@@ -118,7 +118,7 @@ def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatc
     assert Jukebox().columns.width == tiny.config.width
 
 
-def test_what_cannot_be_embedded(feature: Jukebox, song: AudioSignal) -> None:
+def test_invalid_audio_is_refused(feature: Jukebox, song: AudioSignal) -> None:
     with raises_message(DataError):
         feature.extract_windows(song, np.array([song.n_samples]), 22050, FPS, 30)
     with raises_message(DataError):
@@ -144,7 +144,7 @@ def test_weights_that_change_during_a_build_are_an_error(
 
 
 @pytest.mark.parametrize("value", [65520.0, -65520.0, np.nan])
-def test_what_float16_cannot_hold_is_never_stored(feature: Jukebox, value: float) -> None:
+def test_values_beyond_float16_are_never_stored(feature: Jukebox, value: float) -> None:
     rows = np.array([[1.0, 65500.0]], np.float32)
     assert np.isfinite(feature._stored(rows)).all()
     with raises_message(DataError) as caught:

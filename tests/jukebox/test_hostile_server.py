@@ -22,7 +22,7 @@ Answer = Callable[[socket.socket], None]
 
 
 class Server:
-    """Reads a request and answers with bytes, whatever they are."""
+    """Reads a request and answers with the given bytes."""
 
     def __init__(self) -> None:
         self.listening = socket.create_server(("127.0.0.1", 0))
@@ -51,7 +51,7 @@ def server() -> Iterator[Server]:
     made.listening.close()
 
 
-def said(data: bytes) -> Answer:
+def answer_of(data: bytes) -> Answer:
     return lambda client: client.sendall(data)
 
 
@@ -71,8 +71,8 @@ def left(out: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("length", [b"abc", b"-5", b"1e9", b"9" * 5000, b"7000, 7000", b"\xff", b""])
-def test_lengths_that_are_none(server: Server, tmp_path: Path, length: bytes) -> None:
-    server.answers = [said(OK + b"Content-Length: " + length + b"\r\n\r\n" + DATA)]
+def test_invalid_lengths(server: Server, tmp_path: Path, length: bytes) -> None:
+    server.answers = [answer_of(OK + b"Content-Length: " + length + b"\r\n\r\n" + DATA)]
     with pytest.raises(SourceError) as error:
         get(server, tmp_path)
     text = str(error.value)
@@ -86,21 +86,21 @@ def test_lengths_that_are_none(server: Server, tmp_path: Path, length: bytes) ->
 @pytest.mark.parametrize(
     "tag", [b"\xe9\xff", b'"\xe9"', b'"a b"', b"W/x", b'"' + b"x" * 5000 + b'"', b'"a"\r\n "b"', b"no quotes"]
 )
-def test_tags_that_are_none(server: Server, tmp_path: Path, tag: bytes) -> None:
+def test_invalid_tags(server: Server, tmp_path: Path, tag: bytes) -> None:
     """They are not used: the next part is requested without."""
     head = OK + b"ETag: " + tag + b"\r\n"
     rest = b"HTTP/1.1 206 Partial\r\nContent-Range: bytes 500-6999/7000\r\nContent-Length: 6500\r\n\r\n" + DATA[500:]
-    server.answers = [said(head + b"Content-Length: 7000\r\n\r\n" + DATA[:500]), said(rest)]
+    server.answers = [answer_of(head + b"Content-Length: 7000\r\n\r\n" + DATA[:500]), answer_of(rest)]
     assert get(server, tmp_path, attempts=3).read_bytes() == DATA
     assert [b"If-Range" in request for request in server.asked] == [False, False]
     assert left(tmp_path) == ["a.bin"]
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe", b'"a\r\nHost: evil"', b'"' + b"x" * 10**6 + b'"'])
-def test_a_tag_on_disk_that_is_none(server: Server, tmp_path: Path, content: bytes) -> None:
+def test_an_invalid_tag_on_disk(server: Server, tmp_path: Path, content: bytes) -> None:
     (tmp_path / ".dancedata-a.bin.part").write_bytes(DATA[:500])
     (tmp_path / ".dancedata-a.bin.part-etag").write_bytes(content)
-    server.answers = [said(OK + b"Content-Length: 7000\r\n\r\n" + DATA)]
+    server.answers = [answer_of(OK + b"Content-Length: 7000\r\n\r\n" + DATA)]
     assert get(server, tmp_path).read_bytes() == DATA
     assert b"If-Range" not in server.asked[0]
 
@@ -113,8 +113,8 @@ def test_a_body_without_an_end(server: Server, tmp_path: Path, file: RemoteFile)
     assert left(tmp_path) == []
 
 
-def test_a_length_beyond_what_the_file_can_have(server: Server, tmp_path: Path) -> None:
-    server.answers = [said(OK + b"Content-Length: 100001\r\n\r\n")]
+def test_a_length_beyond_the_size_of_the_file(server: Server, tmp_path: Path) -> None:
+    server.answers = [answer_of(OK + b"Content-Length: 100001\r\n\r\n")]
     with pytest.raises(SourceError, match="found 100001 bytes; allowed: at most 100000 bytes"):
         get(server, tmp_path, UNKNOWN)
 
@@ -145,8 +145,8 @@ def test_the_small_file_of_unknown_size_is_bounded() -> None:
         b"HTTP/1.1 416 x\r\n\r\n",
     ],
 )
-def test_answers_that_are_none(server: Server, tmp_path: Path, answer: bytes) -> None:
-    server.answers = [said(answer)]
+def test_invalid_answers(server: Server, tmp_path: Path, answer: bytes) -> None:
+    server.answers = [answer_of(answer)]
     with pytest.raises(SourceError) as error:
         get(server, tmp_path)
     text = str(error.value)

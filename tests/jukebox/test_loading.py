@@ -62,11 +62,11 @@ def test_every_tensor_bit_for_bit(tiny: SimpleNamespace, file: str) -> None:
 
 
 def test_storages_are_tagged_as_on_a_gpu(tiny: SimpleNamespace) -> None:
-    # As in the real files: torch.load needs to be told to leave the GPU alone, ours does not look.
+    # As in the real files: torch.load needs an option to leave the GPU alone, ours does not.
     assert b"cuda:0" in (tiny.folder / PRIOR_FILE).read_bytes()[:4096]
 
 
-def test_only_what_is_needed_is_read(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_needed_tensors_are_read(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[tuple[str, int]] = []
     original = LegacySource.read
 
@@ -144,7 +144,7 @@ class Hyperparams(dict):
     __module__ = "jukebox.hparams"
 
 
-def test_what_lies_beside_the_tensors_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_content_of_the_checkpoint_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hparams = Hyperparams(width=40)
     hparams.name = "prior"
     module = ModuleType("jukebox.hparams")
@@ -176,7 +176,7 @@ def test_missing_tensor(tiny: SimpleNamespace, broken: Callable[..., Path], file
         _load(broken(file, {name: None}), tiny)
 
 
-def test_what_no_layer_needs_may_be_missing(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+def test_unneeded_tensors_may_be_missing(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
     folder = broken(PRIOR_FILE, {f"{BLOCKS}.5.ln_0.bias": None, "prior.x_out.weight": None})
     _load(folder, tiny, (5,))
     with raises_message(SourceError):

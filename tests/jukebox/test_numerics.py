@@ -156,7 +156,7 @@ def test_guard_sums_half_precision_in_fp32() -> None:
 
 
 @pytest.mark.parametrize("place", ["attn_c_attn_b", "attn_c_attn_b of keys", "mlp_c_fc_b", "attn_c_proj_b"])
-def test_overflow_in_fp16_is_an_error_that_says_how_to_go_on(tiny: Any, place: str) -> None:
+def test_overflow_in_fp16_is_an_error_with_a_fix(tiny: Any, place: str) -> None:
     from dancedata.audio.jukebox import JukeboxEncoder
 
     def encoder(precision: str) -> Any:
@@ -181,7 +181,7 @@ def test_overflow_in_fp16_is_an_error_that_says_how_to_go_on(tiny: Any, place: s
     assert np.isfinite(encoder("bf16").activations(codes)[6]).all()
 
 
-def test_weights_that_are_no_numbers_are_an_error_too(tiny: Any) -> None:
+def test_weights_that_are_not_numbers_are_an_error_too(tiny: Any) -> None:
     from dancedata.audio.jukebox import JukeboxEncoder
 
     encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(6,), device="cpu")

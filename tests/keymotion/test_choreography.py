@@ -100,7 +100,7 @@ def beats_and_lengths(draw: st.DrawFn) -> tuple[int, int, list[int]]:
 
 
 @given(beats_and_lengths())
-def test_whatever_the_beats(case: tuple[int, int, list[int]]) -> None:
+def test_any_beats(case: tuple[int, int, list[int]]) -> None:
     n, segments, beats = case
     source = cues(n * segments, n)
     placed = choreographic_augmentation(source, beats, MIRROR)
@@ -139,7 +139,7 @@ def test_cues_of_the_released_code(dance, columns) -> None:
         5,
     ],
 )
-def test_beats_that_are_none(beats: object) -> None:
+def test_invalid_beats(beats: object) -> None:
     with raises_message(UsageError):
         choreographic_augmentation(cues(), beats, MIRROR)
 

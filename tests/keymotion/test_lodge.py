@@ -103,7 +103,7 @@ def test_another_family_is_refused() -> None:
         Lodge().analyse(motion)
 
 
-def test_columns_that_are_no_rotations(dance, columns) -> None:
+def test_columns_that_are_not_rotations(dance, columns) -> None:
     window = columns(dance(60))
     scaled = window * 0.5
     with raises_message(DataError) as caught:

@@ -14,7 +14,7 @@ from dancedata.keymotion.lodge import Lodge
 from dancedata.keymotion.minima import KeyMotion
 from tests.messages import raises_message
 
-#: What 4 segments give, in the order of time.
+#: Results of 4 segments, in the order of time.
 HARD_13 = [True, False, False] * 4 + [True]
 
 
@@ -23,7 +23,7 @@ def digest(array: np.ndarray) -> str:
 
 
 def check(cues: Primitives, window: np.ndarray, minima: np.ndarray) -> None:
-    """What holds for every window."""
+    """Check the invariants of every window."""
     n_window, n = cues.n_window, cues.n_segment
     segments = n_window // n
     assert len(cues.start) == 3 * segments + 1 == len(cues.frames) == len(cues.source)

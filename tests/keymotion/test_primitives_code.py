@@ -56,11 +56,11 @@ def test_key_motion(peers: Any, golden: Any, windows: list[np.ndarray], clip: in
     before = hashlib.sha256(window.tobytes()).digest()
     cues = primitives(window, 1024, n, variant="code")
     assert (cues.start[~cues.hard] + 4).tolist() == golden[f"L1024_fi{n}.selected"][clip].tolist()
-    # Of Lodge's own columns the very values, of ours within the gate of columns.
+    # Equal for Lodge's own columns, within the gate of columns for ours.
     found = cues.frames.reshape(-1, 139)[:, columns]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=0 if peers.whole else 1e-5)
     assert hashlib.sha256(window.tobytes()).digest() == before
-    # What Lodge wrote into its batch are the frames of all pieces but the first.
+    # Lodge wrote the frames of all pieces but the first into its batch.
     changed = np.zeros(1024, dtype=bool)
     changed[cues.start[1:, None] + np.arange(8)] = True
     np.testing.assert_array_equal(changed, golden[f"L1024_fi{n}.input_changed_frames"][clip])
@@ -83,7 +83,7 @@ def test_the_next_of_a_dropped_minimum_survives() -> None:
 def test_gaps_are_halved_and_marked() -> None:
     assert key_frames([], 3, 1024) == [Key(260, True), Key(512, True), Key(764, True)]
     assert key_frames([512], 3, 1024) == [Key(260, True), Key(512, False), Key(764, True)]
-    # No gap of 10 frames or more: the first one is taken, whatever it is.
+    # No gap of 10 frames or more: the first one is taken, at any width.
     assert [key.frame for key in key_frames([12, 20], 4, 32)] == [9, 10, 12, 20]
 
 
@@ -132,7 +132,7 @@ def test_a_piece_is_relative_to_its_first_frame(window: np.ndarray) -> None:
         np.testing.assert_array_equal(cue[:, rest], window[start : start + 8][:, rest])
 
 
-def test_overlapping_pieces_see_what_was_written() -> None:
+def test_overlapping_pieces_see_earlier_writes() -> None:
     window = np.zeros((64, 7))
     window[:, 4] = np.arange(64.0)
     taken = pieces(window, [Key(12, False), Key(20, False)], 64, -2)
@@ -146,7 +146,7 @@ def test_overlapping_pieces_see_what_was_written() -> None:
     assert window[:, 4].tolist() == list(range(64))
 
 
-def test_later_pieces_leave_the_first_as_it_is() -> None:
+def test_later_pieces_do_not_change_the_first() -> None:
     window = np.zeros((512, 7))
     window[:, 4] = np.arange(512.0)
     keys = [Key(frame, False) for frame in range(60, 460, 25)]

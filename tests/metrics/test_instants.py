@@ -151,7 +151,7 @@ def test_peaks_between_rows() -> None:
     curve = np.max([4 - (np.arange(20) - place) ** 2 for place in places], axis=0)
     rows = np.rint(places).astype(np.int64)
     assert rows + peak_offsets(curve, rows) == pytest.approx(places)
-    assert rows + peak_offsets(5 - 0.3 * (7 - curve), rows) == pytest.approx(places)  # whatever the scale
+    assert rows + peak_offsets(5 - 0.3 * (7 - curve), rows) == pytest.approx(places)  # at any scale
     assert peak_offsets(-curve, rows).tolist() == [0, 0, 0]
     assert peak_offsets(curve, np.array([0, 19])).tolist() == [0, 0]
 

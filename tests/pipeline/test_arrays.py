@@ -50,7 +50,7 @@ def test_encode_then_decode_gives_back_the_motion():
     assert (rotation(back.rotations).inv() * rotation(motion.rotations)).magnitude().max() < 1e-4
 
 
-def test_what_is_not_a_motion_or_has_no_rotations_is_a_usage_error():
+def test_a_value_without_rotations_is_a_usage_error():
     with raises_message(UsageError):
         dancedata.encode(np.zeros((90, 72)), "edge151")  # type: ignore[arg-type]
     positions = dancedata.encode(random_motion(SMPL24, 30), "joints")

@@ -147,13 +147,13 @@ def reject_of(bad: Bad, rejects: Any, **wanted: Any) -> dict[str, Any]:
     return found[0]
 
 
-@pytest.mark.parametrize(("clip", "kind", "reason", "said"), [(c, *v) for c, v in MOTIONS.items()])
-def test_a_bad_motion_is_set_aside(bad: Bad, rejects: Any, clip: str, kind: str, reason: str, said: str):
+@pytest.mark.parametrize(("clip", "kind", "reason", "message"), [(c, *v) for c, v in MOTIONS.items()])
+def test_a_bad_motion_is_set_aside(bad: Bad, rejects: Any, clip: str, kind: str, reason: str, message: str):
     reject = reject_of(bad, rejects, clip=clip)
     assert reject["reason"] == reason
     assert reject["file"] == f"motions/{clip}.pkl"
     assert clip in reject["detail"]
-    assert said in reject["detail"]
+    assert message in reject["detail"]
 
 
 def test_the_attack_was_not_run(bad: Bad):
@@ -163,12 +163,12 @@ def test_the_attack_was_not_run(bad: Bad):
     assert bad.marker.exists(), "the test's attack does not work"
 
 
-@pytest.mark.parametrize(("song", "kind", "reason", "said"), [(s, *v) for s, v in SONGS.items()])
-def test_a_clip_to_a_bad_song_is_set_aside(bad: Bad, rejects: Any, song: str, kind: str, reason: str, said: str):
+@pytest.mark.parametrize(("song", "kind", "reason", "message"), [(s, *v) for s, v in SONGS.items()])
+def test_a_clip_to_a_bad_song_is_set_aside(bad: Bad, rejects: Any, song: str, kind: str, reason: str, message: str):
     found = [r for r in rejects(bad.out) if r.get("clip") == clip_to(song) and r["reason"] != "no_audio"]
     assert [r["reason"] for r in found] == [reason]
     assert song in found[0]["detail"]
-    assert said in found[0]["detail"]
+    assert message in found[0]["detail"]
 
 
 def test_windows_beyond_the_end_of_the_music_are_left_out_one_by_one(bad: Bad, rejects: Any):
@@ -194,7 +194,7 @@ def test_every_common_format_is_read(bad: Bad, song: str):
 
 
 @pytest.mark.parametrize("file", ["motions/my dance ☃.pkl", "wavs/my song ☃.wav"])
-def test_a_file_with_a_name_of_ones_own_is_reported(bad: Bad, rejects: Any, file: str):
+def test_a_file_with_an_unknown_name_is_reported(bad: Bad, rejects: Any, file: str):
     assert "named" in reject_of(bad, rejects, reason="extra_file", file=file)["detail"]
 
 
@@ -211,7 +211,7 @@ def test_the_other_clips_are_unharmed(bad: Bad, built: Path):
             assert starts[0] == starts[1] != []
 
 
-def test_no_reject_says_where_the_source_lies(bad: Bad):
+def test_no_reject_contains_the_path_of_the_source(bad: Bad):
     assert str(bad.source.parent) not in (bad.out / "rejects.jsonl").read_text(encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""Builds: equal bytes whatever the way there, nothing twice, nothing of others touched, nothing half."""
+"""Builds: equal bytes in every way of building, nothing computed twice, foreign files untouched."""
 
 import os
 import pickle
@@ -164,7 +164,7 @@ def test_overwrite_that_fails_leaves_the_old_dataset(
     assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
 
 
-def test_overwrite_through_a_link_replaces_what_it_leads_to(run_build: Any, corpus: Path, built_copy: Path):
+def test_overwrite_through_a_link_replaces_its_target(run_build: Any, corpus: Path, built_copy: Path):
     link = built_copy.parent.parent / "link"
     link.symlink_to(built_copy)
     run_build(corpus, link, set=["windows.stride_s=1"], overwrite=True)
@@ -176,7 +176,7 @@ def test_overwrite_through_a_link_replaces_what_it_leads_to(run_build: Any, corp
 
 @pytest.mark.parametrize("overwrite", [False, True])
 @pytest.mark.parametrize("name", ["thesis.tex", "README.md", "stats.json", ".hidden"])
-def test_files_of_others_are_refused_untouched(
+def test_foreign_files_are_refused_untouched(
     run_build: Any, corpus: Path, out: Path, hashes: Hashes, name: str, overwrite: bool
 ):
     out.mkdir(parents=True)
@@ -187,7 +187,7 @@ def test_files_of_others_are_refused_untouched(
     assert hashes(out) == before
 
 
-def test_files_of_others_beside_a_dataset_are_refused_too(run_build: Any, corpus: Path, built_copy: Path):
+def test_foreign_files_next_to_a_dataset_are_refused_too(run_build: Any, corpus: Path, built_copy: Path):
     (built_copy / "notes.txt").write_text("mine")
     with raises_message(StoreError):
         run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
@@ -202,7 +202,7 @@ def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
     assert run_build(corpus, out).built
 
 
-def test_a_lock_that_a_killed_build_left_is_no_hindrance(run_build: Any, corpus: Path, out: Path):
+def test_a_lock_left_by_a_killed_build_does_not_block(run_build: Any, corpus: Path, out: Path):
     out.parent.mkdir()
     (out.parent / ".dancedata-out.lock").write_text("")
     assert run_build(corpus, out).built
@@ -211,7 +211,7 @@ def test_a_lock_that_a_killed_build_left_is_no_hindrance(run_build: Any, corpus:
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_what_a_killed_build_left_is_replaced(
+def test_the_rest_of_a_killed_build_is_replaced(
     run_build: Any, corpus: Path, built: Path, out: Path, hashes: Hashes, overwrite: bool
 ):
     out.mkdir(parents=True)
@@ -253,7 +253,7 @@ build(load_recipe("aist++"), Path(sys.argv[1]), Path(sys.argv[2]), overwrite=Tru
     ],
     ids=["before dataset.json", "in the middle of a swap"],
 )
-def test_a_build_goes_on_after_a_kill(
+def test_a_build_resumes_after_a_kill(
     run_build: Any, corpus: Path, built: Path, built_copy: Path, hashes: Hashes, module: str, patch: str
 ):
     if "writer" in module:
@@ -270,12 +270,12 @@ def test_a_build_goes_on_after_a_kill(
 
 
 @pytest.mark.parametrize(("scope", "extract"), [("aist++", "extract"), ("aist++-edge-exact", "extract_windows")])
-def test_what_is_in_the_cache_is_not_computed_again(
+def test_cached_units_are_not_computed_again(
     run_build: Any, built: Path, source: Path, out: Path, monkeypatch: pytest.MonkeyPatch, scope: str, extract: str
 ):
     loads = count_calls(monkeypatch, AistPP, "load")
     extracts = count_calls(monkeypatch, Librosa35, extract)
-    # Equal content in another folder, cut otherwise where windows are no part of what is computed.
+    # Equal content in another folder, cut differently where windows do not affect the results.
     stride = ["windows.stride_s=1"] if scope == "aist++" else []
     run_build(source, out, scope, set=[*stride, "name=another"])
     assert (loads, extracts) == ([], [])
@@ -334,7 +334,7 @@ def test_strict_stops_at_a_broken_clip(run_build: Any, source: Path, out: Path):
     assert not out.exists()
 
 
-def test_strict_builds_what_is_whole(run_build: Any, corpus: Path, out: Path):
+def test_strict_builds_a_sound_source(run_build: Any, corpus: Path, out: Path):
     assert run_build(corpus, out, strict=True).built
 
 

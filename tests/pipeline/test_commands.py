@@ -32,7 +32,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> dancedata.pip
     return dancedata.build("demo", out=out, overrides=CHANGED, jobs=1, cache=cache, progress=False)
 
 
-def test_build_shows_what_was_built(demo: Any) -> None:
+def test_build_prints_its_result(demo: Any) -> None:
     assert demo.built
     assert demo.path.with_name("demo-source").is_dir()
     about = store_json(demo.path)
@@ -74,7 +74,7 @@ def test_a_recipe_is_a_name_a_file_a_document_or_checked(demo: Any, tmp_path: Pa
         dancedata.plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
 
 
-def test_plan_prints_what_the_command_prints(demo: Any) -> None:
+def test_plan_prints_the_same_as_the_command(demo: Any) -> None:
     words = [word for text in SET for word in ("--set", text)]
     plan = dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
     arguments = ("plan", "demo", "--out", demo.path, *words)

@@ -45,7 +45,7 @@ class Shift(CopyAugmentation):
 
 @dataclass(frozen=True)
 class Speckle(CopyAugmentation):
-    """Rows with noise, another one for each clip; key motions as they are."""
+    """Rows with noise, another one for each clip; key motions unchanged."""
 
     version: ClassVar[int] = 1
     changes: ClassVar[Literal["rows", "motion", "time"]] = "rows"
@@ -151,7 +151,7 @@ def test_a_copy_that_cannot_be_made_is_a_reject(corpus: Path, run_build, built: 
         run_build(corpus, tmp_path / "strict", "aist++", changes, strict=True)
 
 
-def test_what_an_augmentation_may_not_change(corpus: Path, run_build, tmp_path: Path) -> None:
+def test_forbidden_changes_of_an_augmentation(corpus: Path, run_build, tmp_path: Path) -> None:
     with raises_message(UsageError):
         run_build(corpus, tmp_path / "a", "aist++", (*SMALL, "augment={slower: {}}"))
     with raises_message(UsageError):

@@ -84,7 +84,7 @@ def test_the_normaliser_is_undone(store: Store) -> None:
     assert np.abs(beyond - cut).max() > 0.1
 
 
-def test_what_decode_refuses(store: Store) -> None:
+def test_invalid_input_of_decode(store: Store) -> None:
     _, array = _columns("edge151")
     cases: list[tuple[np.ndarray, str, dict[str, Any]]] = [
         (array[:, :139], "edge151", {}),
@@ -229,11 +229,11 @@ def test_the_command(store: Store, tmp_path: Path) -> None:
     assert run(*args).stdout == f"{tmp_path / 'out' / 'x.bvh'}\n"
     assert as_json(*args, "--overwrite") == {"files": [str(tmp_path / "out" / "x.bvh")]}
     np.save(tmp_path / "x.npy", np.zeros((5, 150)))
-    said = run(*args, code=2).stderr
-    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in said
+    output = run(*args, code=2).stderr
+    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in output
 
 
-def test_contacts_are_no_part_of_a_motion() -> None:
+def test_contacts_are_not_part_of_a_motion() -> None:
     motion = random_motion(Edge151().skeleton, 20, turn_rad=0.3)
     array = Edge151().encode(motion, Velocity())
     array[:, :4] = np.nan  # as networks give them: any number

@@ -100,8 +100,8 @@ def test_a_clips_metadata_are_compared(run_build: Any, built: Path, source: Path
 
 def test_the_command_ends_with_1_and_says_how_many(run_build: Any, built: Path, corpus: Path, out: Path):
     run_build(corpus, out, set=["audio={}"])
-    said = run("diff", built, out, code=1).stdout
-    assert said.splitlines()[-1].endswith(" differences")
+    output = run("diff", built, out, code=1).stdout
+    assert output.splitlines()[-1].endswith(" differences")
     about = json.loads(run("diff", built, out, "--json", code=1).stdout)
     assert about["same"] is False
     assert {"kind", "message", "names", "numbers"} == set(about["differences"][0])
@@ -113,7 +113,7 @@ def test_long_lists_of_names_are_cut():
     assert len(difference.to_json()["names"]) == 7
 
 
-def test_what_is_no_dataset_is_an_error(built: Path, tmp_path: Path):
+def test_a_folder_that_is_not_a_dataset_is_an_error(built: Path, tmp_path: Path):
     with raises_message(StoreError):
         diff(built, tmp_path)
     run("diff", built, tmp_path, code=1)
@@ -135,11 +135,11 @@ def bend(out: Path, name: str, by: float, *, split: str = "train") -> None:
 
 def test_values_within_a_tolerance_are_the_same(built: Path, built_copy: Path):
     bend(built_copy, "audio/librosa35", 2.0**-10)
-    said = run("diff", built, built_copy, "--atol", "0.001", code=0).stdout.splitlines()
-    assert said[0] == "note: edge151: the same values"
-    assert said[1].startswith("note: librosa35: other values in 2 of 4 clips, by at most 0.000977 (row 0 of ")
-    assert ", column onset_envelope), within 0.001: " in said[1]
-    assert said[2:] == ["the same data within 0.001"]
+    output = run("diff", built, built_copy, "--atol", "0.001", code=0).stdout.splitlines()
+    assert output[0] == "note: edge151: the same values"
+    assert output[1].startswith("note: librosa35: other values in 2 of 4 clips, by at most 0.000977 (row 0 of ")
+    assert ", column onset_envelope), within 0.001: " in output[1]
+    assert output[2:] == ["the same data within 0.001"]
     about = json.loads(run("diff", built, built_copy, "--atol", "0.001", "--json", code=0).stdout)
     assert (about["same"], about["atol"]) == (True, 0.001)
     assert [d["numbers"]["max_abs"] for d in about["differences"]] == [0, pytest.approx(2.0**-10, rel=1e-3)]
@@ -156,7 +156,7 @@ def test_numbers_about_clips_are_within_the_tolerance_and_counts_are_exact(built
     assert "n_flags of 1 clips" in run("diff", built, built_copy, "--atol", "100", code=1).stdout
 
 
-def test_lines_are_partners_whose_numbers_are_within_the_tolerance():
+def test_lines_match_if_their_numbers_are_within_the_tolerance():
     one = [
         {"clip": "a", "frame": 3, "value": 2.0},
         {"clip": "a", "frame": 3, "value": 1.0},
@@ -174,5 +174,5 @@ def test_lines_are_partners_whose_numbers_are_within_the_tolerance():
 
 
 @pytest.mark.parametrize("atol", ["-1", "nan", "inf"])
-def test_what_is_no_tolerance_is_refused(built: Path, atol: str):
+def test_an_invalid_tolerance_is_refused(built: Path, atol: str):
     run("diff", built, built, "--atol", atol, code=2)

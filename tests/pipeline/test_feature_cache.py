@@ -86,7 +86,7 @@ def test_ranks_that_ask_at_once_compute_once(own: FeatureCache, song: Path, call
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_what_a_build_computed_is_there_and_the_same(
+def test_results_of_a_build_are_found_and_equal(
     built_in: dict[str, Path], cache: Path, song: Path, calls: Callable[[], int], scope: str
 ):
     with dancedata.open(built_in[scope]) as ds:
@@ -104,7 +104,7 @@ def test_what_a_build_computed_is_there_and_the_same(
     assert calls() == {"track": 0, "window": 1}[scope]
 
 
-def test_a_build_takes_what_a_training_job_computed(
+def test_a_build_reuses_results_of_a_training_job(
     run_build: Any, corpus: Path, out: Path, own: FeatureCache, built: Path, calls: Callable[[], int]
 ):
     with dancedata.open(built) as ds:
@@ -123,7 +123,7 @@ def test_parameters_tempo_and_rate_are_other_features(own: FeatureCache, song: P
     assert calls() == 4
 
 
-def test_what_it_gives_may_not_be_written_to(own: FeatureCache, song: Path):
+def test_results_are_read_only(own: FeatureCache, song: Path):
     rows = own.get("librosa35", song, start_bpm=120)
     with pytest.raises(ValueError, match="read-only"):
         rows[0] = 0
@@ -205,7 +205,7 @@ def test_the_dataset_of_the_page(
     names: dict[str, Any] = {}
     exec(compile(code, str(PAGE), "exec"), names)
     dataset = names["OnTheFly"](folder)
-    # Every worker asks for every song, twice.
+    # Every worker requests every song, twice.
     sampler = [0, 1, 1, 0] * 2
     batches = list(torch.utils.data.DataLoader(dataset, batch_size=4, sampler=sampler, num_workers=2))
     assert batches[0]["music"].shape == (4, 150, 35)

@@ -1,7 +1,7 @@
 """A dataset does not depend on what filled the cache before: another stride, a smaller source, a killed build.
 
 In window scope, features of windows share work with their neighbours, and so a build that finds some of them in its
-cache computes the others in other company than a fresh one. On a kernel for AVX2, which results are computed with,
+cache computes the others in other groups than a fresh one. On a kernel for AVX2, which results are computed with,
 the first release gave other bits then.
 """
 
@@ -31,7 +31,7 @@ def fresh(songs: Path, run_build: Callable, hashes: Callable, tmp_path_factory: 
 
 
 @pytest.mark.parametrize("first", ["another stride", "fewer clips", "shorter windows", "killed"])
-def test_a_cache_that_others_filled(
+def test_a_cache_filled_by_other_processes(
     songs: Path, fresh: dict, run_build: Callable, hashes: Callable, tmp_path: Path, first: str
 ) -> None:
     cache = tmp_path / "cache"
@@ -46,7 +46,7 @@ def test_a_cache_that_others_filled(
             path.unlink()
         run_build(fewer, tmp_path / "before", RECIPE, cache=cache)
     else:
-        # What a build leaves that was killed within a unit: some of its windows.
+        # As left by a build killed within a unit: some of its windows.
         run_build(songs, tmp_path / "before", RECIPE, cache=cache)
         for path in sorted((cache / "features").rglob("*.npy"))[::3]:
             path.unlink()

@@ -25,7 +25,7 @@ windows: {length_s: 2, stride_s: 1}
 motion: {edge151: {}}
 """
 BODY = "a skeleton of 0.0165 m, where 1 to 2.5 m is plausible"
-ROOT = "the root rises and falls 0.001 times as far as the pose asks for"
+ROOT = "the root rises and falls 0.001 times as far as the pose requires"
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ def test_still_windows_are_rejects_and_the_rest_is_as_the_reference_chooses(lodg
     assert all(r["numbers"]["std"] <= 0.07 for r in still)
 
 
-def test_a_clip_that_only_stands_is_set_aside(lodge: Path, names: list[str]) -> None:
+def test_a_motionless_clip_is_rejected(lodge: Path, names: list[str]) -> None:
     store = dancedata.open(lodge)
     assert names[1] not in [c.id for c in store.clips]
     assert any(r["clip"] == names[1] and "window" not in r for r in store.rejects)
@@ -215,7 +215,7 @@ def test_fields_with_a_rate_of_their_own(corpus: Path, run_build, tmp_path: Path
     np.testing.assert_allclose(store.read(window, "bailando72").reshape(-1, 24, 3), joints, atol=1e-5)
 
 
-def test_what_a_recipe_may_not_say() -> None:
+def test_invalid_recipes() -> None:
     document = {
         "recipe": 1,
         "name": "x",

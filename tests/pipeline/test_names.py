@@ -26,7 +26,7 @@ dataset: {folder: {unit: m, up: y, fps: 30, music: optional}}
 windows: {length_s: 2, stride_s: 1}
 motion: {edge151: {}}
 """
-#: Names as in old archives, or made to do harm; and as they are shown.
+#: Names as in old archives, or made to do harm; and as shown.
 NAMES = {
     b"caf\xe9": r"caf\udce9",
     b"\xed\xa0\x80": r"\udced\udca0\udc80",
@@ -83,7 +83,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsysbinary: pytest.CaptureFixture[byt
     return ran
 
 
-def test_names_that_are_no_text_are_set_aside(
+def test_names_that_are_not_text_are_rejected(
     run: Run, make_source: Source, recipe: Path, out: Path, rejects: Callable[[Path], Any]
 ) -> None:
     source = make_source(b"source")
@@ -113,7 +113,7 @@ def test_names_that_are_no_text_are_set_aside(
 
 
 @pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.nightly), 2])
-def test_folders_whose_names_are_no_text(
+def test_folders_whose_names_are_not_text(
     run: Run, make_source: Source, recipe: Path, tmp_path: Path, jobs: int
 ) -> None:
     """The source, the output and the cache; and the same bytes as from a source with a plain name."""
@@ -164,7 +164,7 @@ def test_control_characters_in_lists_of_names(run: Run, corpus: Path, tmp_path: 
     assert r"sequence gone\x9b1m is in two splits" in text
 
 
-def test_clips_of_a_plug_in_whose_texts_are_none(
+def test_clips_of_a_plug_in_with_invalid_texts(
     make_source: Source, recipe: Path, out: Path, rejects: Callable[[Path], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A reader that passes on what it finds: no clip of it reaches the store, the others do."""

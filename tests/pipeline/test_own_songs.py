@@ -34,9 +34,9 @@ def test_the_line_of_the_readme(built: Path, corpus: Path, tmp_path: Path, monke
     """Without --out: ./features. The tempo is the dataset's, by the song's samples, and so are the rows."""
     shutil.copy(corpus / "wavs" / "mBR0.wav", tmp_path / "song.wav")
     monkeypatch.chdir(tmp_path)
-    said = features("song.wav", "--like", built)
-    assert "features/song.librosa35.npy: " in said
-    assert "tempo 80 BPM, as the dataset states for this song" in said
+    output = features("song.wav", "--like", built)
+    assert "features/song.librosa35.npy: " in output
+    assert "tempo 80 BPM, as the dataset states for this song" in output
     about = json.loads((tmp_path / "features" / "song.librosa35.json").read_text())
     assert (about["start_bpm"], about["tempo_bpm"], about["tempo_estimated"]) == (80, 80, False)
     assert about["tempo_from"] == "samples"
@@ -50,8 +50,8 @@ def test_a_song_of_the_same_name_and_one_that_is_unknown(built: Path, corpus: Pa
     samples, rate = soundfile.read(corpus / "wavs" / "mBR0.wav")
     for name in ("mBR0", "other"):
         soundfile.write(tmp_path / f"{name}.wav", samples[rate:], rate)
-    said = features(tmp_path / "mBR0.wav", "--like", built, "--out", tmp_path / "a")
-    assert "tempo 80 BPM, as the dataset states for a song of this name, whose samples are others" in said
+    output = features(tmp_path / "mBR0.wav", "--like", built, "--out", tmp_path / "a")
+    assert "tempo 80 BPM, as the dataset states for a song of this name, whose samples are others" in output
     assert "tempo estimated" in features(tmp_path / "other.wav", "--like", built, "--out", tmp_path / "b")
     set_by_hand = features(tmp_path / "mBR0.wav", "--like", built, "--out", tmp_path / "c", "--bpm", 93)
     assert "the dataset states" not in set_by_hand
@@ -99,7 +99,7 @@ def test_weights_go_to_a_field_by_name(tmp_path: Path) -> None:
             own_songs._weights_of(texts, fields)
 
 
-def test_a_dataset_says_which_weights_it_wants(tmp_path: Path) -> None:
+def test_a_dataset_names_its_weights(tmp_path: Path) -> None:
     about = {"model": "m-a-p/MERT-v1-95M", "revision": "c" * 40, "sha256": SHA, "licence": "cc-by-nc-4.0"}
     meta = {
         "encoders": {"edge151": about},

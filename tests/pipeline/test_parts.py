@@ -1,4 +1,4 @@
-"""dancedata build --part K/N: the same keys as the build that collects, whatever the feature. Bytes: tests/fault."""
+"""dancedata build --part K/N: the same keys as the build that collects, for any feature. Bytes: tests/fault."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,7 @@ def refuse(*args: Any, **options: Any) -> Any:
 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "1/0", "a/b", "-1/4", "1/4/2", "1 /4", ""])
-def test_what_is_no_part(text: str):
+def test_invalid_parts(text: str):
     with raises_message(UsageError):
         Part.parse(text)
 
@@ -39,7 +39,7 @@ def test_parts_leave_all_that_a_build_computes_in_the_cache(
 ):
     recipe, cache = load_recipe(name), tmp_path / "cache"
     results = [build_part(recipe, corpus, Part(k, 3), cache=cache) for k in (1, 2, 3)]
-    # Two songs: one part has nothing to do, which is no error.
+    # Two songs: one part has nothing to do, which is not an error.
     assert [r.clips for r in results] == [2, 2, 0]
     assert "part 3/3: 0 of 4 clips, 0 songs" in str(results[2])
     assert not out.exists()
@@ -51,7 +51,7 @@ def test_parts_leave_all_that_a_build_computes_in_the_cache(
     assert run_build(corpus, out, name, cache=cache).built
 
 
-def test_a_part_fixes_what_a_build_fixes(
+def test_a_part_repairs_the_same_entries_as_a_build(
     corpus: Path, out: Path, tmp_path: Path, run_build: Any, monkeypatch: pytest.MonkeyPatch
 ):
     """As jukebox fixes its precision and the hash of its weights."""

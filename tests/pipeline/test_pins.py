@@ -1,4 +1,4 @@
-"""What must not change by accident: hashes of recipes, keys of the cache, bytes of the demo.
+"""Guards against accidental changes: hashes of recipes, keys of the cache, bytes of the demo.
 
 Users have caches and datasets that were made with them. A change on purpose raises a version, is listed in
 CHANGELOG.md, and is written down here by ``python tests/pipeline/test_pins.py``.
@@ -26,7 +26,7 @@ from dancedata.pipeline.motion import MotionKeys
 from dancedata.recipes.parse import load_recipe, recipe_names
 
 PINS = Path(__file__).with_name("pins.json")
-#: Whose versions shape the bytes of the demo.
+#: Packages whose versions change the bytes of the demo.
 PACKAGES = ("numpy", "scipy", "soxr", "h5py", "soundfile", "librosa")
 CLIP = ClipRef(
     id="gBR_sBM_cAll_d04_mBR0_ch01",

@@ -1,4 +1,4 @@
-"""The commands plan, check, info, list and features, by way of the command line: text, JSON, exit codes."""
+"""The commands plan, check, info, list and features, through the command line: text, JSON, exit codes."""
 
 import json
 import pickle
@@ -36,7 +36,7 @@ def worn(source: Path) -> Path:
 
 
 @pytest.mark.parametrize("scope", RECIPES)
-def test_a_plan_counts_what_a_build_makes(worn: Path, out: Path, scope: str):
+def test_a_plan_counts_the_units_of_a_build(worn: Path, out: Path, scope: str):
     plan = as_json("plan", RECIPES[scope], "--source", worn, "--out", out)
     assert not out.exists()
     built = as_json("build", RECIPES[scope], "--source", worn, "--out", out, "--jobs", 1)
@@ -80,7 +80,7 @@ def test_a_plan_gives_the_reasons_that_a_build_gives(source: Path, out: Path, sc
 
 
 @pytest.mark.parametrize("scope", RECIPES)
-def test_a_plan_shows_what_is_in_the_cache(corpus: Path, out: Path, tmp_path: Path, scope: str):
+def test_a_plan_shows_cached_units(corpus: Path, out: Path, tmp_path: Path, scope: str):
     where = ("--source", corpus, "--out", out, "--cache", tmp_path / "cache")
 
     def cached(*overrides: str) -> dict[str, list[int]]:
@@ -99,11 +99,11 @@ def test_a_plan_shows_what_is_in_the_cache(corpus: Path, out: Path, tmp_path: Pa
     assert cached("motion.edge151.contacts.velocity.max_speed_m_s=1")["edge151"] == [0, 4]
     next((tmp_path / "cache" / "features").rglob("*.npy")).unlink()
     assert cached()["librosa35"] == [computed - 1, computed]
-    said = run("plan", RECIPES[scope], *where).stdout
-    assert "edge151: 151 columns, float32; in the cache: 4 of 4 clips" in said
+    output = run("plan", RECIPES[scope], *where).stdout
+    assert "edge151: 151 columns, float32; in the cache: 4 of 4 clips" in output
 
 
-def test_a_plan_touches_no_dataset_that_is_there(corpus: Path, built_copy: Path, hashes: Callable[[Path], Any]):
+def test_a_plan_changes_no_existing_dataset(corpus: Path, built_copy: Path, hashes: Callable[[Path], Any]):
     before = hashes(built_copy)
     text = run("plan", "aist++", "--source", corpus, "--out", built_copy, "--set", "windows.stride_s=1").stdout
     assert "train" in text
@@ -238,7 +238,7 @@ def test_check_lists_every_note_of_a_source_and_folds_files_left_out(tmp_path: P
 # info, list
 
 
-def test_info_shows_what_is_there(built: Path):
+def test_info_shows_the_content(built: Path):
     text = run("info", built).stdout
     for part in ("edge151: 151 columns", "librosa35: 35 columns", "track scope", "nothing was left out", "licence: "):
         assert part in text
@@ -248,7 +248,7 @@ def test_info_shows_what_is_there(built: Path):
     assert about["fields"]["edge151"]["groups"] == ["contact", "translation", "rotation_6d"]
 
 
-def test_info_lists_every_clip_if_asked(built: Path):
+def test_info_lists_every_clip_on_request(built: Path):
     lines = {line.split()[0]: line.split()[1:] for line in run("info", built, "--clips").stdout.splitlines() if line}
     assert lines[TRAIN][:4] == ["train", "mHO3", "180", "3"]
     assert lines[VAL][:4] == ["val", "mBR0", "180", "3"]
@@ -272,7 +272,7 @@ def test_list_names_every_recipe_and_plugin():
 # features
 
 
-def test_features_of_a_song_of_ones_own(corpus: Path, tmp_path: Path):
+def test_features_of_an_own_song(corpus: Path, tmp_path: Path):
     song = tmp_path / "my söng 2.flac"
     samples, rate = soundfile.read(corpus / "wavs" / "mHO3.wav")
     soundfile.write(song, samples, rate)

@@ -70,7 +70,7 @@ def test_mirrored_arrays_are_flagged(mirrored: Path, tmp_path: Path) -> None:
     assert error.value.reason == "implausible_elbows"
 
 
-def test_an_entry_of_the_cache_that_was_not_looked_at(
+def test_a_cache_entry_that_was_not_inspected(
     mirrored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made, cache = recipe(tmp_path), tmp_path / "cache"

@@ -1,4 +1,4 @@
-"""A dataset knows what each of its clips was built from: another source is told file by file."""
+"""A dataset records the files of each clip: another source is reported file by file."""
 
 import json
 import pickle
@@ -93,7 +93,7 @@ def test_diff_shows_it_too(run_build: Any, source: Path, built: Path, out: Path)
     assert (found.kind, found.names) == ("source", (TRAIN, OTHER))
 
 
-def test_what_is_declared_of_a_clip_is_compared():
+def test_declared_attributes_of_a_clip_are_compared():
     old = SourceRecord({"a": "1 2 3", "b": "1 2 3"})
     new = SourceRecord({"a": "1 2 4", "b": "1 2 3"})
     assert [str(d) for d in source_differences(old, new, "there", "now")] == ["what is declared of 1 clip: a"]

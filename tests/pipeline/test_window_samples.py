@@ -20,7 +20,7 @@ RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
     st.sampled_from([7, 50, 997, 8000]),
     st.integers(0, 9000),
 )
-def test_windows_are_all_whose_samples_are_there(grid: FrameGrid, windows: WindowGrid, rate: int, n: int) -> None:
+def test_windows_are_those_with_all_their_samples(grid: FrameGrid, windows: WindowGrid, rate: int, n: int) -> None:
     feature: Any = SimpleNamespace()
     job = FeatureJob("f", grid, feature, WindowSpec(windows.length, windows.stride, grid))
     starts, length = window_samples(job, n, rate)

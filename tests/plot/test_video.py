@@ -60,7 +60,7 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: 
     lags = range(-400, 401, 10)
     fits = [float(np.dot(samples[1000:40000], there[1000 + k : 40000 + k])) for k in lags]
     assert abs(list(lags)[int(np.argmax(fits))]) <= 30
-    # The picture of a frame is the drawing of that frame, as far as the encoder keeps it.
+    # The picture of a frame is the drawing of that frame, up to the encoder's loss.
     scenes = Scenes(ds)
     scene = scenes.scene(scenes.find(clip.id))
     frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light")
@@ -124,7 +124,7 @@ def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, optio
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_that_is_there_stays(demo: Path, tmp_path: Path) -> None:
+def test_an_existing_file_stays(demo: Path, tmp_path: Path) -> None:
     clip = dancedata.open(demo).clips[0].id
     (tmp_path / "a.mp4").write_bytes(b"mine")
     with raises_message(UsageError):
@@ -133,9 +133,7 @@ def test_a_file_that_is_there_stays(demo: Path, tmp_path: Path) -> None:
     assert len(pictures(tmp_path / "a.mp4")) == 3
 
 
-def test_without_ffmpeg_there_is_an_error_that_says_how_to_get_it(
-    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_ffmpeg_the_error_names_the_fix(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clip = dancedata.open(demo).clips[0].id
     monkeypatch.setattr(mux.shutil, "which", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
@@ -193,8 +191,8 @@ def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path) -> None:
     while process.poll() is None and not (tmp_path / "pid").is_file():
         time.sleep(0.01)
     process.terminate()
-    printed, said = process.communicate(timeout=60)
-    assert (process.returncode, printed, said) == (128 + signal.SIGTERM, "", f"{interrupts.LINE}\n")
+    printed, errors = process.communicate(timeout=60)
+    assert (process.returncode, printed, errors) == (128 + signal.SIGTERM, "", f"{interrupts.LINE}\n")
     assert not Path("/proc", (tmp_path / "pid").read_text().strip()).exists()
     assert [list((tmp_path / name).iterdir()) for name in ("out", "tmp")] == [[], []]
 

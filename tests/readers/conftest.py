@@ -30,7 +30,7 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def mixed_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
-    """Five train clips of 200 frames in several shards: Lodge's columns and key motions, 60 rows a second, halves.
+    """Five train clips of 200 frames in several shards: Lodge's columns and key motions, 60 rows per second, halves.
 
     Windows of 40 frames every 10.
     """

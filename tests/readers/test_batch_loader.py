@@ -170,7 +170,7 @@ def test_resumes_in_the_middle_of_an_epoch(mixed_store: Store) -> None:
 
 
 def parts_of(batch: dict[str, Any]) -> list[Any]:
-    """What shares a batch's memory without being it: rows, an array, a view as another type, a tensor made of one."""
+    """Objects that share a batch's memory: rows, an array, a view as another type, a tensor made of one."""
     array = batch["lodge139"][:, ::2].numpy()
     return [
         batch["fast"][3],
@@ -181,7 +181,7 @@ def parts_of(batch: dict[str, Any]) -> list[Any]:
 
 
 @pytest.mark.parametrize("prefetch", [1, 3])
-def test_nothing_is_written_into_what_is_kept(mixed_store: Store, prefetch: int) -> None:
+def test_kept_batches_are_not_written_to(mixed_store: Store, prefetch: int) -> None:
     dataset = dataset_of(mixed_store, "plain")
     wanted = [parts_of(batch) for batch in DataLoader(dataset, 8)]
     loader = BatchLoader(dataset, 8, prefetch=prefetch)
@@ -197,7 +197,7 @@ def test_nothing_is_written_into_what_is_kept(mixed_store: Store, prefetch: int)
         np.testing.assert_array_equal(np.asarray(part), np.asarray(same))
 
 
-def test_what_autograd_keeps_is_not_written_to(mixed_store: Store) -> None:
+def test_tensors_kept_by_autograd_are_not_written_to(mixed_store: Store) -> None:
     loader = BatchLoader(dataset_of(mixed_store, "plain"), 8)
     factor = torch.ones((), requires_grad=True)
     total = torch.zeros(())
@@ -356,7 +356,7 @@ def in_child(work: Callable[[], int]) -> int:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-def test_a_forked_child_iterates_anew(mixed_store: Store) -> None:
+def test_a_forked_child_starts_its_own_iteration(mixed_store: Store) -> None:
     loader = BatchLoader(dataset_of(mixed_store), 8)
     wanted = [batch["index"].tolist() for batch in loader]
     batches = iter(loader)
@@ -431,8 +431,8 @@ def test_pinned_memory_with_a_device(mixed_store: Store) -> None:
         assert torch.equal(found.cpu(), wanted["half"])
 
 
-def test_pinned_memory_is_asked_of_torch(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What can be seen of it without a device: every array is torch's, and the batches are the same."""
+def test_pinned_memory_is_allocated_by_torch(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behaviour that is testable without a device: every array is torch's, and the batches are the same."""
     if torch.cuda.is_available():
         pytest.skip("test_pinned_memory_with_a_device does this")
     asked: list[tuple[int, ...]] = []
@@ -454,7 +454,7 @@ def test_pinned_memory_is_asked_of_torch(mixed_store: Store, monkeypatch: pytest
     assert len(asked) == len(FIELDS) * len(loader)
 
 
-def test_repr_says_what_it_is(store_path: Path) -> None:
+def test_repr_describes_the_object(store_path: Path) -> None:
     text = repr(BatchLoader(WindowDataset(store_path), 64, threads=3))
     for part in ("WindowDataset(", "batch_size=64", "threads=3", "prefetch=2"):
         assert part in text

@@ -62,7 +62,7 @@ def assert_equal(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
 
 
 def plain(dataset: WindowDataset, place: int, mirrored: bool, name: str) -> np.ndarray[Any, Any]:
-    """Read one field of one window a step at a time, by other means than the dataset."""
+    """Read one field of one window a step at a time, independently of the dataset."""
     rows = dataset.store.read(dataset.windows[place], name)
     columns = dataset.store.fields[name]
     if mirrored and dataset.store.field(name).kind == "motion":
@@ -77,7 +77,7 @@ def plain(dataset: WindowDataset, place: int, mirrored: bool, name: str) -> np.n
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_every_bit_is_what_reading_step_by_step_gives(mixed_store: Store, mode: str) -> None:
+def test_batches_equal_reading_step_by_step_bit_for_bit(mixed_store: Store, mode: str) -> None:
     dataset = dataset_of(mixed_store, mode)
     dataset.set_epoch(3)
     places = np.random.default_rng(0).permutation(len(dataset)).tolist()
@@ -112,7 +112,7 @@ def test_a_batch_is_not_copied(mixed_store: Store) -> None:
     assert is_copied(WindowDataset.collate(items), items) == []
 
 
-def test_what_is_no_whole_batch_is_copied_and_right(mixed_store: Store) -> None:
+def test_a_partial_batch_is_copied_correctly(mixed_store: Store) -> None:
     dataset = dataset_of(mixed_store, "normalised")
     items, others = dataset.__getitems__([5, 1, 3]), dataset.__getitems__([5, 1, 3])
     odd = [
@@ -132,7 +132,7 @@ def test_what_is_no_whole_batch_is_copied_and_right(mixed_store: Store) -> None:
         assert_equal(found, default_collate([dict(item) for item in given]))
 
 
-def test_what_was_put_into_samples_is_in_the_batch(mixed_store: Store) -> None:
+def test_keys_added_to_samples_are_in_the_batch(mixed_store: Store) -> None:
     items = dataset_of(mixed_store, "normalised").__getitems__([5, 1, 3])
     items[1]["fast"] = items[1]["fast"] * 2
     items[2]["half"] += 1
@@ -197,7 +197,7 @@ def test_memory_goes_round_when_nothing_refers_to_it() -> None:
     assert len({tensor.data_ptr() for tensor in places}) == 3
 
 
-def test_what_is_kept_has_a_limit_whatever_the_sizes() -> None:
+def test_kept_memory_is_limited_for_all_sizes() -> None:
     pool = MemoryPool()
     for more in range(30):
         tensor = pool.tensor((LARGE[0] + more, 3), np.dtype(np.float32))
@@ -271,7 +271,7 @@ def test_workers_send_batches_however_memory_is_shared(
 
 
 def test_a_torch_that_takes_no_collate_functions(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The module as it is without torch's table: its samples are stacked, and right."""
+    """The module without torch's table: its samples are stacked, and right."""
     monkeypatch.setitem(sys.modules, "torch.utils.data._utils.collate", None)
     spec = importlib.util.spec_from_file_location("collate_alone", collate.__code__.co_filename)
     assert spec is not None

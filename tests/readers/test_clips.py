@@ -171,7 +171,7 @@ def test_batches_that_cannot_be_made(store: Store) -> None:
         BatchStream(ClipDataset(store), sampler=BucketSampler(ClipDataset(store), batch_size=10**6, drop_last=True))
 
 
-def test_scalers_cover_what_clips_themselves_cannot_have(store: Store) -> None:
+def test_scalers_cover_values_beyond_the_clips(store: Store) -> None:
     """Those of a train set of windows, of which "crop" and "drop" change no row."""
     plain = ClipDataset(store, "val", fields=("edge151",))
     for covers in (["crop"], [{"drop": {"fields": ["librosa35"]}}], ["drop", "crop"]):
@@ -276,7 +276,7 @@ def test_streams_of_windows_and_of_buckets(made: RandomStore) -> None:
 
 @pytest.mark.parametrize("n_samples", [96, 101])
 def test_other_ranks_take_the_same_samples_in_each_step(n_samples: int) -> None:
-    """What is exact after a change of the number of ranks, where batch size times ranks stays the same."""
+    """Exactness after a change of the number of ranks, where batch size times ranks stays the same."""
     for sizes in ((1, 12), (2, 6), (3, 4), (4, 3)):
         ranks, size = sizes
         samplers = [EpochSampler(n_samples, seed=4, rank=rank, world_size=ranks) for rank in range(ranks)]
@@ -294,7 +294,7 @@ def test_other_ranks_take_the_same_samples_in_each_step(n_samples: int) -> None:
             assert not extra or len(wanted) < 12
 
 
-def test_any_number_of_ranks_goes_on_after_what_was_consumed() -> None:
+def test_any_number_of_ranks_resumes_after_the_consumed_samples() -> None:
     """Another product of batch size and ranks: fewer samples than ranks are repeated, none is left out."""
     consumed, n_samples = 40, 101
     everyone = EpochSampler(n_samples, seed=4).order(0).tolist()

@@ -1,4 +1,4 @@
-"""Draws of samples in three epochs, by each way of reading: what varies, what is reproducible, what resumes.
+"""Draws of samples in three epochs, by each way of reading: variation, reproducibility, resuming.
 
 The ways are the rows of the table in docs/reading.md.
 """
@@ -109,7 +109,7 @@ SLOW = pytest.mark.nightly
 
 
 def draws(loader: Any, epochs: int = EPOCHS) -> list[dict[str, bool]]:
-    """Return, epoch by epoch, what was drawn: mirrored or not, by clip and start."""
+    """Return the draws, epoch by epoch: mirrored or not, by clip and start."""
     return [
         {
             f"{clip}@{int(start)}": bool(flag)
@@ -231,7 +231,7 @@ def test_a_batch_loader_passes_on_the_epoch_of_a_sampler_that_has_no_dataset(tra
     assert shuffled == found
 
 
-def test_crops_and_buckets_draw_anew_too(mixed_store: Store) -> None:
+def test_crops_and_buckets_draw_new_numbers_too(mixed_store: Store) -> None:
     crops = ClipDataset(mixed_store, fields=FIELDS, crop_frames=40, crops=3, seed=1)
     starts = [[sample["start"] for sample in crops.samples(range(len(crops)))] for _ in range(2)]
     assert starts[0] != starts[1]
@@ -267,7 +267,7 @@ def test_ranks_that_share_torchs_seed_do_not_share_their_draws(train: WindowData
     assert 0.2 < np.mean(np.array(flags[0]) == np.array(flags[1])) < 0.8
 
 
-def test_a_sample_comes_back_from_what_its_id_says(train: WindowDataset) -> None:
+def test_a_sample_is_restored_from_its_id(train: WindowDataset) -> None:
     for sample in train.samples(range(12)):
         drawn = re.fullmatch(r"(.+)@(\d+)\+(\d+)(?::mirror:(\d+)\.(\d+)\.(\d+))?", sample["id"])
         assert drawn is not None
@@ -281,7 +281,7 @@ def test_a_sample_comes_back_from_what_its_id_says(train: WindowDataset) -> None
 
 
 class Held:
-    """A wrapper of a user, not of torch's class: what it holds is among its attributes, and so is it itself."""
+    """A wrapper of a user, not of torch's class: its attributes include its datasets and itself."""
 
     def __init__(self, inner: Any) -> None:
         self.inner, self.number, self.parts, self.names = {"a": inner}, 3, [[self]], "abc"
@@ -303,7 +303,7 @@ class Slotted:
         return len(self.inner[0][0])
 
 
-def test_the_sampler_reaches_what_wrappers_hold(train: WindowDataset) -> None:
+def test_the_sampler_reaches_wrapped_datasets(train: WindowDataset) -> None:
     other = WindowDataset(train.store, fields=FIELDS, mirror=0.5)
     sampler = EpochSampler(ConcatDataset([Held(train), Subset(other, [1, 2])]))
     sampler.set_epoch(4)

@@ -26,7 +26,7 @@ from dancedata.testing.stores import random_fields, write_random_store
 
 @pytest.fixture(scope="session")
 def stores(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Store]:
-    """By scope, stores of several shards with a field of 60 rows a second and one of half precision."""
+    """By scope, stores of several shards with a field of 60 rows per second and one of half precision."""
     pose, fast, music = random_fields({"pose": 21, "fast": 30}, {"tune": 35}, fast=60)
     fields = (pose, fast, replace(music, dtype="float16"))
     found = {}
@@ -77,7 +77,7 @@ def assert_reads_as_the_store(store: Store, windows: WindowList, **options: Any)
 
 @pytest.mark.parametrize("mapped", [True, False])
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_windows_are_what_the_store_reads(stores: dict[str, Store], scope: str, mapped: bool) -> None:
+def test_windows_equal_those_of_the_store(stores: dict[str, Store], scope: str, mapped: bool) -> None:
     store = stores[scope]
     assert len(list(store.path.glob("train*.h5"))) > 2
     windows = WindowList.joined("both", [store.windows("train"), store.windows("test")])
@@ -111,7 +111,7 @@ def test_a_window_that_the_store_does_not_have(stores: dict[str, Store], scope: 
     assert (found[0] == "read") == (scope == "track" and (start, length) in ((7, 30), (0, 29)))
 
 
-def test_windows_of_several_lengths_and_none(stores: dict[str, Store]) -> None:
+def test_windows_of_several_lengths_and_no_windows(stores: dict[str, Store]) -> None:
     store = stores["track"]
     windows = store.windows("train")
     odd = replace(windows, length=windows.length - (np.arange(len(windows)) == 1))
@@ -121,7 +121,7 @@ def test_windows_of_several_lengths_and_none(stores: dict[str, Store]) -> None:
         store.window_rows(windows.take(np.zeros(0, dtype=np.int64)), "pose")
 
 
-def test_windows_of_a_shard_that_has_none(tmp_path: Path, stores: dict[str, Store]) -> None:
+def test_windows_of_a_shard_without_windows(tmp_path: Path, stores: dict[str, Store]) -> None:
     """A window list of another store, for a clip that this one stores no windows of."""
     fields = tuple(stores["window"].field(name) for name in stores["window"].fields)
     write_random_store(
@@ -169,9 +169,9 @@ def test_compressed_fields_are_read_and_named(
     assert list(dataset.unmapped) == ["pose", "tune"]
     assert "train-00000" in dataset.unmapped["pose"]
     assert "chunked or compressed" in dataset.unmapped["pose"]
-    said = [r.getMessage() for r in caplog.records if r.name.startswith("dancedata")]
-    assert len(said) == 2
-    assert "field pose is not read from mapped files: /motion/pose of train-00000" in said[0]
+    messages = [r.getMessage() for r in caplog.records if r.name.startswith("dancedata")]
+    assert len(messages) == 2
+    assert "field pose is not read from mapped files: /motion/pose of train-00000" in messages[0]
     assert not store.window_rows(windows, "fast").unmapped
 
 
@@ -227,7 +227,7 @@ def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, stores: dict[str,
         store.window_rows(windows, "tune")
 
 
-def test_closing_leaves_what_was_mapped_readable(stores: dict[str, Store]) -> None:
+def test_mapped_rows_stay_readable_after_closing(stores: dict[str, Store]) -> None:
     store = open_store(stores["track"].path)
     rows = store.window_rows(store.windows("train"), "pose")
     store.close()

@@ -228,7 +228,7 @@ def test_orders_and_streams_take_them(store: Store) -> None:
     assert next(iter(loader))["beat"].dtype == torch.bool
 
 
-def test_what_cannot_be(store: Store, store_path: Path) -> None:
+def test_invalid_arguments(store: Store, store_path: Path) -> None:
     for made in (WindowDataset, partial(ClipDataset, crop_s=3)):
         with raises_message(UsageError):
             made(store, "train", FIELDS, start_at="bar")
@@ -249,7 +249,7 @@ def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
         WindowDataset(made.path, fields=FIELDS, start_at="beat")
 
 
-def test_music_without_downbeats_is_said_to_have_none(tmp_path: Path) -> None:
+def test_music_without_downbeats_is_an_error(tmp_path: Path) -> None:
     """Not that windows are too long: beats by librosa have no downbeats."""
     beats = Field("beats", "audio", Beats().columns, Fraction(30))
     made = write_random_store(

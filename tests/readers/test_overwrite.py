@@ -164,7 +164,7 @@ def assert_equal(found: Rows, wanted: Rows) -> None:
 
 
 @pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
-def test_a_reader_goes_on_with_what_it_opened_or_stops(
+def test_a_reader_keeps_its_open_files_or_stops(
     out: Path,
     overwrite: Overwrite,
     truth: Rows,
@@ -196,7 +196,7 @@ def test_a_first_read_after_an_overwrite_stops(
         read()
 
 
-def test_forked_workers_go_on_with_what_their_parent_has_mapped(out: Path, overwrite: Overwrite, truth: Rows) -> None:
+def test_forked_workers_keep_the_files_mapped_by_their_parent(out: Path, overwrite: Overwrite, truth: Rows) -> None:
     dataset = WindowDataset(out, fields=FIELDS, normalize=False)
     _ = dataset[0]
     overwrite(out, 2)

@@ -35,7 +35,7 @@ def test_order_is_a_pure_function_of_seed_and_epoch() -> None:
     assert EpochSampler(100, seed=4).order(0).tolist() != EpochSampler(100, seed=3).order(0).tolist()
 
 
-def test_order_stays_what_it_was() -> None:
+def test_order_is_unchanged() -> None:
     """Written down: a checkpoint must resume in the same order with any later version of numpy or of this."""
     assert EpochSampler(10, seed=0).order(0).tolist() == [4, 6, 3, 5, 2, 9, 1, 0, 7, 8]
     assert EpochSampler(10, seed=1).order(7).tolist() == [2, 3, 5, 1, 9, 7, 6, 4, 0, 8]
@@ -71,7 +71,7 @@ def test_ranks_together_are_the_order_of_one() -> None:
     assert np.stack(parts, axis=1).ravel().tolist() == whole.tolist()
 
 
-def test_goes_on_from_its_position() -> None:
+def test_resumes_from_its_position() -> None:
     whole = EpochSampler(50, seed=2)
     expected = [sample for _ in range(3) for sample in whole]
     sampler = EpochSampler(50, seed=2)
@@ -99,7 +99,7 @@ def test_last_sample_handed_out_is_the_start_of_the_next_epoch() -> None:
     assert sampler.state_dict() == {"epoch": 1, "position": 0}
 
 
-def test_at_says_what_was_consumed() -> None:
+def test_at_counts_consumed_samples() -> None:
     sampler = EpochSampler(10, rank=0, world_size=2)
     assert sampler.at(4, 0) == {"epoch": 4, "position": 0}
     assert sampler.at(4, 3) == {"epoch": 4, "position": 3}
@@ -164,7 +164,7 @@ def test_rank_comes_from_torch_distributed() -> None:
         distributed.destroy_process_group()
 
 
-def test_takes_what_distributed_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_takes_rank_and_size_from_distributed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(distributed, "get_rank", lambda: 2)
     monkeypatch.setattr(distributed, "get_world_size", lambda: 4)

@@ -1,4 +1,4 @@
-"""Which windows a reader gives: lists, protocols, trims, movement, presets; and what it says it left out."""
+"""Selection of windows: lists, protocols, trims, movement, presets; and the reported rejects."""
 
 import pickle
 from collections.abc import Callable
@@ -85,7 +85,7 @@ def test_lists_that_are_ignored_are_named_in_rejects(store: Store) -> None:
     ]
 
 
-def test_a_protocol_says_which_clips_a_split_has(store: Store) -> None:
+def test_a_protocol_defines_the_clips_of_a_split(store: Store) -> None:
     assert _ids(_read(store, protocol="other")) == [*(f"train_c{k:02d}" for k in range(1, 6)), "test_c00"]
     assert _ids(_read(store, split="val", protocol="other")) == ["train_c00", "test_c01"]
     with raises_message(UsageError):
@@ -133,7 +133,7 @@ def test_clips_shorter_than_the_windows_are_named(store: Store) -> None:
     assert "130 of them trimmed" in dataset.rejects[0].detail
 
 
-def test_a_preset_sets_it_all_and_what_is_given_beside_it_wins(store: Store) -> None:
+def test_explicit_arguments_override_a_preset(store: Store) -> None:
     local = WindowDataset(store, preset="lodge-local")
     assert local.fields == ("lodge139", "librosa35")
     assert {w.length for w in local.windows} == {256}
@@ -196,7 +196,7 @@ def _with_clips(store_path: Path, change: Callable[[StoredClip], StoredClip]) ->
     return open_store(store_path / "out")
 
 
-def test_mirrored_copies_are_for_training_whatever_the_protocol(tmp_path: Path) -> None:
+def test_mirrored_copies_are_for_training_under_every_protocol(tmp_path: Path) -> None:
     sources = {"train_c01": ("p.train",), "train_c02": ("p.val",)}
     made = _with_clips(
         tmp_path, lambda c: replace(c, source="train_c00", lists=sources[c.id]) if c.id in sources else c
@@ -222,7 +222,7 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
         "movement",
     ],
 )
-def test_a_movement_filter_that_is_none(store: Store, given: object) -> None:
+def test_an_invalid_movement_filter(store: Store, given: object) -> None:
     with raises_message(UsageError):
         _read(store, filter=given)
 
@@ -304,7 +304,7 @@ def test_the_codes_bias_is_a_function_of_seed_epoch_and_index(store: Store) -> N
     assert [dataset._bias(k) for k in range(200)] != biases[0]
 
 
-def test_what_primitives_need(store: Store, tmp_path: Path) -> None:
+def test_requirements_of_primitives(store: Store, tmp_path: Path) -> None:
     with raises_message(UsageError):
         WindowDataset(store, fields=("librosa35", "primitives"))
     with raises_message(UsageError):

@@ -127,7 +127,7 @@ def test_positions_are_taken_as_they_are() -> None:
 
 @dataclass(frozen=True)
 class Paths(Representation):
-    """HumanML3D's columns, as far as joints depend on them."""
+    """The columns of HumanML3D that joints depend on."""
 
     version: ClassVar[int] = 1
     name: ClassVar[str] = "paths"
@@ -173,7 +173,7 @@ def test_edges_root_is_another_skeleton() -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("name", SIX_D)
-def test_bfloat16_loses_what_rounding_the_columns_loses(name: str, device: str) -> None:
+def test_bfloat16_loses_as_much_as_rounding_the_columns(name: str, device: str) -> None:
     """Within 1e-5 m of numpy on the same rounded numbers; within 3 cm of the motion, 2 m around the origin."""
     columns = columns_of(name)
     rounded = batched(columns).to(device, torch.bfloat16)
@@ -226,7 +226,7 @@ def test_turns_there_and_back() -> None:
     np.testing.assert_allclose(Rotation.from_rotvec(back).as_matrix(), matrices, atol=1e-14)
 
 
-def test_what_is_not_a_rotation_stays_finite() -> None:
+def test_columns_that_are_not_rotations_stay_finite() -> None:
     """An untrained network may return anything: values and gradients have no NaN, and nothing is raised."""
     rows = torch.tensor([[0.0] * 6, [1, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [1e-20] * 6]).requires_grad_()
     matrices = matrix_from_6d(rows)

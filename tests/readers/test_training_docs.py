@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "training.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 
-# What a process of Accelerate runs: the blocks up to `main`, then all steps at once, and in two parts.
+# Script for a process of Accelerate: the blocks up to `main`, then all steps at once, and in two parts.
 RANKS = """
 import json, sys
 from pathlib import Path

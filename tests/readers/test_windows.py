@@ -186,7 +186,7 @@ def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str,
         assert clips[0][name].shape[1] == windows.store.fields[name].width
 
 
-def test_a_probability_that_is_none(tmp_path: Path) -> None:
+def test_an_invalid_probability(tmp_path: Path) -> None:
     write_random_store(tmp_path, fields=random_fields({"lodge139": 139}, {}))
     with raises_message(UsageError):
         WindowDataset(tmp_path, fields="lodge139", normalize=False, mirror="yes")  # type: ignore[arg-type]
@@ -267,7 +267,7 @@ def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) ->
         np.testing.assert_allclose(dataset[place][MOTION].numpy(), scaler.normalize(mirror.apply(plain)), atol=1e-6)
 
 
-def test_edges_clip_is_asked_for_by_name(store: Store) -> None:
+def test_edges_clip_is_selected_by_name(store: Store) -> None:
     raw, edges = WindowDataset(store, normalize=False), store.normalizer(MOTION)
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
@@ -303,7 +303,7 @@ def mirrored(dataset: WindowDataset) -> list[bool]:
     return [item["mirrored"] for item in dataset.__getitems__(range(len(dataset)))]
 
 
-def test_what_is_mirrored_is_a_pure_function_of_seed_epoch_and_index(store: Store) -> None:
+def test_mirroring_is_a_pure_function_of_seed_epoch_and_index(store: Store) -> None:
     def build(mirror: float, seed: int) -> WindowDataset:
         made = WindowDataset(store, fields=(AUDIO,), mirror=mirror, seed=seed)
         made.set_epoch(0)
@@ -363,7 +363,7 @@ def test_wrong_epoch(store: Store) -> None:
         WindowDataset(store).set_epoch(-1)
 
 
-def test_repr_says_what_it_is(store: Store) -> None:
+def test_repr_describes_the_object(store: Store) -> None:
     text = repr(WindowDataset(store, mirror=0.5))
     for part in ("train", "edge151", "librosa35", "mirror=0.5", f"{len(store.windows('train')):,}"):
         assert part in text
@@ -384,7 +384,7 @@ def test_unknown_name_in_readers() -> None:
         dancedata.readers.WindowDatset  # noqa: B018
 
 
-def test_without_torch_says_what_to_install() -> None:
+def test_without_torch_the_error_names_the_package() -> None:
     code = (
         "import sys; sys.modules['torch'] = None\n"
         "try:\n    from dancedata.readers import EpochSampler\n"

@@ -49,7 +49,7 @@ def test_fields_documents_and_keys_carry_the_full_name() -> None:
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_instances_are_built_beside_each_other(
+def test_instances_are_built_together(
     scope: str, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -31,7 +31,7 @@ def document(**changes: Any) -> dict[str, Any]:
 
 
 def problem_of(*, set: tuple[str, ...] = (), **changes: Any) -> str:
-    """What the error of a wrong recipe says."""
+    """Return the message for a wrong recipe."""
     changed = document(**changes)
     for override in set:
         apply_override(changed, override)
@@ -76,7 +76,7 @@ def test_all_problems_are_listed_at_once():
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"windwos": {}}, "windwos: unknown key; did you mean 'windows'?"),
         ({"windows": {"lenght_s": 5, "stride_s": 1}}, "windows.lenght_s: unknown key; did you mean 'length_s'?"),
@@ -109,9 +109,9 @@ def test_all_problems_are_listed_at_once():
         ({"audio": {"librosa35": [1]}}, "audio.librosa35: parameters are a mapping of keys; found [1]"),
     ],
 )
-def test_a_problem_says_what_is_wrong(changes: dict[str, Any], said: str):
+def test_a_problem_says_what_is_wrong(changes: dict[str, Any], message: str):
     text = problem_of(**changes)
-    assert said in text
+    assert message in text
     assert "1 problem in" in text
 
 
@@ -122,19 +122,19 @@ def test_windows_count_at_the_recipes_own_rate():
     assert "windows.length_s is not a whole number" in problem_of(fps="30000/1001", audio=None)
 
 
-def test_a_rate_that_a_feature_cannot_do_is_said_before_any_work():
+def test_an_unsupported_rate_is_reported_before_any_work():
     text = problem_of(fps="30000/1001", windows={"length_frames": 150, "stride_frames": 15})
     assert "librosa35 cannot be computed at this frame rate; found 30000/1001" in text
 
 
-def test_a_key_that_is_there_twice_is_an_error(tmp_path: Path):
+def test_a_duplicate_key_is_an_error(tmp_path: Path):
     path = tmp_path / "twice.yaml"
     path.write_text("recipe: 1\nname: one\nname: two\n")
     with raises_message(RecipeError):
         load_recipe(path)
 
 
-def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
+def test_an_invalid_yaml_file_is_named(tmp_path: Path):
     path = tmp_path / "bad.yaml"
     path.write_text("recipe: [1")
     with raises_message(RecipeError):
@@ -144,7 +144,7 @@ def test_a_file_that_is_no_yaml_is_named(tmp_path: Path):
         load_recipe(path)
 
 
-def test_a_recipe_that_is_not_there(tmp_path: Path):
+def test_a_missing_recipe(tmp_path: Path):
     with raises_message(UsageError):
         load_recipe(tmp_path / "none.yaml")
     with raises_message(UsageError):
@@ -181,7 +181,7 @@ def test_a_length_in_seconds_takes_the_place_of_one_in_frames_and_the_other_way_
 
 
 @pytest.mark.parametrize("override", ["windows.stride_s", "=3", "windows..stride_s=1", "audio={"])
-def test_an_override_that_is_none_is_wrong_usage(tmp_path: Path, override: str):
+def test_an_invalid_override_is_wrong_usage(tmp_path: Path, override: str):
     with raises_message(UsageError):
         load(tmp_path, override)
 
@@ -235,7 +235,7 @@ def test_neither_hash_nor_fields_depend_on_the_order_of_plugins(monkeypatch: pyt
         {"store": {"shard_mb": 16}},
     ],
 )
-def test_the_hash_changes_with_what_shapes_the_result(changes: dict[str, Any]):
+def test_the_hash_changes_with_the_settings_that_change_the_result(changes: dict[str, Any]):
     assert parse_recipe(document(**changes)).sha256 != parse_recipe(document()).sha256
 
 

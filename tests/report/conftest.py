@@ -18,7 +18,7 @@ from tests.conftest import Once
 from tests.viewer.conftest import browser  # noqa: F401 (the browser of the viewer's tests)
 
 SMALL = {"dataset.synthetic": {"songs": 4, "clips_per_song": 2, "clip_s": 6}}
-#: Names that would be markup, script, addresses or other text than they seem.
+#: Names that would be markup, script, addresses or misleading text.
 HOSTILE = [
     "<script>window.PWN=1</script>",
     "\"><img src=x onerror='window.PWN=1'>",

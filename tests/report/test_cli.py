@@ -17,7 +17,7 @@ from dancedata.store import open_store
 RUN = CliRunner()
 
 
-def test_report_writes_a_page_and_says_what_stands_out(demo: Path, tmp_path: Path, monkeypatch) -> None:
+def test_report_writes_a_page_and_prints_findings(demo: Path, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     done = RUN.invoke(app, ["report", str(demo), "--clips", "1"])
     assert done.exit_code == 0, done.output

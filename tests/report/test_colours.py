@@ -26,7 +26,7 @@ def colours(text: str) -> dict[str, str]:
     return dict(re.findall(r"--([\w]+): (#[0-9a-f]{6})", text))
 
 
-def test_both_themes_are_there_and_the_chosen_one_is_the_systems() -> None:
+def test_both_themes_exist_and_the_system_chooses() -> None:
     assert [theme for theme, _ in BLOCKS] == ["light", "dark", "dark"]
     assert colours(BLOCKS[1][1]) == colours(BLOCKS[2][1])
     assert colours(BLOCKS[0][1]).keys() == colours(BLOCKS[1][1]).keys()

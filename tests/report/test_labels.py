@@ -36,7 +36,7 @@ def test_numbers_of_a_panel_lie_within_the_picture() -> None:
         assert float(x) - 8 * len(number) > 0
 
 
-def test_names_beside_a_heat_map_have_room() -> None:
+def test_names_next_to_a_heat_map_have_room() -> None:
     columns = Columns((Group("onset_envelope", 1, "dB"), Group("mfcc", 32, "dB"), Group("beat", 2, "0/1")))
     (height,) = re.findall(r"height:(\d+)px", heat_map(np.zeros((9, 35)), columns, "x"))
     assert int(height) / 35 >= 12

@@ -122,7 +122,7 @@ def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled:
     assert "bad" in [f.kind for f in findings(leaky) if f.figure == "shared_songs"]
 
 
-def test_songs_that_are_not_compared_by_sound_are_said(
+def test_songs_not_compared_by_sound_are_reported(
     demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(songs, "MAX_PAIRS", 1)

@@ -70,7 +70,7 @@ class Page(HTMLParser):
 
 
 def check_safe(page: Page) -> None:
-    """Nothing is fetched, and no script runs but those whose hash the policy has."""
+    """Nothing is fetched, and only scripts whose hash is in the policy run."""
     for tag, about in page.elements:
         assert not [name for name in about if name.startswith("on")], (tag, about)
         for name in ("src", "href", "action", "data", "srcset", "poster", "formaction", "xlink:href"):
@@ -96,7 +96,7 @@ def demo_page(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_page_is_whole_and_asks_nothing_of_the_net(demo_page: Path) -> None:
+def test_the_page_is_complete_and_makes_no_requests(demo_page: Path) -> None:
     page = Page(demo_page)
     check_safe(page)
     assert demo_page.stat().st_size < 1_500_000
@@ -135,7 +135,7 @@ def test_two_runs_give_equal_bytes(demo_page: Path, demo: Path, tmp_path: Path) 
     assert str(demo.parent).encode() not in demo_page.read_bytes()
 
 
-def test_names_of_others_stay_text(hostile: Path, tmp_path: Path) -> None:
+def test_untrusted_names_stay_text(hostile: Path, tmp_path: Path) -> None:
     path = tmp_path / "hostile.html"
     write_report(hostile, path, clips=8)
     page = Page(path)
@@ -211,7 +211,7 @@ def test_window_scope_makes_a_page(windows: Path, tmp_path: Path) -> None:
     assert all("&window=" in a["href"] for t, a in page.elements if a.get("href", "").startswith("#clip="))
 
 
-def test_more_clips_than_twelve_are_files_beside_the_page(relabelled, tmp_path: Path, monkeypatch) -> None:
+def test_clips_beyond_twelve_are_files_next_to_the_page(relabelled, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("dancedata.report.player.INLINE", 3)
     path = relabelled(lambda k: {})
     page_path = tmp_path / "all report.html"
@@ -249,7 +249,7 @@ def test_where_a_report_is_not_written(demo: Path, tmp_path: Path, monkeypatch, 
         write_report(demo, to)
 
 
-def test_a_page_that_is_too_large_is_an_error_that_says_what_to_lower(demo: Path, tmp_path: Path) -> None:
+def test_a_page_that_is_too_large_is_an_error_with_a_fix(demo: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"allowed: 0\.1 MB .*--clips 4"):
         write_report(demo, tmp_path / "x.html", max_mb=0.1)
     assert list(tmp_path.iterdir()) == []
@@ -261,7 +261,7 @@ def test_other_arguments(demo: Path, tmp_path: Path) -> None:
             write_report(demo, tmp_path / "x.html", **wrong)
 
 
-def test_a_file_that_came_beside_the_page_meanwhile_stays(tmp_path: Path) -> None:
+def test_a_file_created_next_to_the_page_during_writing_stays(tmp_path: Path) -> None:
     target = Target.of(tmp_path / "r.html", [], max_mb=1, overwrite=True)
     target.folder.mkdir()
     for name in ("mine.txt", "clip-00007.js"):
@@ -303,14 +303,14 @@ def _link(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("change", [_foreign_clip, _changed_clip, _foreign_folder, _link])
-def test_files_of_others_beside_the_page_stay(tmp_path: Path, change: Callable[[Path], Path]) -> None:
+def test_foreign_files_next_to_the_page_stay(tmp_path: Path, change: Callable[[Path], Path]) -> None:
     page = tmp_path / "r.html"
     theirs = change(_with_a_folder(page))
     before = theirs.read_bytes()
     with raises_message(UsageError):
         _with_a_folder(page, 14)
     target = Target(page, 1)
-    target.write(b"page", cast(Player, SimpleNamespace(side={})))  # of a report that began before they came
+    target.write(b"page", cast(Player, SimpleNamespace(side={})))  # of a report that started before they were created
     assert theirs.read_bytes() == before
 
 

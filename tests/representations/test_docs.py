@@ -24,7 +24,7 @@ def test_every_representation_has_a_row(name: str) -> None:
     assert ("6D" in columns) == (made.rotation_6d is not None)
 
 
-def test_the_code_prints_what_the_page_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_code_prints_the_output_on_the_page(capsys: pytest.CaptureFixture[str]) -> None:
     (code,) = re.findall(r"^```python\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
     (output,) = re.findall(r"^```text\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
     exec(compile(code, "representations.md", "exec"), {})

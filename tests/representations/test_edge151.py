@@ -149,7 +149,7 @@ def test_contacts_are_those_of_the_rule() -> None:
         EDGE.encode(random_motion(0))
 
 
-def test_decoding_what_is_no_rotation() -> None:
+def test_decoding_invalid_rotations() -> None:
     array = encode(random_motion(0))
     with raises_message(UsageError):
         EDGE.decode(array[:, :150], THIRTY)

@@ -55,7 +55,7 @@ def reflected(motion: Motion) -> Motion:
     return Motion(motion.translation * FLIP, rotations, motion.grid, motion.skeleton.mirrored(), motion.trim_start)
 
 
-def test_there_are_some_that_decode() -> None:
+def test_some_representations_decode() -> None:
     assert DECODED
 
 
@@ -106,7 +106,7 @@ def test_mirrored_columns_on_the_mirrored_body_are_the_reflection(name: str, see
         mirrored = made.decode(image, THIRTY)
         mirrored = (mirrored if made.positions_only else mirrored.on(made.skeleton.mirrored())).joints()
     else:
-        # What cannot be decoded has to hold the positions themselves, or its mirror is proved by nothing.
+        # Without a decoder it has to hold the positions themselves, or nothing proves its mirror.
         plain, mirrored = (x[:, made.columns.slice("position")].reshape(len(x), -1, 3) for x in (array, image))
     np.testing.assert_allclose(mirrored, plain[:, other_side(made.skeleton)] * FLIP, atol=1e-5)
 

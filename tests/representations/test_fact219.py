@@ -65,7 +65,7 @@ def test_fingers_are_left_out() -> None:
     np.testing.assert_array_equal(array[:, 3 + 9 * 22 :], np.tile(np.eye(3).ravel(), (2, 2)))
 
 
-def test_decoding_what_is_no_rotation() -> None:
+def test_decoding_invalid_rotations() -> None:
     array = FACT.encode(random_motion())
     with raises_message(UsageError):
         FACT.decode(np.pad(array, [(0, 0), (6, 0)]), SIXTY)
@@ -90,7 +90,7 @@ def test_decoding_what_is_no_rotation() -> None:
         FACT.decode(broken, SIXTY)
 
 
-def test_matrices_need_not_be_better_than_float32() -> None:
+def test_matrices_within_float32_are_accepted() -> None:
     array = FACT.encode(random_motion())
     rounded = np.round(array, 5)
     np.testing.assert_allclose(FACT.encode(FACT.decode(rounded, SIXTY)), array, atol=2e-5)

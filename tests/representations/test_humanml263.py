@@ -1,4 +1,4 @@
-"""humanml263 against HumanML3D's own functions, and what it adds to them.
+"""humanml263 against HumanML3D's own functions, and its additions.
 
 Gates: 1e-4 for columns, as the original computes inverse kinematics in float32; measured 5e-5 in rotations, 4e-6 in
 positions and velocities, 3e-6 in the turn of the root. Contacts are equal. Recovered joints: 1 mm; measured 4e-7 m.
@@ -122,7 +122,7 @@ def test_samples_are_turned_and_shifted(name: str) -> None:
     np.testing.assert_array_equal(made.change_sample(rows, field, Draw(1)), rows)
 
 
-def test_the_last_row_goes_on_as_the_one_before() -> None:
+def test_the_last_row_continues_the_one_before() -> None:
     motion = _dance()
     array = MADE.encode(motion)
     later = np.r_[0:3, 193:263]
@@ -170,7 +170,7 @@ def test_bones_that_point_against_their_rest() -> None:
     np.testing.assert_allclose(MADE.decode(array, TWENTY).joints(), MADE.positions(array), rtol=0, atol=1e-6)
 
 
-def test_what_it_refuses() -> None:
+def test_invalid_input_is_refused() -> None:
     with raises_message(UsageError):
         MADE.encode(_dance(), Velocity())
     flat = replace(SMPL24, offsets=np.zeros((24, 3)))

@@ -99,12 +99,12 @@ def broken(**changes: Any) -> dict[str, Any]:
         (broken(feet=[1]), "body is not a valid skeleton"),
     ],
 )
-def test_what_is_no_skeleton(body: Any, message: str) -> None:
+def test_invalid_skeletons(body: Any, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Joints(body)
 
 
-def test_what_cannot_be_encoded() -> None:
+def test_unsupported_motions_are_refused() -> None:
     with raises_message(UsageError):
         Joints().encode(random_motion(ANIMAL))
     for made in (Joints(), Bailando72()):

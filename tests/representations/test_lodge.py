@@ -115,7 +115,7 @@ def test_the_layouts_body_decides_the_floor() -> None:
 
 
 @BOTH
-def test_decoding_what_is_no_rotation(made: Any) -> None:
+def test_decoding_invalid_rotations(made: Any) -> None:
     array = made.encode(random_motion(made.skeleton), Height())
     with pytest.raises(UsageError, match=rf"{made.name} decodes \(T, {made.columns.width}\)"):
         made.decode(array[:, :-1], THIRTY)

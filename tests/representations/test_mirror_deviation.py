@@ -1,4 +1,4 @@
-"""How far mirrored columns are from the reflection on bodies that are not symmetric: the numbers of the docs."""
+"""Deviation of mirrored columns from the reflection on asymmetric bodies: the numbers of the docs."""
 
 from pathlib import Path
 

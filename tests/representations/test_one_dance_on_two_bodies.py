@@ -175,7 +175,7 @@ def test_keys_change_with_the_numbers() -> None:
 
 
 def unmarked(dataset: str, name: str) -> str:
-    """Return the key without a word on bodies, as it was before they were told apart."""
+    """Return the key without the body, as before bodies were part of it."""
     with mock.patch("dancedata.pipeline.motion.crosses", return_value=False):
         return keys_of(dataset, "", *EVERY)[name]
 
@@ -183,8 +183,8 @@ def unmarked(dataset: str, name: str) -> str:
 @pytest.mark.skipif(
     "DANCEDATA_TEST_NATIVE" in os.environ, reason="units run in another process, which is not counted"
 )
-def test_numbers_of_other_positions_are_measured_anew(dances: list[dict[str, Motion]], tmp_path: Path) -> None:
-    """A later `CROSSING` leaves what needed no other body in the cache of evaluations."""
+def test_metrics_of_other_positions_are_recomputed(dances: list[dict[str, Motion]], tmp_path: Path) -> None:
+    """A later `CROSSING` keeps cached evaluations that needed no other body."""
     measured: list[str] = []
 
     def counted(*arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Datasets of other people: what is no file is refused at once, what does not print is written as sequences."""
+"""Untrusted datasets: special files are refused at once, unprintable characters are escaped."""
 
 import json
 import os
@@ -68,7 +68,7 @@ def ended_by_an_alarm(seconds: int = 60) -> Iterator[None]:
 
 @pytest.mark.parametrize("name", ["dataset.json", "stats.json", "rejects.jsonl", "quality.jsonl"])
 @pytest.mark.parametrize("kind", ["pipe", "device"])
-def test_no_command_waits_for_what_is_no_file(folder: Path, name: str, kind: str) -> None:
+def test_no_command_waits_for_special_files(folder: Path, name: str, kind: str) -> None:
     (folder / name).unlink()
     if kind == "pipe":
         os.mkfifo(folder / name)
@@ -181,7 +181,7 @@ def test_lines_of_other_types_are_an_error(folder: Path, name: str, line: str) -
     assert len(str(error.value)) < 600
 
 
-def test_many_lines_are_told_in_linear_time(folder: Path) -> None:
+def test_many_lines_are_parsed_in_linear_time(folder: Path) -> None:
     """Each with its own reason, or its own clip."""
     rejects = [{"reason": f"r{k}", "clip": f"c{k}"} for k in range(20_000)]
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rejects))
@@ -191,7 +191,7 @@ def test_many_lines_are_told_in_linear_time(folder: Path) -> None:
     assert len(describe_store(folder).split("\n")) > 20_000
 
 
-def test_files_beside_a_dataset_are_named_without_their_control_characters(folder: Path) -> None:
+def test_files_next_to_a_dataset_are_named_without_their_control_characters(folder: Path) -> None:
     (folder / f"{LOUD}~").touch()
     (folder / "dataset.json").rename(folder / "other.json")
     with raises_message(DanceDataError) as error:

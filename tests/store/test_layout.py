@@ -1,4 +1,4 @@
-"""The layout on disk, as docs/store-format.md has it, and equal bytes for equal input."""
+"""The layout on disk, as documented in docs/store-format.md, and equal bytes for equal input."""
 
 import hashlib
 import json
@@ -90,7 +90,7 @@ for scope in ("track", "window"):
 def test_equal_input_gives_equal_bytes_in_another_process_and_second(tmp_path: Path) -> None:
     for name in ("first", "second"):
         subprocess.run([sys.executable, "-c", WRITE, str(tmp_path / name)], check=True)
-        # HDF5 counts times in seconds: were one written, it would differ now.
+        # HDF5 stores times in seconds: a stored time would differ now.
         time.sleep(1.1 if name == "first" else 0)
     for scope in ("track", "window"):
         first = hashes(tmp_path / "first" / scope)

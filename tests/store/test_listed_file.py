@@ -1,4 +1,4 @@
-"""Files of an open dataset: whatever is opened later is the very file that dataset.json listed_file."""
+"""Files of an open dataset: a file opened later is the one that dataset.json listed."""
 
 import os
 import shutil

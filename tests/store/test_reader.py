@@ -21,12 +21,12 @@ from tests.messages import raises_message
 
 
 def checksum(store: Store, position: int) -> float:
-    """Read one window of train, in whatever process this runs."""
+    """Read one window of train, in the current process."""
     window = store.windows("train")[position]
     return float(sum(np.abs(store.read(window, f).astype(np.float64)).sum() for f in store.fields))
 
 
-def test_what_a_store_says_of_itself(make_store: Any, scope: str) -> None:
+def test_repr_of_a_store(make_store: Any, scope: str) -> None:
     made = make_store(scope=scope, clips={"zz": 1, "test": 1, "train": 2, "all": 1})
     store = open_store(str(made.path))
     assert store.splits == ("train", "test", "all", "zz")
@@ -43,7 +43,7 @@ def test_what_a_store_says_of_itself(make_store: Any, scope: str) -> None:
     assert store.quality == []
 
 
-def test_fps_that_is_no_whole_number(make_store: Any) -> None:
+def test_fps_that_is_not_a_whole_number(make_store: Any) -> None:
     rate = Fraction(30000, 1001)
     made = make_store(fps=rate, fields=[Field("pose", "motion", random_columns(3), rate)])
     store = open_store(made.path)
@@ -60,7 +60,7 @@ def test_opening_reads_no_table(make_store: Any) -> None:
 
 
 @pytest.mark.parametrize("target", ["windows", "read"])
-def test_read_gives_an_array_of_ones_own(make_store: Any, scope: str, target: str) -> None:
+def test_read_returns_a_new_array(make_store: Any, scope: str, target: str) -> None:
     made = make_store(scope=scope)
     store = open_store(made.path)
     window = store.windows("train")[0]
@@ -190,7 +190,7 @@ def test_other_windows_end_with_the_music(tmp_path: Path, make_store: Any) -> No
         store.read(Window("c", 40, 30), "music")
 
 
-def test_rows_that_are_no_whole_number_are_refused(make_store: Any) -> None:
+def test_fractional_rows_are_refused(make_store: Any) -> None:
     slow = Field("slow", "audio", random_columns(2, mirror=False), Fraction(15, 2))
     made = make_store(fields=[*make_store().header.fields, slow], length=32, stride=16)
     store = open_store(made.path)
@@ -233,7 +233,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
             attempt()
 
 
-def test_a_name_or_a_number_where_a_window_or_a_position_is_asked_for(make_store: Any) -> None:
+def test_a_name_or_a_number_instead_of_a_window_or_a_position(make_store: Any) -> None:
     store = open_store(make_store().path)
     for window in ("train_c00", 0):
         with raises_message(UsageError):
@@ -260,7 +260,7 @@ def test_wrong_windows_are_refused(make_store: Any, options: dict[str, Any]) -> 
         store.windows("train", **options)
 
 
-def test_pickle_opens_anew(make_store: Any) -> None:
+def test_pickle_opens_the_store_again(make_store: Any) -> None:
     made = make_store()
     store = open_store(made.path)
     wanted = checksum(store, 3)
@@ -286,7 +286,7 @@ def test_fork_after_reading(make_store: Any) -> None:
     for i in range(8):
         child = os.fork()
         if child == 0:
-            # Out by _exit whatever happens: this is a copy of the test runner.
+            # Always end by _exit: this is a copy of the test runner.
             try:
                 same = all(checksum(store, k) == wanted[k] for k in (i, 0, 7 - i))
             finally:
@@ -330,7 +330,7 @@ def test_without_train_windows_there_is_no_normalizer(make_store: Any) -> None:
         store.normalizer("pose")
 
 
-def test_folders_that_are_no_dataset(tmp_path: Path, make_store: Any) -> None:
+def test_folders_that_are_not_a_dataset(tmp_path: Path, make_store: Any) -> None:
     for folder, found in ((tmp_path / "nowhere", "no such folder"), (tmp_path / "empty", "an empty folder")):
         if found == "an empty folder":
             folder.mkdir()
@@ -382,7 +382,7 @@ def test_shard_cut_or_overwritten_while_open(make_store: Any) -> None:
         other.windows("train")
 
 
-def test_a_song_goes_on_after_its_clip(tmp_path: Path) -> None:
+def test_a_song_continues_after_its_clip(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "store")
     store = open_store(made.path)
     for clip in store.clips:

@@ -1,4 +1,4 @@
-"""What is read is what was written, whatever the corpus."""
+"""Rows are read as they were written, for any corpus."""
 
 import pickle
 import tempfile

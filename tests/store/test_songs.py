@@ -133,7 +133,7 @@ def test_windows_with_gaps_between_them(write: Callable[..., Path], stride: int)
 
 
 @pytest.mark.parametrize(("long", "seed"), [("train", 2), ("test", 6)])
-def test_the_clip_with_the_most_windows_stands_for_a_song(write: Callable[..., Path], long: str, seed: int) -> None:
+def test_the_clip_with_the_most_windows_represents_a_song(write: Callable[..., Path], long: str, seed: int) -> None:
     """A song's copy is found by the song's long clip, the first or the last; its short clip has only noise."""
     music, noise = rows(song(CLOSE[0])), np.random.default_rng(0).normal(size=(360, 35)).astype("f4")
     songs = {split: {split: music if split in (long, "val") else noise} for split in ("train", "val", "test")}
@@ -181,6 +181,6 @@ def test_silence_and_short_songs_are_not_alike(write: Callable[..., Path]) -> No
 
 
 def test_songs_of_datasets_without_a_record() -> None:
-    """Foreign documents: no hashes are no errors."""
+    """Untrusted documents: missing hashes are not errors."""
     for meta in ({}, {"source": None}, {"source": {"clips": 3}}, {"source": {"clips": {"a": 7, "b": "x y"}}}):
         assert songs_of([], meta) == {}

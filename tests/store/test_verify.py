@@ -231,7 +231,7 @@ def test_other_layout(make_store: Any) -> None:
     assert "attribute format is 2" in only_error(made.path)
 
 
-def test_shard_that_is_no_hdf5(make_store: Any) -> None:
+def test_shard_that_is_not_hdf5(make_store: Any) -> None:
     made = make_store()
     (made.path / TRAIN).write_bytes(b"not HDF5")
     seal(made.path)

@@ -1,4 +1,4 @@
-"""What the writer refuses, and that it says where and why."""
+"""Errors of the writer, with place and reason."""
 
 import dataclasses
 import json

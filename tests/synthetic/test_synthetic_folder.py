@@ -56,7 +56,7 @@ def test_layout(corpus: Path) -> None:
         assert (corpus / "truth" / f"{name}.npz").is_file()
 
 
-def test_pickles_hold_what_was_synthesised(corpus: Path) -> None:
+def test_pickles_hold_the_synthesised_motion(corpus: Path) -> None:
     for clip in make_plan(3, 2, 6.0).clips:
         content = load_pickle(corpus / "motions" / f"{clip.name}.pkl")
         assert isinstance(content, dict)
@@ -151,7 +151,7 @@ def test_source_that_cannot_be_made(tmp_path: Path) -> None:
         write_synthetic(tmp_path / "file" / "below")
 
 
-def test_a_write_cut_short_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_write_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "corpus"
     size: dict[str, Any] = {"songs": 2, "clips_per_song": 2, "clip_s": 3.0}
     with monkeypatch.context() as patch:
@@ -195,5 +195,5 @@ def test_example_covers_the_splits(tmp_path: Path) -> None:
     assert any("example" in note for note in scan.notes)
     with raises_message(SourceError):
         Synthetic(seed=1).scan(tmp_path / "example")
-    with raises_message(SourceError):  # it asks for the whole corpus
+    with raises_message(SourceError):  # it requires the whole corpus
         write_synthetic(tmp_path / "example")

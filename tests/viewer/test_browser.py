@@ -62,7 +62,7 @@ def test_a_link_that_is_opened_while_the_address_is_written_is_followed(browser:
     browser.wait(f"return {V}.state.clip.id === {json.dumps(HOSTILE[0])}")
 
 
-def test_music_that_is_on_its_way_is_not_missing(browser: Browser, served: str) -> None:
+def test_music_that_is_loading_is_not_missing(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav"))
     assert " · Cite: " in " ".join(browser.js("return document.querySelector('[data-dd=foot]').textContent").split())
     meta = "return document.querySelector('[data-dd=meta]').textContent"
@@ -74,7 +74,7 @@ def test_music_that_is_on_its_way_is_not_missing(browser: Browser, served: str) 
     assert "no music" not in browser.js(meta)
 
 
-def test_characters_that_turn_text_are_shown_as_codes(browser: Browser, odd: Path, tmp_path: Path) -> None:
+def test_bidirectional_characters_are_shown_as_codes(browser: Browser, odd: Path, tmp_path: Path) -> None:
     dataset = Scenes(dancedata.open(odd))
     items = [replace(item, clip=replace(item.clip, genre=TURNED, music=TURNED)) for item in dataset.items]
     data = page_data(
@@ -97,7 +97,7 @@ def test_characters_that_turn_text_are_shown_as_codes(browser: Browser, odd: Pat
     assert browser.log() == []
 
 
-def test_nothing_but_its_own_server_is_asked(browser: Browser, served: str) -> None:
+def test_only_its_own_server_is_contacted(browser: Browser, served: str) -> None:
     import json
 
     browser.driver.get_log("performance")

@@ -1,4 +1,4 @@
-"""The page: one file that asks for nothing, runs nothing of a dataset, and can be read in both themes."""
+"""The page: one file that makes no request, runs nothing from a dataset, and can be read in both themes."""
 
 import html
 import json

@@ -1,4 +1,4 @@
-"""What is drawn is what the dataset holds."""
+"""The page draws the content of the dataset."""
 
 import base64
 import gzip
@@ -231,7 +231,7 @@ def test_flac_gives_every_sample_back() -> None:
     assert np.abs(decoded - samples).max() < 1e-4
 
 
-def test_the_original_is_what_was_built(scenes, dances: Path) -> None:
+def test_the_original_is_the_source_of_the_build(scenes, dances: Path) -> None:
     dataset = scenes("window")
     clip_source = ClipSource(dataset.store, dances)
     for item in dataset.items[:4]:

@@ -134,7 +134,7 @@ def test_clips_and_music(client: Client, odd: Path) -> None:
 def test_songs_are_decoded_one_after_the_other_and_the_last_is_kept(
     odd: Path, source: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The page asks for the first clip's music while the server prepares it: two decoded songs at once, for nothing.
+    # The page requests the first clip's music while the server prepares it: two decoded songs at once, for nothing.
     running, most, decoded = 0, 0, []
     load = SourceMusic.load
 
@@ -159,7 +159,7 @@ def test_songs_are_decoded_one_after_the_other_and_the_last_is_kept(
     assert others[3].body == answers[0].body
 
 
-def test_sliding_is_measured_when_it_is_asked_for(client: Client, odd: Path) -> None:
+def test_sliding_is_measured_on_request(client: Client, odd: Path) -> None:
     for _ in range(600):
         progress = json.loads(client.get("/sliding")[2])
         if progress["done"]:
@@ -211,7 +211,7 @@ def test_wrong_requests(odd: Path, request_: dict) -> None:
         pass
 
 
-def test_the_address_shows_what_was_asked_for(odd: Path) -> None:
+def test_the_address_shows_the_request(odd: Path) -> None:
     with serving(ViewRequest(odd, "wav", window=2)) as address:
         assert address.endswith("#clip=wav&t=1.000&loop=30-90")
 

@@ -28,7 +28,7 @@ from dancedata.core.typing import override
 
 #: That of 7.5 rows per second, the lowest of Bailando's two; the five octaves of chroma need about 1 kHz.
 MIN_SAMPLE_RATE = 3840
-#: Upper limit of the onset envelope's mel bands in librosa 0.8, whatever the sample rate.
+#: Upper limit of the onset envelope's mel bands in librosa 0.8, for any sample rate.
 ERA_FMAX = 11025.0
 N_MFCC, N_CHROMA, N_LAGS = 20, 12, 384
 #: Frames that the derivative of MFCC spans: fewer have none.
@@ -67,7 +67,7 @@ class Bailando438(AudioFeature):
     version: ClassVar[int] = 1
     beat_rows_late: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
-    #: Bailando's script starts the search for the tempo at 120 beats per minute, whatever the song.
+    #: Bailando's script starts the search for the tempo at 120 beats per minute, for any song.
     uses_tempo: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

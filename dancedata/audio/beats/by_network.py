@@ -124,7 +124,7 @@ def beats_of(logits: NDArray[np.float32]) -> BeatTrack:
     beats, downbeats = (_peaks(column) for column in logits.T)
     flags = np.zeros(len(beats), dtype=np.bool_)
     if len(beats):
-        # In seconds, as there: which of two equally near beats it is, rounding decides.
+        # In seconds, as there: rounding decides between two equally near beats.
         seconds, wanted = beats / float(GRID.rate), downbeats / float(GRID.rate)
         flags[np.abs(seconds - wanted[:, None]).argmin(axis=1)] = True
     return BeatTrack(beats, flags, GRID)

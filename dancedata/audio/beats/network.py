@@ -1,7 +1,7 @@
 """The network of Beat This!: logits of beats and downbeats, 50 per second, from a log-mel spectrum.
 
 Foscarin, Schlueter, Widmer (ISMIR 2024), section 3.2. Modules have the names of the tensors in the published
-checkpoints (MIT), so that these are loaded as they are. It is for inference only and has no dropout.
+checkpoints (MIT), so that these are loaded unchanged. It is for inference only and has no dropout.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Sizes:
         Raises
         ------
         KeyError, IndexError
-            A tensor that tells a size is missing, or has too few axes.
+            A tensor that determines a size is missing, or has too few axes.
         """
         blocks = "transformer_blocks.layers."
         return cls(
@@ -72,7 +72,7 @@ class Sizes:
 
     @property
     def possible(self) -> bool:
-        """Whether bands and heads divide what they have to."""
+        """Whether bands and heads have valid divisors."""
         widths = [self.width, *(self.stem * 2**k for k in range(N_HALVINGS) if self.partial)]
         return self.bands % (4 * 2**N_HALVINGS) == 0 and self.head > 0 and not any(w % self.head for w in widths)
 

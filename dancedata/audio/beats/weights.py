@@ -33,7 +33,7 @@ def load_network(path: Path) -> BeatNetwork:
     Raises
     ------
     SourceError
-        The file is missing or damaged, holds other objects than tensors and plain values, or another network.
+        The file is missing or damaged, holds objects other than tensors and plain values, or another network.
     UsageError
         torch is older than 2.6 and the file is not safetensors.
     """

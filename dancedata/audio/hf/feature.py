@@ -79,7 +79,7 @@ class HuggingFace(NetworkFeature):
     """
 
     version: ClassVar[int] = 1
-    #: Not transformers: its releases leave these numbers as they are, which the golden test holds it to.
+    #: Not transformers: its releases do not change these numbers, as the golden test checks.
     packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
     weights_key: ClassVar[str] = "model"
 

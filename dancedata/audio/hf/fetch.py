@@ -29,7 +29,7 @@ _LICENCES = ("LICENSE*", "LICENCE*")
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]{0,95}/[A-Za-z0-9][\w.-]{0,95}")
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _PLAIN_FILE = re.compile(r"\w[\w.-]{0,200}")
-#: What the hub's client notes in the folder that it writes to.
+#: Files of the hub's client in the folder that it writes to.
 _CLIENT = ".cache"
 
 

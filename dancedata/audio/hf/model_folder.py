@@ -30,7 +30,7 @@ FILES = (
     "pytorch_model.bin.index.json",
     "README.md",
 )
-#: What `dancedata hf fetch` writes of where a folder came from: id, revision, licence.
+#: File of `dancedata hf fetch` with the origin of a folder: id, revision, licence.
 PROVENANCE = "dancedata-hf.json"
 #: Configs with lists of labels and mel filters have a few MB.
 _MAX_JSON = 1 << 25

@@ -35,5 +35,5 @@ class TemplateName(CopyAugmentation):
             raise UsageError("step_m must be finite", found=self.step_m, allowed="metres")
 
     def change_motion(self, motion: Motion, clip: str) -> Motion:
-        """Return the motion of the copy; frames, rate and trim_start stay as they are."""
+        """Return the motion of the copy; frames, rate and trim_start are unchanged."""
         return replace(motion, translation=np.add(motion.translation, (self.step_m, 0.0, 0.0)))

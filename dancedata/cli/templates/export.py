@@ -38,7 +38,7 @@ class TemplateName(Export):
             raise UsageError("invalid number of digits", found=self.digits, allowed="0 to 9")
 
     def missing(self, job: ExportJob) -> list[Missing]:
-        """Return what the dataset lacks, with the line of a recipe that gives it."""
+        """Return the missing requirements of the dataset, with the line of a recipe that gives it."""
         return needs_track_scope(job) + needs_field(job, _FIELD, kind="motion")
 
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

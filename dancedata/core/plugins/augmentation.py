@@ -97,7 +97,7 @@ class CopyAugmentation(Augmentation):
         return rows
 
     def speed(self, clip: str) -> Fraction:
-        """Return how many times as fast as its clip a copy is: 2 takes half the time, 1 leaves the time as it is."""
+        """Return the speed of a copy relative to its clip: 2 takes half the time, 1 keeps the time."""
         return Fraction(1)
 
 

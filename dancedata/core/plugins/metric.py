@@ -1,4 +1,4 @@
-"""Metric: the base class of what measures dances."""
+"""Metric: the base class of measures of dances."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from dancedata.core.dance import Dance, Undefined
 from dancedata.core.plugins.plugin import Plugin
 from dancedata.core.rotations import Float64Array
 
-#: What is better for a score: more, less, or what is closer to the ground truth's.
+#: Better direction of a score: higher, lower, or closer to the ground truth's.
 Better = Literal["higher", "lower", "closer"]
 
 
@@ -42,7 +42,7 @@ class Metric(Plugin):
 
     @property
     def needs_instants(self) -> bool:
-        """By default, whatever it reads is in the key."""
+        """By default, all its inputs are in the key."""
         return self.needs_music
 
     @property

@@ -70,7 +70,7 @@ def stated_grid(arrays: ArrayFile) -> FrameGrid | None:
 
 
 def same_rate(stated: FrameGrid | None, grid: FrameGrid) -> bool:
-    """Return whether a file states no other rate than `grid`; 29.97 and 30000/1001 are the same."""
+    """Return whether a file states no rate, or that of `grid`; 29.97 and 30000/1001 are the same."""
     return stated is None or abs(stated.rate / grid.rate - 1) < 1e-4
 
 
@@ -162,7 +162,7 @@ def _keyed(arrays: ArrayFile, keys: Mapping[str, str]) -> Layout:
 
 
 def _of_tool(arrays: PersonArrays) -> Layout:
-    """Return the layout of what a program for video has written. The frame rate is the video's: not in the file."""
+    """Return the layout of a file of a video program. The frame rate is the video's: not in the file."""
     if arrays.tool == "wham":
         up, unit = Fact("y", "WHAM's world"), Fact("m", "WHAM's definition")
         return Layout("wham", "smpl", "pose_world", "trans_world", up, unit)
@@ -276,7 +276,7 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
 
 
 def _rotation_name(arrays: ArrayFile, layout: Layout) -> str:
-    """Return the name of the array of rotations for messages, with the person that it is of."""
+    """Return the name of the array of rotations for messages, with its person."""
     person = arrays.person if isinstance(arrays, PersonArrays) else ""
     return f"{layout.poses or 'body_pose'}{f' of person {shown(person, 40)}' if person else ''}"
 

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 def split_people(clips: Sequence[ClipRef], rejects: Sequence[Reject]) -> tuple[list[ClipRef], list[Reject]]:
     """Make a clip of each person in files that are divided by people: NAME-personID, with the file's own ID.
 
-    Clips of a person that the manifest chooses stay as they are, and those of files that cannot be read, which
+    Clips of a person that the manifest chooses are unchanged, and those of files that cannot be read, which
     `load` reports.
     """
     people, left_out = [], list(rejects)

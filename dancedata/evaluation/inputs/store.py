@@ -143,7 +143,7 @@ def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:
     if rule.body == "smplx24" and (is_smpl or (not plugin.decodes and joints[:24] != BODIES["smplx24"][0])):
         return "they are not on SMPL-X with jaw and eyes, or rotations of it"
     if rule.body == "smpl24" and not plugin.decodes and not is_smpl:
-        return "they are positions of another body than SMPL's 24 joints"
+        return "they are positions of a body other than SMPL's 24 joints"
     if rule.pelvis == "body" and not plugin.decodes and not plugin.skeleton.offsets[0].any():
         return "their pelvis is at the translation, as in EDGE"
     grid = rule.grid

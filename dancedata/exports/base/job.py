@@ -1,4 +1,4 @@
-"""The base class of exports, their job, and what a dataset may lack for it."""
+"""The base class of exports, their job, and missing requirements of a dataset."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def record_json(clip: ClipView) -> dict[str, Any]:
 
 
 def field_json(job: ExportJob, name: str, **more: Any) -> dict[str, Any]:
-    """Return what a field is as plain JSON data, with its scaler where there are train windows."""
+    """Return the description of a field as plain JSON data, with its scaler where there are train windows."""
     entry = {**job.store.field(name).to_json(), **more}
     if "train" in job.store.splits and len(job.store.windows("train")):
         scaler = job.store.normalizer(name)

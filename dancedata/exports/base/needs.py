@@ -1,4 +1,4 @@
-"""The usual checks of exports: each returns what a dataset lacks, with the line of a recipe that gives it."""
+"""The usual checks of exports: each returns the missing requirement, with the line of a recipe that gives it."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from dancedata.files.publish import MARKER, Layout, discard, is_claimed, mark, n
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
 
-#: The file of a finished export that says what it is.
+#: The file of a finished export that describes it.
 ABOUT = "export.json"
 README = "README.md"
 #: Largest export.json, bytes: some 250 a file.
@@ -115,7 +115,7 @@ def foreign_files(folder: Path, files: Mapping[str, Any]) -> list[str]:
     """Return the files of a folder that its export.json does not list, or that have changed.
 
     A file of the listed size has not changed if it is no younger than export.json, which was written last; the hashes
-    of others are compared, and that of the README.
+    of the others are compared, and that of the README.
     """
     finished = (folder / ABOUT).lstat().st_mtime_ns
     foreign = []
@@ -138,7 +138,7 @@ def remove_export(folder: Path) -> None:
 
 
 def _erase(folder: Path) -> None:
-    """Remove a folder; its proof goes last, so that the next export removes what a killed process leaves of it."""
+    """Remove a folder; its proof goes last, so that the next export removes the rest left by a killed process."""
     about = read_about(folder)
     if not is_claimed(folder) and (about is None or foreign_files(folder, about["files"])):
         discard(folder, _LAYOUT)

@@ -78,12 +78,12 @@ class ExportResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to know about these files."""
+        """Notes on these files."""
         return tuple(self.about["notes"])
 
     @property
     def summary(self) -> str:
-        """What was written, and what to know about it."""
+        """Files written, with notes."""
         files = self.about["files"]
         size = size_text(sum(size for size, _ in files.values()))
         head = f"exported {shown(self.about['name'])} as {self.about['target']} to {shown(self.path)}"

@@ -21,7 +21,7 @@ _END = 0.5
 def motion_bvh(motion: Motion, unit: Literal["m", "cm"] = "m") -> str:
     """Return a motion as the text of a BVH file, +Y up, with the bones of its skeleton at rest.
 
-    The root's offset is 0 and its position channels hold where it is, so that programs that add the offset and
+    The root's offset is 0 and its position channels hold its position, so that programs that add the offset and
     programs that do not agree. Angles are those of R = Rz Ry Rx, in degrees.
 
     Parameters

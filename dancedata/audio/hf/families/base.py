@@ -96,7 +96,7 @@ def _border(timing: Timing, start: int, near: Fraction) -> Fraction:
 
 
 def last_hidden_state(network: Any, inputs: torch.Tensor) -> Callable[[], torch.Tensor]:
-    """Return what runs a network of transformers over a batch, for `hidden_states`."""
+    """Return a function that runs a network of transformers over a batch, for `hidden_states`."""
 
     def run() -> torch.Tensor:
         last: torch.Tensor = network(inputs).last_hidden_state
@@ -288,7 +288,7 @@ class Family(ABC):
 
     @abstractmethod
     def network(self, top: int) -> NetworkSpec:
-        """Return what loads the network with its blocks up to layer `top`."""
+        """Return a function that loads the network with its blocks up to layer `top`."""
 
     def slimmed(self, network: Any, output: Output) -> Any:
         """Return the loaded network without the parts that the features do not need."""

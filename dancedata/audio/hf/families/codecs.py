@@ -182,7 +182,7 @@ class Mimi(_Codec):
         rate = self.config.get("frame_rate") or self.config.get("_frame_rate")
         if isinstance(rate, int | float) and rate * stride != self.sample_rate:
             raise SourceError(
-                "hf: the config of a mimi model has another frame_rate than its strides give",
+                "hf: the config of a mimi model has a frame_rate that differs from its strides",
                 found=quoted(rate),
                 allowed=f"{self.sample_rate / stride:g}",
             )

@@ -102,7 +102,7 @@ def highest_layer(folder: Path) -> int:
 
 
 def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
-    """Return what identifies the weights: SHA-256 of OpenAI's two files, also for a folder converted from them.
+    """Return the identity of the weights: SHA-256 of OpenAI's two files, also for a folder converted from them.
 
     Parameters
     ----------

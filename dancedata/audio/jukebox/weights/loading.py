@@ -80,7 +80,7 @@ class VqEncoder:
     def _nearest(self, vectors: torch.Tensor) -> torch.Tensor:
         """Return the nearest code vectors (T,) of (T, D) in Euclidean distance; of equal ones the first.
 
-        In fp64: near-ties are decided the same way on all devices, and whatever the other clips.
+        In fp64: near-ties are decided the same way on all devices, with any other clips in the batch.
         """
         chunks = torch.split(vectors.double(), _CHUNK)
         return torch.cat([(self._squares - 2 * chunk @ self._codebook.T).argmin(1) for chunk in chunks])
