@@ -186,9 +186,7 @@ OFFSETS = ["constant", "noise", "faint noise", "hardly any noise", "song", "sine
         pytest.param(
             kind,
             rate,
-            marks=()
-            if rate == 16000 or kind == "hardly any noise" or (kind, rate) == NEAR_TIES
-            else NIGHTLY,
+            marks=() if rate == 16000 or kind == "hardly any noise" or (kind, rate) == NEAR_TIES else NIGHTLY,
         )
         for kind in OFFSETS
         for rate in (16000, 37800, 47952)
