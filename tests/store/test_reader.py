@@ -344,7 +344,7 @@ def test_folders_that_are_not_a_dataset(tmp_path: Path, make_store: Any) -> None
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("", "not valid JSON"), ("[1]", "not that of a dancedata"), ('{"a": 1}', "not that of a dancedata"),
+    [("", "not valid JSON"), ("[1]", "does not describe a dancedata"), ('{"a": 1}', "does not describe a dancedata"),
      ('{"format": 2}', "another format version"), ('{"format": 1}', "is incomplete")],
 )  # fmt: skip
 def test_wrong_dataset_json(make_store: Any, text: str, message: str) -> None:
