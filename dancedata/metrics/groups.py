@@ -1,17 +1,20 @@
 """Scores of a group of dancers in one world: realism, correlation, distances, contacts, collisions.
 
-The group features and the correlation follow aioz-ai/GCD b9524d8 (MIT; its kinetic features are fairmotion's, BSD);
-those of a duet are defined by Duolando (Siyao et al., ICLR 2024).
+Group features and correlation follow aioz-ai/GCD b9524d8 (MIT; its kinetic features are fairmotion's, BSD); those of
+a duet are Duolando's (Siyao et al., ICLR 2024); the intersection frequency is that of Le et al., CVPR 2023.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.dance import Undefined, checked_joints
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import SMPL24
 from dancedata.metrics.arguments import IntArray, Up, first_joints
 from dancedata.metrics.beats import beat_alignment, motion_beats
 from dancedata.metrics.kinetic_features import frame_features
@@ -22,7 +25,34 @@ _SCALE = 1.5
 DUET_JOINTS = (0, 7, 8, 10, 11, 15, 16, 17, 20, 21)
 #: Of `beat_echo`, frames.
 _ECHO_SIGMA = 3.0
-_MIN_DANCERS = 2
+#: Joints of a body that `collisions` gives a thickness: SMPL's without hands.
+_BODY = 22
+#: Radius of the capsule round each bone of SMPL's first 22 joints, from its parent to the joint, metres.
+LIMB_RADIUS_M = (
+    0.0, 0.10, 0.10, 0.12, 0.07, 0.07, 0.12, 0.05, 0.05, 0.12, 0.04, 0.04, 0.06, 0.08, 0.08, 0.08, 0.06, 0.06,
+    0.045, 0.045, 0.035, 0.035,
+)  # fmt: skip
+_WRISTS = (20, 21)
+
+
+def checked_group(joints: npt.ArrayLike, least: int = 1) -> Float64Array:
+    """Return positions (P, T, J, 3) as float64.
+
+    Raises
+    ------
+    DataError
+        "bad_shape", "empty" or "nan".
+    Undefined
+        "few_dancers": fewer than `least`.
+    """
+    array = np.asarray(joints, dtype=np.float64)
+    if array.ndim != 4:
+        raise DataError(
+            "invalid shape of a group's joints", reason="bad_shape", found=f"{array.shape}", allowed="(P, T, J, 3)"
+        )
+    if len(array) < least:
+        raise Undefined("few_dancers", found=f"{len(array)}", allowed=f"at least {least}")
+    return np.stack([checked_joints(dancer) for dancer in array])
 
 
 def group_kinetic(joints: Float64Array, fps: float, *, up: Up = "y") -> Float64Array:
@@ -74,10 +104,10 @@ def group_correlation(joints: Float64Array, fps: float, *, up: Up = "y") -> floa
     Raises
     ------
     Undefined
-        "single": fewer than 2 dancers. "short": below 3 frames.
+        "few_dancers": fewer than 2. "short": below 3 frames.
     """
-    group = _at_least_two(checked_group(joints))
-    features = [np.log(1 + _SCALE * frame_features(dancer, fps, up=up)).reshape(len(dancer) - 1, -1) for dancer in group]
+    group = checked_group(joints, least=2)
+    features = [np.log(1 + _SCALE * frame_features(d, fps, up=up)).reshape(len(d) - 1, -1) for d in group]
     scores = []
     for a, b in combinations(range(len(group)), 2):
         path = warping_path(group[a].reshape(len(group[a]), -1), group[b].reshape(len(group[b]), -1))
@@ -153,5 +183,121 @@ def beat_echo(leader: Float64Array, follower: Float64Array, fps: float, *, detec
     """
     beats = [motion_beats(joints, fps, detector=detector) for joints in (leader, follower)]
     if not all(map(len, beats)):
-        raise Undefined("no_motion_beats", found=f"{len(beats[0])} beats of the leader, {len(beats[1])} of the follower")
+        raise Undefined(
+            "no_motion_beats", found=f"{len(beats[0])} beats of the leader, {len(beats[1])} of the follower"
+        )
     return beat_alignment(*beats, sigma=_ECHO_SIGMA)
+
+
+def root_distances(joints: Float64Array) -> Float64Array:
+    """Return the distances of the pelves of all dancers, (P, P, T) metres, of joints (P, T, J, 3)."""
+    roots = checked_group(joints)[:, :, 0]
+    return np.asarray(np.linalg.norm(roots[:, None] - roots, axis=3), dtype=np.float64)
+
+
+class Contact(NamedTuple):
+    """A stretch of frames in which a hand of a dancer is near a joint of another.
+
+    Attributes
+    ----------
+    start, end
+        Frames, half-open.
+    joint, other_joint
+        Joint of the first dancer and of the second; one of them is a wrist.
+    distance_m
+        The least distance.
+    """
+
+    start: int
+    end: int
+    joint: int
+    other_joint: int
+    distance_m: float
+
+
+def contact_spans(
+    first: Float64Array, second: Float64Array, *, within_m: float = 0.1, least_frames: int = 5
+) -> list[Contact]:
+    """Return the stretches in which a wrist of a dancer is near a joint of the other, by start.
+
+    Parameters
+    ----------
+    first, second
+        (T, J, 3) positions in one world, metres, at least 22 joints of SMPL or SMPL-X; the frames that both have.
+    within_m
+        Largest distance of the two joints. A palm is about 8 cm from its wrist.
+    least_frames
+        Shorter stretches are left out.
+    """
+    a, b = (first_joints(checked_joints(j), _BODY) for j in (first, second))
+    n = min(len(a), len(b))
+    spans = []
+    for joint, other in ((i, j) for i in range(_BODY) for j in range(_BODY) if i in _WRISTS or j in _WRISTS):
+        distance = np.linalg.norm(a[:n, joint] - b[:n, other], axis=1)
+        borders = np.flatnonzero(np.diff(np.r_[False, distance <= within_m, False]))
+        spans += [
+            Contact(int(start), int(end), joint, other, float(distance[start:end].min()))
+            for start, end in borders.reshape(-1, 2)
+            if end - start >= least_frames
+        ]
+    return sorted(spans)
+
+
+def collisions(joints: Float64Array, *, radius_m: Sequence[float] = LIMB_RADIUS_M) -> npt.NDArray[np.bool_]:
+    """Return the frames in which bodies intersect, (P, P, T), symmetric, False on the diagonal.
+
+    A body is the union of capsules round the bones of SMPL's first 22 joints.
+
+    Parameters
+    ----------
+    joints
+        (P, T, J, 3) positions, metres, at least 22 joints.
+    radius_m
+        Radius of the capsule between each joint and its parent; the first, the root's, is not used.
+    """
+    group = checked_group(joints)
+    radius = np.asarray(radius_m, dtype=np.float64)
+    if radius.shape != (_BODY,):
+        raise UsageError("invalid radii of limbs", found=f"shape {radius.shape}", allowed=f"{_BODY} numbers")
+    bodies = [first_joints(dancer, _BODY) for dancer in group]
+    hits = np.zeros((len(bodies), len(bodies), group.shape[1]), dtype=np.bool_)
+    for a, b in combinations(range(len(bodies)), 2):
+        hits[a, b] = hits[b, a] = _bodies_meet(bodies[a], bodies[b], radius)
+    return hits
+
+
+def intersection_frequency(joints: Float64Array, *, radius_m: Sequence[float] = LIMB_RADIUS_M) -> float:
+    """Return TIF, the trajectory intersection frequency: intersecting pairs (i, j), i != j, per frame.
+
+    Le et al. 2023, Music-Driven Group Choreography. Both orders of a pair count, as in their sum. They test
+    the meshes of SMPL, without public code; here bodies are those of `collisions`, so published numbers do not compare.
+    Arguments and errors as `collisions`.
+    """
+    return float(collisions(joints, radius_m=radius_m).sum(axis=(0, 1)).mean())
+
+
+def _bodies_meet(first: Float64Array, second: Float64Array, radius: Float64Array) -> npt.NDArray[np.bool_]:
+    """Return the frames (T,) in which a capsule of a body intersects one of the other."""
+    meet = np.zeros(len(first), dtype=np.bool_)
+    limbs = [(SMPL24.parents[joint], joint) for joint in range(1, _BODY)]
+    for a in limbs:
+        for b in limbs:
+            near = _segment_distances(first[:, a[0]], first[:, a[1]], second[:, b[0]], second[:, b[1]])
+            meet |= near < radius[a[1]] + radius[b[1]]
+    return meet
+
+
+def _segment_distances(p: Float64Array, q: Float64Array, r: Float64Array, s: Float64Array) -> Float64Array:
+    """Return the distances (T,) of the segments p q and r s, each point (T, 3).
+
+    Ericson 2005, Real-Time Collision Detection, 5.1.9.
+    """
+    along, across, between = q - p, s - r, p - r
+    a, e = (np.maximum((v * v).sum(axis=1), 1e-18) for v in (along, across))
+    b, c, f = (along * across).sum(axis=1), (along * between).sum(axis=1), (across * between).sum(axis=1)
+    area = a * e - b * b
+    on_first = np.clip(np.divide(b * f - c * e, area, out=np.zeros_like(a), where=area > 1e-12 * a * e), 0, 1)
+    on_second = np.clip((b * on_first + f) / e, 0, 1)
+    on_first = np.clip((b * on_second - c) / a, 0, 1)
+    gap = between + along * on_first[:, None] - across * on_second[:, None]
+    return np.asarray(np.linalg.norm(gap, axis=1), dtype=np.float64)

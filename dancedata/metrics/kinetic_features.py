@@ -185,7 +185,7 @@ def _means(features: Float64Array) -> Float64Array:
 
 
 def _box_sums(values: Float64Array, n: int, half: int = _HALF) -> tuple[Float64Array, Float64Array]:
-    """Return sums over the rows i - half ... i + half of `values` that exist, and their number, for i = 0 ... n - 1."""
+    """Return sums over the rows i - half ... i + half of `values` that exist, and their number, for i < n."""
     padded = np.zeros((n + 2 * half, *values.shape[1:]))
     exists = np.zeros(n + 2 * half)
     padded[half : half + len(values)] = values
