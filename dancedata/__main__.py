@@ -27,7 +27,7 @@ def _open_streams() -> None:
 
 
 def _command() -> None:
-    # Imported here, so that Ctrl-C is dealt with before anything takes time.
+    # Imported late, so that Ctrl-C is handled before anything takes time.
     from dancedata.cli.app import main as command
 
     command()

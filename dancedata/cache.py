@@ -41,10 +41,10 @@ __all__ = ["FeatureCache"]
 
 
 class FeatureCache:
-    """Features of audio files, computed when they are first asked for and kept.
+    """Features of audio files, computed at the first request and kept.
 
-    Any number of processes, on any number of machines that share the folder, may ask for the same feature at
-    the same time: one computes, the others wait for it. Objects are small and picklable, and safe to fork.
+    Any number of processes, on machines that share the folder, may request the same feature at the same time: one
+    computes it, the others wait. Objects are small and picklable, and safe to fork.
 
     Parameters
     ----------
@@ -75,36 +75,36 @@ class FeatureCache:
         feature
             Name of a registered audio feature, such as "librosa35".
         song
-            An audio file. What counts is the signal in it, not its name.
+            An audio file. Only its signal counts, not its name.
         fps
             Rows per second.
         start_bpm
             Tempo to start from, where the feature tracks beats; None: it is estimated.
         parameters
-            The feature's own, as in a recipe.
+            Parameters of the feature, as in a recipe.
 
         Returns
         -------
         (T, D) array
-            Read-only and mapped: rows are read from the file when they are looked at, and processes of one
-            machine share the memory. Copy what has to be written to.
+            Read-only and mapped: rows are read from the file at the first access, and processes of one machine
+            share the memory. Copy the array to change it.
 
         Raises
         ------
         DataError
             If the file cannot be decoded, or the feature cannot be computed of it.
         UsageError
-            For an unknown feature, an unknown parameter, or a file that is not there.
+            For an unknown feature or parameter, or a file that does not exist.
         """
         job = FeatureJob(feature, FrameGrid.of(fps), self._feature(feature, parameters))
         signal = self._identify(song)
         key = FeatureKeys(job).track(start_bpm, signal.sha256)
 
         def read(cache: Cache) -> npt.NDArray[Any]:
-            found = cache.array("features", key)
-            if found is None:
-                found = _computed(job, extract_track, cache, signal, start_bpm, key)
-            return self._mapped(found)
+            array = cache.array("features", key)
+            if array is None:
+                array = _computed(job, extract_track, cache, signal, start_bpm, key)
+            return self._mapped(array)
 
         return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
 
@@ -124,7 +124,7 @@ class FeatureCache:
         Parameters
         ----------
         length_frames, stride_frames
-            Of the windows, in frames at `fps`. Window k begins at frame ``k * stride_frames``.
+            Length and stride of the windows, in frames at `fps`. Window k begins at frame ``k * stride_frames``.
         feature, song, fps, start_bpm, parameters
             As in `get`.
 
@@ -140,9 +140,9 @@ class FeatureCache:
         job = FeatureJob(feature, grid, self._feature(feature, parameters), windows)
         rows: list[npt.NDArray[Any]] = []
         signal = self._identify(song)
-        every = FeatureKeys(job)
+        feature_keys = FeatureKeys(job)
         count = len(window_samples(job, signal.n_samples, signal.sample_rate)[0])
-        keys = {number: every.window(start_bpm, signal, number) for number in range(count)}
+        keys = {number: feature_keys.window(start_bpm, signal, number) for number in range(count)}
         for unit in window_units(keys):
             rows += self._unit(job, signal, start_bpm, unit)
         if not rows:
@@ -152,13 +152,13 @@ class FeatureCache:
     def _unit(
         self, job: FeatureJob, signal: SignalId, start_bpm: float | None, unit: dict[int, str]
     ) -> list[npt.NDArray[Any]]:
-        """Return the rows of some windows, keys by number; those that are damaged in the cache are computed again."""
+        """Return the rows of windows, keys by number; damaged entries of the cache are computed again."""
 
         def read(cache: Cache) -> list[npt.NDArray[Any]]:
-            found = known_windows(cache, unit)
-            if found is None:
-                found = _computed(job, extract_windows, cache, signal, start_bpm, unit)
-            return [np.asarray(found[number]) for number in unit]
+            arrays = known_windows(cache, unit)
+            if arrays is None:
+                arrays = _computed(job, extract_windows, cache, signal, start_bpm, unit)
+            return [np.asarray(arrays[number]) for number in unit]
 
         return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
 
@@ -166,7 +166,7 @@ class FeatureCache:
         path = Path(song).expanduser().absolute()
         if not path.is_file():
             raise UsageError("the song does not exist", found=path)
-        signal: SignalId = _found(identify_audio(Cache(self.root), path))
+        signal: SignalId = _unwrapped(identify_audio(Cache(self.root), path))
         return signal
 
     def _mapped(self, array: CachedArray) -> npt.NDArray[Any]:
@@ -177,21 +177,21 @@ class FeatureCache:
         return array.mapped()
 
     def _feature(self, name: str, parameters: dict[str, Any]) -> AudioFeature:
-        """Return a feature that is ready to compute, as a build makes it; made once by each object."""
-        asked = repr((name, sorted(parameters.items())))
-        if asked not in self._features:
+        """Return a resolved feature, as of a build; one object resolves it once."""
+        request = repr((name, sorted(parameters.items())))
+        if request not in self._features:
             plugin = make_named(FEATURES, "audio", name, parameters)
-            self._features[asked] = plugin.resolved(Cache(self.root).file_sha256)
-        return self._features[asked]
+            self._features[request] = plugin.resolved(Cache(self.root).file_sha256)
+        return self._features[request]
 
 
 def _computed(job: FeatureJob, function: Callable[..., Any], cache: Cache, *args: Any) -> Any:
     """Run a unit of work as a build does."""
     compute = as_in_builds(job.feature.exact)
-    return _found(compute(function, cache, job, *args))
+    return _unwrapped(compute(function, cache, job, *args))
 
 
-def _found(result: Any) -> Any:
+def _unwrapped(result: Any) -> Any:
     if isinstance(result, Reject):
         raise DataError(result.detail, reason=result.reason)
     return result

@@ -14,6 +14,8 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,9 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numpy as np  # noqa: E402 (kernels are chosen before)
 
+# No machine loses its power here, and thousands of waits for the disk take a tenth of the time. Bad files still fail.
+os.fsync = lambda file: os.fstat(file if isinstance(file, int) else file.fileno()) and None
+
 ROOT = Path(__file__).resolve().parent.parent
 #: A compact set of reference outputs, part of the project; its README says what it holds.
 DATA = ROOT / "tests" / "golden" / "data"
@@ -59,12 +64,22 @@ HAS_SHARED = (SHARED / "golden").is_dir()
 def pytest_configure(config: pytest.Config) -> None:
     """Before pytest's workers start, compile librosa's kernels in one process: they would import librosa all at once.
 
+    Once in an environment, as pytest's cache remembers.
+
     Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
     """
     config.pluginmanager.register(Messages(config, {"SHARED": SHARED, "ROOT": ROOT}))
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
-        subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+        kept = getattr(config, "cache", None)
+        place = Path(str(find_spec("librosa").origin))
+        compiled = [str(place), place.stat().st_mtime_ns, version("librosa"), version("numba")]
+        if kept is None or kept.get("dancedata/kernels", None) != compiled:
+            code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
+            subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+        if kept is not None:
+            kept.set("dancedata/kernels", compiled)
+    else:
+        gc.disable()  # until all tests are collected: a tenth of that time
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -80,8 +95,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 def pytest_collection_finish() -> None:
     """Exclude modules and tests from garbage collection: a full pass over them takes about a second."""
-    gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -138,6 +153,10 @@ class Arrays(Mapping[str, np.ndarray]):
         return index[inside] - start, self[key][inside]
 
 
+#: The compact set, and the whole one where it is; the compact one is then a part of it.
+SETS = [pytest.param("compact", marks=pytest.mark.nightly), "whole"] if HAS_SHARED else ["compact"]
+
+
 class Peers:
     """What the peers made of a small synthetic corpus, and the corpus."""
 
@@ -178,7 +197,7 @@ def _columns(data: bytes) -> np.ndarray:
     return np.ascontiguousarray(bits).view(np.float32)
 
 
-@pytest.fixture(scope="session", params=["compact", "whole"] if HAS_SHARED else ["compact"])
+@pytest.fixture(scope="session", params=SETS)
 def peers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Peers:
     """The peers' outputs: the compact set, and the whole one where it is."""
     if request.param == "whole":
@@ -210,7 +229,7 @@ class MetricsGolden:
         return {f"{p.parent.name}/{p.stem}": np.load(p).reshape(-1, 24, 3) for p in files}
 
 
-@pytest.fixture(scope="session", params=["compact", "whole"] if HAS_SHARED else ["compact"])
+@pytest.fixture(scope="session", params=SETS)
 def metrics_golden(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> MetricsGolden:
     """Outputs of the published metrics: the compact set, and the whole one where it is."""
     if request.param == "whole":

@@ -1,4 +1,4 @@
-"""Whole error texts: `raises_message` compares them with tests/golden/messages.txt, by test and order in the test.
+"""Whole error texts, compared with tests/golden/messages.txt, by test and order in the test.
 
 `pytest --update-messages` writes the file. An entry is dropped if its test passed without it, or, on a run of all
 tests where all test modules load, if there is no such test.
@@ -89,12 +89,12 @@ class Messages:
         if report.when == "call" and report.passed:
             self.passed.add(report.nodeid)
 
-    def check(self, error: BaseException) -> None:
-        """Compare the text of an error with its entry, or keep it for the file."""
+    def check(self, found: str) -> None:
+        """Compare a text with its entry, or keep it for the file."""
         __tracebackhide__ = True
         self.number += 1
         key = self.node, self.number
-        text = self.texts[key] = normalised(f"{type(error).__name__}: {error}", self.names)
+        text = self.texts[key] = normalised(found, self.names)
         if self.update:
             return
         if key not in self.expected:
@@ -142,4 +142,10 @@ def raises_message(error: type[E]) -> Iterator[pytest.ExceptionInfo[E]]:
     __tracebackhide__ = True
     with pytest.raises(error) as caught:
         yield caught
-    Messages.current.check(caught.value)
+    Messages.current.check(f"{type(caught.value).__name__}: {caught.value}")
+
+
+def same_text(found: str) -> None:
+    """Compare a text, such as the stderr of a command, with that of tests/golden/messages.txt for this place."""
+    __tracebackhide__ = True
+    Messages.current.check(found)

@@ -71,7 +71,32 @@ _FORBIDDEN = [
 ]
 
 
-def main() -> None:
+def serve() -> None:
+    """Fork a process for each line of input: its arguments, its longest time in seconds, files for what it prints.
+
+    Imports take longer than most cases. Prints the exit status of each process.
+    """
+    import hypothesis  # noqa: F401
+    import joblib  # noqa: F401
+    import scipy.spatial.transform  # noqa: F401
+    import soundfile  # noqa: F401
+    import soxr  # noqa: F401
+    import structures  # noqa: F401
+
+    for registry in REGISTRIES.values():
+        registry.names()
+    for line in sys.stdin:
+        words, longest_s, *files = json.loads(line)
+        forked = os.fork()
+        if not forked:
+            for number, path in enumerate(files, start=1):
+                os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+            signal.alarm(longest_s)
+            return main(words)
+        print(os.waitstatus_to_exitcode(os.waitpid(forked, 0)[1]), flush=True)
+
+
+def main(words: list[str]) -> None:
     """Read cases `first` to `first + count` of a target, or given files, and print what became of them."""
     parser = argparse.ArgumentParser()
     parser.add_argument("target", choices=[*TARGETS, "defect"])
@@ -81,7 +106,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=0)
     parser.add_argument("--structured", action="store_true", help="cases that hypothesis makes")
     parser.add_argument("--files", type=Path, nargs="*", default=())
-    given = parser.parse_args()
+    given = parser.parse_args(words)
     target = TARGETS.get(given.target, DEFECT)
     seeds = target.seeds()
     runner = Runner(target, given.scratch)
@@ -265,4 +290,4 @@ def _chain(error: BaseException | None) -> Iterator[BaseException]:
 
 
 if __name__ == "__main__":
-    main()
+    serve()

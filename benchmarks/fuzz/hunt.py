@@ -8,6 +8,7 @@ python benchmarks/fuzz/hunt.py --target bvh --cases 5000 --seed 7
 from __future__ import annotations
 
 import argparse
+import atexit
 import json
 import os
 import shutil
@@ -30,6 +31,8 @@ BATCH, BATCH_STRUCTURED = 5000, 1000
 STRUCTURED_PART = 4
 #: A child that waits for something without using the processor is ended after this time, and so much a case more.
 WAIT_S, WAIT_A_CASE_S = 120, 2
+#: Servers that fork no process at present.
+_FREE: list[subprocess.Popen[str]] = []
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1", "PYTHONHASHSEED": "0"}
 
 
@@ -58,27 +61,19 @@ def _child(
     target: str, scratch: Path, seed: int, first: int, count: int, structured: bool, files: Sequence[Path]
 ) -> tuple[dict[str, Any], dict[str, str] | None, int]:
     """Return the report, a finding if the child died, and how many cases it began."""
-    command = [sys.executable, "-X", "faulthandler", str(HERE / "child.py"), target, str(scratch)]
-    command += ["--seed", str(seed), "--first", str(first), "--count", str(count)]
-    command += ["--structured"] if structured else []
-    command += ["--files", *map(str, files)] if files else []
+    words = [target, str(scratch), "--seed", str(seed), "--first", str(first), "--count", str(count)]
+    words += ["--structured"] if structured else []
+    words += ["--files", *map(str, files)] if files else []
     (scratch / "progress").write_text("")
     wait_s = WAIT_S + WAIT_A_CASE_S * (count + len(files))
-    try:
-        ended = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=wait_s,
-            env={**os.environ, **_ENVIRONMENT},
-        )
-        status, said = ended.returncode, ended.stderr
-        if status == 0:
-            report = json.loads(ended.stdout)
-            return report, None, int(report["cases"])
-    except subprocess.TimeoutExpired:
-        status, said = -signal.SIGALRM, f"nothing came within {wait_s} s"
+    printed, errors = scratch / "stdout", scratch / "stderr"
+    status = _forked(words, wait_s, printed, errors)
+    if status == 0:
+        report = json.loads(printed.read_text())
+        return report, None, int(report["cases"])
+    said = errors.read_text(errors="replace")
+    if status == -signal.SIGALRM:
+        said = f"nothing came within {wait_s} s"
     progress = (scratch / "progress").read_text()
     if not progress:
         raise RuntimeError(f"the child for {target} does not start: {said}")
@@ -90,6 +85,30 @@ def _child(
     report = {**known, "cases": known["cases"] + 1}
     report["outcomes"][f"FINDING {what}"] = report["outcomes"].get(f"FINDING {what}", 0) + 1
     return report, {"what": what, "where": "", "error": said[-600:], "file": str(kept)}, report["cases"]
+
+
+def _forked(words: list[str], longest_s: int, *files: Path) -> int:
+    """Return the exit status of a process of child.py, which a free server forks; a new one if there is none."""
+    try:
+        server = _FREE.pop()
+    except IndexError:
+        command = [sys.executable, "-X", "faulthandler", str(HERE / "child.py")]
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        server = subprocess.Popen(command, env={**os.environ, **_ENVIRONMENT}, **pipes)
+    assert server.stdin is not None
+    assert server.stdout is not None
+    print(json.dumps([words, longest_s, *map(str, files)]), file=server.stdin, flush=True)
+    status = server.stdout.readline()
+    if not status:
+        return server.wait() or 1
+    _FREE.append(server)
+    return int(status)
+
+
+@atexit.register
+def _end() -> None:
+    for server in _FREE:
+        server.communicate()
 
 
 def _file_of(target: str) -> str:

@@ -12,26 +12,15 @@ from pathlib import Path
 from dancedata.core.errors import UsageError
 from dancedata.files.locks import file_lock
 
-_RESAMPLING = ("librosa.core.audio", "librosa.util.utils")
-
 
 @contextmanager
 def compiling() -> Iterator[None]:
     """Let kernels of librosa be compiled within the context, which one process at a time enters."""
-    load_librosa()  # here, not in `resample`, which would wait for the lock that this process holds
     with file_lock(_lock_file()):
+        # These compile kernels at import; `import librosa` alone loads none of its modules.
+        for module in ("librosa.core.audio", "librosa.util.utils"):
+            import_module(module)
         yield
-
-
-def load_librosa() -> None:
-    """Import the modules of librosa that `resample` uses under the same lock: that compiles kernels already.
-
-    ``import librosa`` alone loads none of its modules.
-    """
-    if any(module not in sys.modules for module in _RESAMPLING):
-        with file_lock(_lock_file()):
-            for module in _RESAMPLING:
-                import_module(module)
 
 
 def _lock_file() -> Path:

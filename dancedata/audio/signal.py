@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.kernels import load_librosa
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 from dancedata.files.regular_file import open_regular
@@ -187,10 +186,11 @@ def resample(samples: NDArray[np.float32], from_rate: int, to_rate: int) -> NDAr
     """
     if from_rate == to_rate:
         return samples
-    load_librosa()
-    import librosa
+    import soxr  # what librosa calls; importing librosa takes seconds
 
-    resampled: NDArray[np.float32] = librosa.resample(samples, orig_sr=from_rate, target_sr=to_rate)
+    output = soxr.resample(samples, from_rate, to_rate, quality="soxr_hq")
+    resampled = np.zeros(resampled_length(len(samples), from_rate, to_rate), np.float32)
+    resampled[: len(output)] = output[: len(resampled)]
     return resampled
 
 

@@ -10,10 +10,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from dancedata.cli.errors import errors_to_exit_codes as _errors_to_exit_codes
+from dancedata.cli.cache import app as cache
 from dancedata.cli.evaluate import evaluate
-from dancedata.cli.hf import app as hf
-from dancedata.cli.jukebox import app as jukebox
 from dancedata.cli.options import (
     AsJson,
     Backend,
@@ -29,22 +27,24 @@ from dancedata.cli.options import (
     Scheduler,
     Set,
     Source,
+    errors_to_exit_codes,
+    print_result,
 )  # fmt: skip
-from dancedata.cli.report import report
-from dancedata.cli.view import view
+from dancedata.cli.pages import report, view
+from dancedata.cli.weights import hf, jukebox
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
 from dancedata.core.version import __version__
 
 
 class _Group(TyperGroup):
-    """Commands whose flags are False where they are not given, `--help` included; except --normalized.
+    """Commands whose omitted flags are False, also `--help`; except --normalized.
 
-    Typer leaves some of them None, and loads pydantic, a fifth of what `list` takes, to find that None is None.
+    Typer leaves some of them None, and then loads pydantic, a fifth of the time of `list`, to convert None.
     """
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the options of the app."""
+        """Return the options of the group."""
         return [_false_by_default(parameter) for parameter in super().get_params(ctx)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -70,8 +70,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-caches = typer.Typer(help="What the cache holds: info, prune, verify.", no_args_is_help=True)
-app.add_typer(caches, name="cache")
+app.add_typer(cache, name="cache")
 app.add_typer(jukebox, name="jukebox")
 app.add_typer(hf, name="hf")
 app.command("evaluate")(evaluate)
@@ -93,7 +92,7 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def build(
     recipe: RecipeName,
     source: Source = None,
@@ -111,6 +110,7 @@ def build(
 ) -> None:
     """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
     from dancedata.pipeline import commands
+    from dancedata.pipeline.describe import store_json
 
     options: dict[str, Any] = {
         "overrides": overrides or (), "jobs": jobs, "strict": strict, "cache": cache,
@@ -120,22 +120,14 @@ def build(
         if backend != "loky" or scheduler is not None or overwrite:
             raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
         share = commands.build_part(recipe, source, part, out=out, **options)
-        if as_json:
-            _print_json(share.to_json())
-        else:
-            typer.echo(str(share))
+        print_result(as_json, share.to_json, lambda: str(share))
         return
     result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
-    if as_json:
-        from dancedata.cli.text import store_json
-
-        _print_json({"built": result.built, **store_json(result.path)})
-    else:
-        typer.echo(result.summary)
+    print_result(as_json, lambda: {"built": result.built, **store_json(result.path)}, lambda: result.summary)
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def plan(
     recipe: RecipeName,
     source: Source = None,
@@ -153,14 +145,14 @@ def plan(
         recipe, source, out, overrides=overrides or (), jobs=jobs, cache=cache, progress=not (quiet or as_json)
     )
     if as_json:
-        _print_json(planned.to_json())
+        typer.echo(json_text(planned.to_json()))
     planned.require_clips()
     if not as_json:
         typer.echo(planned.describe(out or Path("data") / planned.recipe.name))
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def check(
     path: Annotated[Path, typer.Argument(help="A built dataset, or a folder to build from.")],
     dataset: Annotated[str | None, typer.Option(help="Reader of a source folder; default: found by itself.")] = None,
@@ -171,24 +163,25 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Check a built dataset or a source folder; exit code 1 if something is wrong."""
-    from dancedata.cli.text import describe_problems
     from dancedata.pipeline import commands
+    from dancedata.pipeline.describe import describe_problems
 
     problems = commands.check(
         path, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
         progress=not (quiet or as_json),
     )  # fmt: skip
     errors = [p for p in problems if p.severity == "error"]
-    if as_json:
-        _print_json({"path": str(path), "ok": not errors, "problems": [p.to_json() for p in problems]})
-    else:
-        typer.echo(describe_problems(path, problems))
+    print_result(
+        as_json,
+        lambda: {"path": str(path), "ok": not errors, "problems": [p.to_json() for p in problems]},
+        lambda: describe_problems(path, problems),
+    )
     if errors:
         raise typer.Exit(1)
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def decode(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A trainer's output: .npy, .npz or .pkl.")],
     representation: Annotated[str, typer.Option("--as", metavar="NAME", help="What its columns are: edge151, ...")],
@@ -211,14 +204,12 @@ def decode(
         file, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
         normalized=normalized, scaler=scaler, clip=clip,
     )  # fmt: skip
-    if as_json:
-        _print_json({"files": [str(path) for path in files]})
-    else:
-        typer.echo("\n".join(map(str, files)))
+    paths = [str(path) for path in files]
+    print_result(as_json, lambda: {"files": paths}, lambda: "\n".join(paths))
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def export(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="A built dataset.")],
     to: Annotated[str, typer.Option(metavar="TARGET", help="What to export to: edge, lodge, npz, ... (see list).")],
@@ -245,44 +236,35 @@ def export(
     result = run_export(
         store, to, out, source=source, link=link, overwrite=overwrite, progress=not (quiet or as_json), **parameters
     )
-    if as_json:
-        _print_json(result.to_json())
-    else:
-        typer.echo(result.summary)
+    print_result(as_json, result.to_json, lambda: result.summary)
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def info(
     path: Annotated[Path, typer.Argument(help="A built dataset.")],
     clips: Annotated[bool, typer.Option(help="List every clip with its windows and quality flags.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Show what a built dataset holds."""
-    from dancedata.cli.text import describe_clips, describe_store, store_json
+    from dancedata.pipeline.describe import describe_clips, describe_store, store_json
 
-    if as_json:
-        _print_json(store_json(path))
-        return
-    typer.echo(describe_store(path))
-    if clips:
+    print_result(as_json, lambda: store_json(path), lambda: describe_store(path))
+    if clips and not as_json:
         typer.echo(describe_clips(path))
 
 
 @app.command("list")
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def list_plugins(as_json: AsJson = False) -> None:
     """List recipes and plug-ins of all kinds, with their keys."""
-    from dancedata.cli.catalogue import catalogue, describe_catalogue
+    from dancedata.cli.plugins import catalogue, describe_catalogue
 
-    if as_json:
-        _print_json(catalogue())
-    else:
-        typer.echo(describe_catalogue(catalogue()))
+    print_result(as_json, catalogue, lambda: describe_catalogue(catalogue()))
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def new(
     kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
     name: Annotated[str, typer.Argument(metavar="NAME", help="Its name in recipes, and of its Python module.")],
@@ -290,17 +272,14 @@ def new(
     as_json: AsJson = False,
 ) -> None:
     """Write a plug-in and its test from a template; the test passes as it is."""
-    from dancedata.cli.new import write_plugin
+    from dancedata.cli.plugins import write_plugin
 
     plugin = write_plugin(kind, name, out)
-    if as_json:
-        _print_json(plugin.to_json())
-    else:
-        typer.echo(str(plugin))
+    print_result(as_json, plugin.to_json, lambda: str(plugin))
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def features(
     songs: Annotated[list[Path], typer.Argument(metavar="SONG...", help="wav, flac, mp3 or ogg files.")],
     out: Annotated[Path, typer.Option(help="Folder to write <song>.<feature>.npy and .json to.")] = Path("features"),
@@ -314,15 +293,11 @@ def features(
     from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
 
     written = write_features(songs, out, find_jobs(feature, like), bpm, weights or (), like=like)
-    if as_json:
-        _print_json(written)
-        return
-    for record in written:
-        typer.echo(describe_features(out, record))
+    print_result(as_json, lambda: written, lambda: "\n".join(describe_features(out, record) for record in written))
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="A built dataset.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
@@ -334,20 +309,19 @@ def diff(
 
     compared = run_diff(a, b, atol=atol)
     differences = [d for d in compared if d.kind != "note"]
-    if as_json:
-        listed = [d.to_json() for d in compared]
-        _print_json({"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed})
-    else:
-        for difference in compared:
-            typer.echo(str(difference))
-        same = "the same data" + (f" within {atol:g}" if atol is not None else "")
-        typer.echo(f"{len(differences)} differences" if differences else same)
+    listed = [d.to_json() for d in compared]
+    same = "the same data" + (f" within {atol:g}" if atol is not None else "")
+    print_result(
+        as_json,
+        lambda: {"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed},
+        lambda: "\n".join([*map(str, compared), f"{len(differences)} differences" if differences else same]),
+    )
     if differences:
         raise typer.Exit(1)
 
 
 @app.command()
-@_errors_to_exit_codes
+@errors_to_exit_codes
 def doctor(as_json: AsJson = False) -> None:
     """Check in half a minute that this installation works; exit code 1 if something fails. Leaves nothing behind."""
     from dancedata.cli.doctor import run_doctor
@@ -356,80 +330,10 @@ def doctor(as_json: AsJson = False) -> None:
         raise typer.Exit(1)
 
 
-@caches.command("info")
-@_errors_to_exit_codes
-def cache_info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
-    """Show how much the cache holds, by stage."""
-    from dancedata.cli.cache_text import describe_cache
-    from dancedata.execution.cache_admin import cache_json
-
-    info = cache_json(_cache_root(cache))
-    if as_json:
-        _print_json(info)
-    else:
-        typer.echo(describe_cache(info))
-
-
-@caches.command("prune")
-@_errors_to_exit_codes
-def cache_prune(
-    older_than: Annotated[str | None, typer.Option(help="Remove what was not used for so long: 30d, 12h.")] = None,
-    max_size: Annotated[str | None, typer.Option(help="Then what was used longest ago, down to this: 50GB.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be removed.")] = False,
-    cache: CacheFolder = None,
-    as_json: AsJson = False,
-) -> None:
-    """Remove entries by age and size, those used longest ago first."""
-    from dancedata.cli.cache_text import describe_pruned
-    from dancedata.execution.cache_admin import parse_age, parse_size, prune
-
-    age = None if older_than is None else parse_age(older_than)
-    size = None if max_size is None else parse_size(max_size)
-    result = prune(_cache_root(cache), older_than_s=age, max_bytes=size, dry=dry_run)
-    if as_json:
-        _print_json(result.to_json())
-    else:
-        typer.echo(describe_pruned(result, dry=dry_run))
-
-
-@caches.command("verify")
-@_errors_to_exit_codes
-def cache_verify(
-    remove: Annotated[bool, typer.Option("--remove", help="Remove damaged entries.")] = False,
-    cache: CacheFolder = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compare every entry with its checksum; exit code 1 if one is damaged."""
-    from dancedata.execution.cache_admin import verify_cache
-
-    root = _cache_root(cache)
-    count, damaged = verify_cache(root, remove=remove)
-    if as_json:
-        listed = [{"path": str(path), "problem": problem} for path, problem in damaged]
-        _print_json({"path": str(root), "entries": count, "ok": not damaged, "removed": remove, "damaged": listed})
-    else:
-        for path, problem in damaged:
-            typer.echo(f"{'removed' if remove else 'damaged'}: {path}: {problem}")
-        typer.echo(f"{root}: {count} entries, {len(damaged)} damaged")
-    if damaged:
-        raise typer.Exit(1)
-
-
-def _cache_root(cache: Path | None) -> Path:
-    from dancedata.execution.cache import default_cache
-
-    return (cache or default_cache()).absolute()
-
-
-def _print_json(obj: Any) -> None:
-    typer.echo(json_text(obj))
-
-
 def only_named(arguments: Sequence[str]) -> typer.Typer:
     """Return the app reduced to the requested command, or to none for the version.
 
-    Typer makes the parameters of every command that an app has before it looks which one is meant: most of the time
-    that help takes.
+    Typer makes the parameters of all commands of an app before it selects one: most of the time of help.
     """
     named = copy(app)
     name = arguments[0] if arguments else ""
@@ -442,7 +346,7 @@ def only_named(arguments: Sequence[str]) -> typer.Typer:
 
 def main() -> None:
     """Run the command line."""
-    # A path on the command line need not be UTF-8, and results name it.
+    # A path need not be UTF-8, and results name it.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     only_named(sys.argv[1:])(prog_name="dancedata")

@@ -1,4 +1,4 @@
-"""dancedata doctor: whether an installation works, in half a minute and without leaving anything behind."""
+"""dancedata doctor: checks of an installation, in half a minute and without leftovers."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ Status = Literal["ok", "note", "failed"]
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of one check; "note" is for what limits the installation without breaking it."""
+    """The result of one check; "note" for a limit of the installation that breaks nothing."""
 
     check: str
     status: Status
@@ -56,7 +56,7 @@ class Finding:
 
 
 def run_doctor(*, as_json: bool) -> bool:
-    """Check the installation and print a line for each check, or JSON at the end; tell whether it works."""
+    """Check the installation and print a line for each check, or JSON at the end; return whether it works."""
     findings: list[Finding] = []
     for finding in diagnose():
         findings.append(finding)
@@ -74,10 +74,10 @@ def run_doctor(*, as_json: bool) -> bool:
 
 
 def diagnose() -> Iterator[Finding]:
-    """Yield the results of all checks, each as soon as it is known.
+    """Yield the result of each check as soon as it ends.
 
-    A check that raises, whatever it raises, has failed; the others run all the same. What is imported of dancedata's
-    rooms is imported in the checks: a package that is missing is a result.
+    A check that raises any exception has failed; the others still run. Checks import dancedata's rooms themselves, so
+    that a missing package is a result.
     """
     required = requirements()
     checks: dict[str, Callable[[], Iterator[Finding]]] = {
@@ -115,7 +115,7 @@ def check_packages(required: Sequence[str]) -> Iterator[Finding]:
 
 
 def _versions(needed: Sequence[Requirement]) -> tuple[str, str, bool]:
-    """Return the versions of packages, what is wrong with them, and whether one is missing."""
+    """Return the versions of packages, their problems, and whether one is missing."""
     installed: list[str] = []
     problems: list[str] = []
     missing = False
@@ -133,7 +133,7 @@ def _versions(needed: Sequence[Requirement]) -> tuple[str, str, bool]:
 
 
 def check_cache() -> Iterator[Finding]:
-    """Write, lock and remove a file where the cache is, or would be made."""
+    """Write, lock and remove a file in the folder of the cache, or in its first existing parent."""
     from dancedata.execution.cache import ENVIRONMENT, default_cache
 
     fix = f"set {ENVIRONMENT} to a writable folder with free space"
@@ -162,7 +162,7 @@ def check_cache() -> Iterator[Finding]:
 
 
 def _locks_work(path: Path) -> bool:
-    """Tell whether a lock on a file is seen by another descriptor of it, as by another process."""
+    """Return whether another descriptor of a file, as of another process, sees a lock on it."""
     from dancedata.files.locks import lock_file, unlock
 
     first = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
@@ -204,7 +204,7 @@ def check_music() -> Iterator[Finding]:
 
 
 def check_workers() -> Iterator[Finding]:
-    """Start two worker processes, and ask them which of the processor's instructions they compute with."""
+    """Start two worker processes, and compare the processor's instructions that they compute with."""
     from dancedata.execution.progress import Progress
     from dancedata.execution.reference_process import expected
     from dancedata.execution.units import run_units

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.errors import errors_to_exit_codes
 from dancedata.cli.options import (
     AsJson,
     Backend,
@@ -19,6 +18,7 @@ from dancedata.cli.options import (
     Quiet,
     ScalerFile,
     Scheduler,
+    errors_to_exit_codes,
 )  # fmt: skip
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell, json_text, shown
@@ -113,7 +113,7 @@ _HEAD = ("clip", "piece", "frames")
 
 
 def _check_rows(path: Path) -> None:
-    """Raise UsageError unless a table of clips can be written here: only such a table is replaced."""
+    """Raise UsageError unless a table of clips can be written to `path`; only such a table is replaced."""
     if not path.exists():
         if not path.parent.is_dir():
             raise UsageError("the folder of the table does not exist", where=path, fix="make it")
@@ -134,7 +134,7 @@ def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
     names = list(dict.fromkeys((*_HEAD, *(name for row in rows for name in row))))
     lines = [names, *([row.get(name, "") for name in names] for row in rows)]
-    text = "".join(_csv_line([csv_cell(cell) for cell in line]) for line in lines)
+    text = "".join(map(_csv_line, lines))
     try:
         write_text(path, text)
     except OSError as error:
@@ -143,7 +143,7 @@ def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 def _csv_line(cells: Sequence[object]) -> str:
     text = io.StringIO()
-    csv.writer(text).writerow(cells)  # with its own end of line, for which it quotes both \r and \n
+    csv.writer(text).writerow(map(csv_cell, cells))  # its line terminator makes it quote \r and \n
     return text.getvalue().removesuffix("\r\n") + "\n"
 
 

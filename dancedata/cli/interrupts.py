@@ -13,7 +13,7 @@ from types import FrameType
 #: Signals that end a command in order, as batch systems and `timeout` send the second. Exit code: 128 and the number.
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LINE = "interrupted; run the same command again to go on"
-#: Seconds within which a second signal counts as the first: what is half done is being put in order.
+#: Seconds within which a second signal counts as the first, while files are put in order.
 PATIENCE_S = 1.0
 _RETRY_S = 0.05
 
@@ -21,8 +21,8 @@ _RETRY_S = 0.05
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C, or SIGTERM.
 
-    A class of its own: where a plain KeyboardInterrupt meets code that was made from text, as dataclasses are, Python
-    ends by the signal whatever the exit code is.
+    Not a plain KeyboardInterrupt: if that passes code made from text, as of dataclasses, Python ends by the signal,
+    whatever the exit code is.
     """
 
 
@@ -39,14 +39,14 @@ class _Handler:
         if self._is_over or now - self._last < PATIENCE_S:
             return
         self.received, self._last = number, now
-        # What an end in the middle does to threads and libraries is not worth a line.
+        # The effects of a sudden end on threads and libraries are not worth a line.
         warnings.simplefilter("ignore")
         threading.excepthook = lambda _: None
         sys.unraisablehook = self._unraisable
         raise Interrupted
 
     def end(self) -> int:
-        """Let the command be over, and ignore SIGINT from here on; return the signal that came, 0 for none."""
+        """End the command, and ignore SIGINT from now on; return the received signal, 0 for none."""
         self._is_over = True
         # Python gives signals back before it ends.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -54,7 +54,7 @@ class _Handler:
         return self.received
 
     def _unraisable(self, unraisable: sys.UnraisableHookArgs) -> None:
-        """Try again, where the exception came up in a place that passes none on, such as a destructor."""
+        """Try again if the exception was raised in a place that passes none on, such as a destructor."""
         if issubclass(unraisable.exc_type, KeyboardInterrupt) and not self._is_over:
             self._last = -PATIENCE_S
             again = threading.Timer(_RETRY_S, signal.raise_signal, (self.received,))
@@ -82,5 +82,5 @@ def run(command: Callable[[], None]) -> None:
 
 
 def is_interrupted() -> bool:
-    """Tell whether this process was told to end: errors are then a consequence."""
+    """Return whether this process received a signal to end: errors are then a consequence."""
     return any(getattr(signal.getsignal(number), "received", 0) for number in SIGNALS)

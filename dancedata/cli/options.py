@@ -1,9 +1,16 @@
-"""Options that several commands have, each written once: its name, its type and its help."""
+"""Shared parts of commands: options, each written once with its type and help; output; errors as exit codes."""
 
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from dancedata.cli.interrupts import Interrupted, is_interrupted
+from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
+from dancedata.core.text import json_text
+from dancedata.execution.arithmetic import adopt
 
 RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
 Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
@@ -26,3 +33,29 @@ Normalized = Annotated[
 ]
 ScalerFile = Annotated[Path | None, typer.Option("--scaler", metavar="FILE", help=SCALER_HELP)]
 Clip = Annotated[bool, typer.Option("--clip-values", help=CLIP_HELP)]
+
+
+def print_result(as_json: bool, document: Callable[[], Any], text: Callable[[], str]) -> None:
+    """Print a result as JSON or as text."""
+    typer.echo(json_text(document()) if as_json else text())
+
+
+def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
+    """Print dancedata's errors as text; exit with code 2 for wrong usage, 1 for a problem in the data.
+
+    Before a command begins, and loads numpy, the instructions are chosen that results are computed with.
+    """
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            adopt()
+            command(*args, **kwargs)
+        except (DanceDataError, UnicodeEncodeError) as error:
+            if is_interrupted():
+                raise Interrupted from None
+            failure = unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error
+            typer.echo(f"error: {failure}", err=True)
+            raise typer.Exit(2 if isinstance(failure, UsageError) else 1) from None
+
+    return run

@@ -1,7 +1,5 @@
 """Readers of published datasets and of folders of captures.
 
-Every reader that is a package has the same files: `reader` (the plug-in, with the notes of its scan), `layout` (where
-files are), `load` (one motion file) and `facts` (of the dataset or its files); further files have a subject of their
-own, such as `splits`. The tree on disk is in the docstring of each package. `files`, `published` and `examples` are
-shared.
+In each package: `reader` (the plug-in), `layout` (places of files), `load` (one motion file), `facts` (of the
+dataset).
 """

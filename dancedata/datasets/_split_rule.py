@@ -1,10 +1,9 @@
 """Splits by a rule: the split of a clip depends only on the name of its song (or dancer) and a seed.
 
-The name, in Unicode's normal form NFC, is hashed to a number in [0, 1): the first 8 bytes of the SHA-256 of the UTF-8
-text ``SEED``, a line break, ``NAME``, as a big-endian integer, divided by 2**64. Below the fraction of test the clip
-is test, from 1 - the fraction of val on it is val, else train. It does not depend on other clips, so no clip changes
-its split when the dataset grows; the fractions are met only on average. Songs with equal samples are one song, under
-the first of their names by the alphabet.
+The name, in Unicode's form NFC, is hashed to a number in [0, 1): the first 8 bytes of the SHA-256 of the UTF-8 text
+``SEED``, a line break, ``NAME``, as a big-endian integer, divided by 2**64. Below the fraction of test the clip is
+test, from 1 - the fraction of val on it is val, else train. No clip changes its split when the dataset grows; the
+fractions are met only on average. Songs with equal samples are one song, under the first of their names.
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ class SplitRule:
         return _TEST if place < self.test else _VAL if place >= 1 - self.val else _TRAIN
 
     def group(self, clip: ClipRef) -> str:
-        """Return the name of a clip's group; a clip without music is a group of its own."""
+        """Return the name of a clip's group; a clip without music is a group by itself."""
         name = {"music": clip.music, "dancer": clip.dancer, "genre": clip.genre, "clip": clip.id}[self.by]
         return name or (clip.id if self.by == "music" else "")
 
@@ -204,20 +203,17 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     dict
         Name of a song -> the first name, by the alphabet, of those that have its samples; without the first ones.
     """
-    from scipy.cluster.hierarchy import DisjointSet
+    from dancedata.store.songs import joined_sets  # here: it imports h5py, which listing plug-ins does not need
 
     names: dict[Path, set[str]] = {}
     for clip in clips:
         if clip.audio_path is not None and clip.music:
             names.setdefault(clip.audio_path, set()).add(clip.music)
-    same = DisjointSet(set().union(*names.values()))
+    same: list[set[str]] = []
     for alike in _grouped(names, _beginning):
         if len(set().union(*(names[path] for path in alike))) > 1:
-            for equal in _grouped(alike, _samples):
-                first, *others = {name for path in equal for name in names[path]}
-                for name in others:
-                    same.merge(name, first)
-    groups = [sorted(group) for group in same.subsets()]
+            same += [{name for path in equal for name in names[path]} for equal in _grouped(alike, _samples)]
+    groups = [sorted(group) for group in joined_sets(same)]
     return {name: group[0] for group in sorted(groups) for name in group[1:]}
 
 

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dancedata.core.bodies import SMPLH52, SMPLX52, SMPLX55, on_body
 from dancedata.core.grid import FrameGrid
@@ -37,7 +36,11 @@ def write_finedance(folder: Path) -> None:
     for name in (MOTION, MUSIC, LABELS):
         (folder / name).mkdir(parents=True, exist_ok=True)
     for clip, n_frames, coarse, fine, steps in _CLIPS:
-        np.save(folder / MOTION / f"{clip}.npy", _columns(_with_hands(steps, n_frames)))
+        motion = _with_hands(steps, n_frames)
+        # FineDance's array (T, 315): translation, then 52 joints x 6D.
+        rows = rotation_6d(on_body(motion, SMPLX52).matrices).reshape(n_frames, -1)
+        columns = np.concatenate([motion.translation, rows], axis=1)
+        np.save(folder / MOTION / f"{clip}.npy", columns.astype(np.float32))
         length = n_frames / _RATE
         song = synthesise_song(steps.split("_")[4], length_s=length, sample_rate=_SAMPLE_RATE, n_channels=1)
         (folder / MUSIC / f"{clip}.wav").write_bytes(wav_bytes(song.pcm, _SAMPLE_RATE))
@@ -59,13 +62,6 @@ def _with_hands(steps: str, n_frames: int) -> Motion:
     return Motion(translation, rotations, motion.grid, SMPLX55)
 
 
-def _columns(motion: Motion) -> NDArray[np.float32]:
-    """Return FineDance's array (T, 315): translation, then 52 joints x 6D."""
-    rows = rotation_6d(on_body(motion, SMPLX52).matrices)
-    columns = [motion.translation, rows.reshape(motion.n_frames, -1)]
-    return np.concatenate(columns, axis=1).astype(np.float32)
-
-
 #: Mixamo's names for SMPL's joints.
 MIXAMO_NAMES = (
     "Hips LeftUpLeg RightUpLeg Spine LeftLeg RightLeg Spine1 LeftFoot RightFoot Spine2 LeftToeBase RightToeBase Neck "
@@ -84,10 +80,15 @@ def write_folder(folder: Path) -> None:
     """Write three clips of six seconds at 60 FPS."""
     (folder / "motions").mkdir(parents=True, exist_ok=True)
     (folder / "music").mkdir(exist_ok=True)
-    names = ("gBR_sBM_cAll_d04_mBR0_ch01", "gBR_sBM_cAll_d04_mBR0_ch02", "gHO_sBM_cAll_d19_mHO3_ch01")
-    first, second, third = (synthesise_motion(name, n_frames=_N_FRAMES)[0] for name in names)
+    clips = ("gBR_sBM_cAll_d04_mBR0_ch01", "gBR_sBM_cAll_d04_mBR0_ch02", "gHO_sBM_cAll_d19_mHO3_ch01")
+    first, second, third = (synthesise_motion(clip, n_frames=_N_FRAMES)[0] for clip in clips)
     _write_amass(folder / "motions" / "amass_poses.npz", first)
-    _write_bvh(folder / "motions" / "own.bvh", second)
+    # In centimetres with Mixamo's names.
+    pelvis = (second.translation + SMPL24.offsets[0]) * 100
+    offsets = np.array(SMPL24.offsets) * 100
+    offsets[0] = 0.0
+    names, period = MIXAMO_NAMES.split(), f"{1 / 60:.6f}"
+    write_bvh(folder / "motions" / "own.bvh", names, SMPL24.parents, offsets, second.matrices, pelvis, period)
     np.savez(folder / "motions" / "smpl.npz", poses=third.rotations.reshape(_N_FRAMES, 72), trans=third.translation)
     for file, music in (("slow.wav", "mBR0"), ("fast.wav", "mHO3")):
         song = synthesise_song(music, length_s=_N_FRAMES / 60 + 0.5)
@@ -112,11 +113,3 @@ def _write_amass(path: Path, motion: Motion) -> None:
         gender=np.array("neutral"),
         mocap_framerate=np.array(60.0),
     )
-
-
-def _write_bvh(path: Path, motion: Motion) -> None:
-    """Write a BVH in centimetres with Mixamo's names."""
-    pelvis = (motion.translation + SMPL24.offsets[0]) * 100
-    offsets = np.array(SMPL24.offsets) * 100
-    offsets[0] = 0.0
-    write_bvh(path, MIXAMO_NAMES.split(), SMPL24.parents, offsets, motion.matrices, pelvis, f"{1 / 60:.6f}")

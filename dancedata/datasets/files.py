@@ -1,6 +1,6 @@
-"""Shared by all that reads a source: suffixes, finding the dataset's folder, listing its files, choosing audio."""
+"""Files of a source: the folder of a published dataset, lists of its files, the choice of audio files."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,15 +24,20 @@ MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *(suffix for suffix in VALUE_
 MAX_LIST_BYTES = 1 << 24
 MAX_NAMES = 100_000
 MAX_NAME = 255
+_ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
 
 
 @dataclass(frozen=True)
 class Files:
-    """Files of one kind by their stem, with rejects and notes about the other entries of their folder."""
+    """Files of one kind by their stem, with rejects and notes about the other entries of their folders.
+
+    `folders` are those with at least one audio file.
+    """
 
     files: dict[str, Path]
     rejects: tuple[Reject, ...]
     notes: tuple[str, ...] = ()
+    folders: tuple[Path, ...] = ()
 
 
 def list_folder(folder: Path) -> list[Path]:
@@ -87,10 +92,7 @@ def describe(folder: Path) -> str:
 
 
 def relative(path: Path, source: Path) -> str:
-    """Return the path below the source with forward slashes; of a file elsewhere, its folder's name and its own.
-
-    Absolute paths of a machine do not belong into a dataset.
-    """
+    """Return the path below the source with forward slashes; of another file, FOLDER/NAME: no absolute paths."""
     try:
         return path.relative_to(source).as_posix()
     except ValueError:
@@ -156,29 +158,31 @@ def group_by_stem(folders: Iterable[Path], suffixes: Sequence[str]) -> list[tupl
 
 
 def list_audio(
-    folder: Path, source: Path, name_problem: Callable[[str], str], mixed: bool = False
-) -> tuple[list[Path], list[Reject]]:
-    """List the audio files of a folder with valid names, and rejects (``extra_file``) of the other entries.
+    folders: Iterable[Path], source: Path, name_problem: Callable[[str], str], mixed: Sequence[Path] = ()
+) -> Files:
+    """List the audio files with valid names, one for each stem; other entries are ``extra_file``.
 
     Parameters
     ----------
-    folder
-        Need not exist.
+    folders
+        In order of preference; they need not exist.
     name_problem
         Returns why a stem is not a valid name, "" for a valid one.
     mixed
-        Whether files of any kind may lie in the folder; those that are not audio files are then no rejects.
+        Folders with files of any kind, of which only audio files are considered.
     """
-    files, rejects = [], []
-    for path in list_folder(folder) if folder.is_dir() else []:
-        if mixed and path.suffix.lower() not in AUDIO_SUFFIXES:
-            continue
-        problem = file_problem(path, AUDIO_SUFFIXES) or name_problem(path.stem)
-        if problem:
-            rejects.append(extra_file(path, source, problem))
-        else:
-            files.append(path)
-    return files, rejects
+    candidates: list[Path] = []
+    rejects = []
+    for folder in folders:
+        for path in list_folder(folder) if folder.is_dir() else []:
+            if folder in mixed and path.suffix.lower() not in AUDIO_SUFFIXES:
+                continue
+            problem = file_problem(path, AUDIO_SUFFIXES) or name_problem(path.stem)
+            if problem:
+                rejects.append(extra_file(path, source, problem))
+            else:
+                candidates.append(path)
+    return audio_files(candidates, source, rejects)
 
 
 def best_audio(paths: Iterable[Path]) -> list[Path]:
@@ -186,7 +190,7 @@ def best_audio(paths: Iterable[Path]) -> list[Path]:
     return sorted(paths, key=lambda path: AUDIO_SUFFIXES.index(path.suffix.lower()))
 
 
-def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reject]) -> Files:
+def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reject]) -> Files:
     """Choose one audio file for each stem; the others are ``unused_music``.
 
     Parameters
@@ -213,7 +217,7 @@ def audio_files(candidates: Iterable[Path], source: Path, rejects: Sequence[Reje
         if preferred
         else ()
     )
-    return Files(files, tuple(rejected), notes)
+    return Files(files, tuple(rejected), notes, tuple(dict.fromkeys(path.parent for path in candidates)))
 
 
 def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) -> None:
@@ -222,20 +226,23 @@ def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) 
         raise UsageError(f"{dataset}: invalid value for {name}", found=repr(value), fix=did_you_mean(value, allowed))
 
 
-def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str) -> None:
+def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str, *, columns: bool = False) -> None:
     """Check that an array (T, ...) of a file is finite.
 
     Raises
     ------
     DataError
-        ``nan``, with the first frame that is not.
+        ``nan``, with the first frame that is not, and with its column if `columns` are known to the user.
     """
-    bad = np.asarray(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+    finite = np.isfinite(array.reshape(len(array), -1))
+    bad = np.asarray(~finite.all(axis=1))
     if bad.any():
+        frame = int(bad.argmax())
+        column = f", column {int(finite[frame].argmin())}" if columns else ""
         raise DataError(
             f"{what} contains values that are not finite",
             reason="nan",
-            where=f"{path}, frame {int(bad.argmax())}",
+            where=f"{path}, frame {frame}{column}",
             found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
             fix=fix,
         )
@@ -278,3 +285,116 @@ def _bad_list(path: Path, found: str) -> SourceError:
         allowed=f"a UTF-8 text file, one name per line, at most {MAX_NAMES:,} names of {MAX_NAME} characters",
         fix="replace the file, or remove it",
     )
+
+
+@dataclass(frozen=True)
+class Folders:
+    """The source, and the folder with the motion folder: the source or one folder in it.
+
+    Attributes
+    ----------
+    places
+        Folders that may hold lists and music folders, in order of preference.
+    others
+        Further folders with a motion folder, which are not read.
+    """
+
+    source: Path
+    root: Path
+    places: tuple[Path, ...]
+    others: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names of the folders and motion files of a published dataset.
+
+    Attributes
+    ----------
+    dataset, title
+        Name of the dataset for recipes, and its published name.
+    motions, suffix
+        Name of the motion folder, and suffix of its files.
+    name_problem
+        Returns why a stem is not a valid name, "" for a valid one.
+    is_known
+        Accepts the folder names under which the dataset is published; decides between several folders.
+    looked_for, named
+        The expected files and their names, for messages.
+    mistakes
+        Entry of the source -> fix, for folders of other datasets and of features.
+    """
+
+    dataset: str
+    title: str
+    motions: str
+    suffix: str
+    name_problem: Callable[[str], str]
+    is_known: Callable[[str], bool]
+    looked_for: str
+    named: str
+    mistakes: Mapping[str, str]
+
+    def find(self, source: Path) -> Folders:
+        """Find the folder that holds the motion folder: the source or one folder directly below it.
+
+        Raises
+        ------
+        SourceError
+            If the folder does not exist, or there are several candidates; names the expected and the existing files.
+        """
+        require_folder(self.dataset, source, self.looked_for)
+        if (source / self.motions).is_dir():
+            return Folders(source, source, (source,), ())
+        below = [entry for entry in list_folder(source) if (entry / self.motions).is_dir()]
+        chosen = below if len(below) == 1 else [entry for entry in below if self.is_known(entry.name)]
+        if len(chosen) == 1:
+            (root,) = chosen
+            return Folders(source, root, (root, source), tuple(entry for entry in below if entry != root))
+        if below:
+            raise SourceError(
+                f"{self.dataset}: several folders could be the dataset",
+                where=str(source),
+                found=listed(f"{entry.name}/{self.motions}/" for entry in below),
+                fix="set --source to one of them",
+            )
+        raise SourceError(
+            f"{self.dataset}: no {self.title} motion found",
+            where=str(source),
+            found=describe(source),
+            allowed=self.looked_for,
+            fix=self._advice(list_folder(source)),
+        )
+
+    def _advice(self, entries: list[Path]) -> str:
+        """Return the fix for the most likely mistake, for a source without the motion folder."""
+        if any(entry.suffix.lower() == self.suffix for entry in entries):
+            return f"this looks like the {self.motions} folder itself: set --source to its parent folder"
+        names = {entry.name for entry in entries}
+        for name, fix in self.mistakes.items():
+            if name in names:
+                return fix
+        if any(entry.suffix.lower() in _ARCHIVES for entry in entries):
+            return "unpack the archive first"
+        return f"set --source to the folder that contains {self.motions}/"
+
+    def list_motions(self, source: Path) -> tuple[Folders, Files]:
+        """Find the motion folder and list its files with valid names; every other entry is an ``extra_file``.
+
+        Raises
+        ------
+        SourceError
+            As `find`, or if there are none.
+        """
+        folders = self.find(source)
+        folder = folders.root / self.motions
+        files = files_by_stem(folder, folders.source, self.suffix, self.name_problem)
+        if not files.files:
+            raise SourceError(
+                f"{self.dataset}: the motion folder contains no {self.title} sequence",
+                where=str(folder),
+                found=describe(folder),
+                allowed=self.named,
+                fix="check that the archive was unpacked completely",
+            )
+        return folders, files

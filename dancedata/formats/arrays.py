@@ -1,7 +1,4 @@
-"""Arrays in files of numpy, pickle, joblib and torch: no code is run; headers are checked before memory is taken.
-
-Every .npy file and every member of an .npz archive goes through `_read_header`, the only parser of such headers.
-"""
+"""Arrays in files of numpy, pickle, joblib and torch: no code is run; headers are checked before memory is taken."""
 
 from __future__ import annotations
 
@@ -236,30 +233,17 @@ class _Npz(ArrayFile):
 
 @dataclass(frozen=True)
 class _Header:
-    """The header of an .npy file or of a member of an .npz archive.
-
-    Attributes
-    ----------
-    start
-        First byte of the values.
-    n_bytes
-        Size of the values that shape and dtype announce.
-    """
+    """The header of an .npy file or of a member of an .npz archive."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
+    #: First byte of the values, and their size by shape and dtype.
     start: int
     n_bytes: int
 
 
 def _read_header(path: Path, file: IO[bytes]) -> _Header:
-    """Parse a header, with a bound on its length. The position of `file` is left behind the header.
-
-    Raises
-    ------
-    DataError
-        ``broken_file``.
-    """
+    """Parse a header within bounds, or raise DataError (``broken_file``): the only parser of such headers."""
     try:
         version = np.lib.format.read_magic(file)
         if version not in ((1, 0), (2, 0), (3, 0)):
@@ -287,13 +271,7 @@ def _require_size(path: Path, name: str, header: _Header, size: int) -> None:
 
 
 def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compressed: int) -> _Header:
-    """Check the header of an array of numbers against the stored bytes, before the values are read.
-
-    Parameters
-    ----------
-    size, compressed
-        Stored bytes of header and values, and their compressed size.
-    """
+    """Check the header of an array of numbers against the stored and the compressed size of header and values."""
     header = _read_header(path, file)
     if header.dtype.hasobject:
         raise DataError(

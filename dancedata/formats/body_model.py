@@ -1,18 +1,12 @@
 """Skeletons from the user's body model: SMPL-X, SMPL-H or SMPL, as .npz or .pkl.
 
-The rest joints of a SMPL body are J_regressor @ (v_template + shapedirs @ betas) (Loper et al. 2015, eq. 10;
-Pavlakos et al. 2019). Only these three arrays of the published file are needed, so they are read here. The smplx
-library gives the same joints (a test compares the two), but it runs the code in the file (allow_pickle=True), and
-needs torch, for a .pkl also chumpy.
-
-Published .pkl files, with chumpy arrays and scipy's sparse matrices, were written by Python 2. Their classes are
-neither imported nor called: a chumpy array is a stand-in whose attribute x is the array; chumpy's Select takes
-elements of another one; a sparse matrix has data, indices and indptr.
+The rest joints are J_regressor @ (v_template + shapedirs @ betas) (Loper et al. 2015, eq. 10; Pavlakos et al. 2019).
+The smplx library gives the same joints (a test compares the two), but runs the code in the file (allow_pickle=True).
+In published .pkl files chumpy arrays and scipy's sparse matrices are read as stand-ins; no class is imported.
 """
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,7 +18,7 @@ from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
-from dancedata.formats.arrays import ArrayFile, ValueArrays, open_arrays
+from dancedata.formats.arrays import ValueArrays, open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 from dancedata.formats.checked_unpickler import ClassName, StandIn, make
 from dancedata.formats.numpy_pickle import is_shape
@@ -38,8 +32,6 @@ _MAX_BETA = 1000.0
 _SUFFIXES = (".npz", ".pkl")
 #: Beginnings of the names of SMPL's first published files, such as basicModel_f_lbs_10_207_0_v1.0.0.pkl.
 _BASIC = {"neutral": "basicmodel_neutral_", "male": "basicmodel_m_", "female": "basicmodel_f_"}
-
-
 _BODIES = {55: SMPLX55, 52: SMPLH52, 24: SMPL24}
 _KINDS = {"smplx": 55, "smplh": 52, "smpl": 24}
 
@@ -118,8 +110,8 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
             name, model = f"{kind.upper()}_{gender.upper()}{suffix}", f"model{suffix}"
             tried += [path / name, path / kind / name, path / gender / model, path / kind / gender / model]
         tried += [] if kind != "smpl" else _basic_models(path, gender)
-    found_file = next((file for file in tried if file.is_file()), None)
-    if found_file is None:
+    model_file = next((file for file in tried if file.is_file()), None)
+    if model_file is None:
         raise UsageError(
             f"the folder has no {gender} body model for {joints.name}",
             where=str(path),
@@ -128,7 +120,7 @@ def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral
             + " (or .pkl)",
             fix="set body_model to a folder with the models, or to the model's file",
         )
-    return found_file
+    return model_file
 
 
 def _basic_models(path: Path, gender: str) -> list[Path]:
@@ -147,15 +139,6 @@ def gender_of(file: Path) -> str | None:
     return basic or next((gender for gender in ("female", "male", "neutral") if gender in stem), None)
 
 
-@contextmanager
-def _open(file: Path) -> Iterator[ArrayFile]:
-    if file.suffix.lower() == ".pkl":
-        yield _open_pickle(file)
-        return
-    with open_arrays(file) as arrays:
-        yield arrays
-
-
 @lru_cache(maxsize=8)
 def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
     """Return the rest joints of the mean body (J, 3) and their change with each shape (J, 3, B)."""
@@ -168,7 +151,8 @@ def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
             fix="set body_model to the model's file as published, or to the folder with it",
         )
     try:
-        with _open(file) as arrays:
+        pickled = file.suffix.lower() == ".pkl"
+        with nullcontext(_open_pickle(file)) if pickled else open_arrays(file) as arrays:
             missing = [name for name in ("v_template", "shapedirs", "J_regressor") if name not in arrays.names]
             if missing:
                 raise _not_a_model(file, f"no {' and no '.join(missing)}", "v_template, shapedirs and J_regressor")
@@ -257,13 +241,7 @@ _NAMES: Names = {
 
 
 def _open_pickle(path: Path) -> ValueArrays:
-    """Return the arrays of a body model by name; those of classes that are not arrays are not numbers.
-
-    Raises
-    ------
-    DataError
-        As `load_pickle` does, and for sparse matrices and chumpy arrays that contradict themselves.
-    """
+    """Return the arrays of a body model; DataError also for contradictory sparse matrices and chumpy arrays."""
     content = load_pickle(path, _NAMES)
     if not isinstance(content, dict):
         content = {}
@@ -290,19 +268,15 @@ def _array(value: StandIn) -> Array:
     if value.name == _CH:
         return _numbers(state["x"])
     if value.name == _SELECT:
-        taken = _numbers(_inner(state["a"])).reshape(-1)[_indices(state["idxs"])]
+        source = state["a"]
+        if isinstance(source, StandIn) and source.name == _CH:
+            source = (source.state or {})["x"]
+        taken = _numbers(source).reshape(-1)[_indices(state["idxs"])]
         shape = state.get("preferred_shape", taken.shape)
         if not is_shape(shape):
             raise ValueError(f"a shape {shown(shape)}")
         return taken.reshape(shape)
     return _dense(value.name, state)
-
-
-def _inner(value: object) -> object:
-    """Return the array in a chumpy array, or the value itself."""
-    if isinstance(value, StandIn) and value.name == _CH:
-        return (value.state or {})["x"]
-    return value
 
 
 def _numbers(value: object) -> Array:

@@ -1,10 +1,8 @@
 """Python's unpickler with a check of every opcode that creates, fills or calls anything.
 
-Subclasses decide by `find_class` which names a pickle may use. In the result, keys and members of sets are texts and
-small integers: other values can have equal hashes, or hashes that take arbitrarily long to compute.
-
-No class of a file is looked up, imported or called. Stand-ins have the class's name and take a state, and do nothing.
-What a stand-in means, for example which of its values is the array, is decided by the reader that has allowed it.
+Subclasses decide by `find_class` which names a pickle may use. Keys and members of sets are texts and small integers:
+other values can have equal hashes, or hashes that take arbitrarily long to compute. No class of a file is looked up,
+imported or called: stand-ins have the class's name and take a state.
 """
 
 import pickle

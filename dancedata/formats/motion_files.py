@@ -1,7 +1,7 @@
 """A motion as the bytes of one file, by the name of the format.
 
-AMASS's and SMPL-X's arrays, which Blender's add-ons and most SMPL tools read, have +Z up and metres. The pelvis stays
-where it is: each body has its own rest position of it, so that the translation differs from the motion's.
+AMASS's and SMPL-X's arrays have +Z up and metres. The pelvis keeps its position, so the translation differs by the
+rest positions of the two bodies.
 """
 
 import io

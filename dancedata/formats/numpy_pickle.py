@@ -1,15 +1,13 @@
-"""Names and states in the pickles of numpy and joblib: stand-ins for its functions, and the states that it writes.
+"""Names and states in the pickles of numpy and joblib: stand-ins for functions, and the states that are written.
 
-`safe_pickle` calls nothing else. numpy does not validate the state of an array or a dtype: a wrong dtype flag would
-turn bytes of the file into pointers.
-
-joblib.dump writes the description of an array in the pickle, and the values as raw bytes behind its opcodes::
+numpy does not validate the state of an array or a dtype: a wrong dtype flag would turn bytes of the file into
+pointers. joblib.dump writes the description of an array in the pickle, and the values as raw bytes behind its
+opcodes::
 
     NEWOBJ joblib.numpy_pickle.NumpyArrayWrapper, BUILD {subclass, shape, order, dtype, allow_mmap,
     numpy_array_alignment_bytes}, then one byte n and n bytes of padding (joblib 1.2 and later), then the values
 
-Arrays of objects are a pickle of their own in that place. The values are not copied: arrays are views of the file's
-bytes.
+In their place arrays of objects have another pickle. Arrays are views of the file's bytes.
 """
 
 import math
@@ -95,14 +93,14 @@ for _package in ("builtins", "__builtin__"):
 
 
 def is_shape(shape: object) -> bool:
-    """Whether it can be an array's shape: its product is then a number of bounded size."""
+    """Return whether it can be an array's shape: its product is then a number of bounded size."""
     if type(shape) is not tuple or len(shape) > MAX_DIMENSIONS:
         return False
     return all(type(n) is int and 0 <= n <= MAX_LENGTH for n in shape)
 
 
 def is_dtype_state(target: np.dtype[Any], state: tuple[Any, ...]) -> bool:
-    """Whether numpy itself writes this state of a dtype: its byte order, and nothing that differs."""
+    """Return whether numpy writes this state of a dtype: its byte order, and nothing that differs."""
     plain = np.dtype(target.str).__reduce__()[2]
     if len(state) != len(plain) or any(type(value) not in (int, str, type(None)) for value in state):
         return False
@@ -110,7 +108,7 @@ def is_dtype_state(target: np.dtype[Any], state: tuple[Any, ...]) -> bool:
 
 
 def is_array_state(unpickler: Any, state: tuple[Any, ...]) -> bool:
-    """Whether numpy itself writes this state of an array. `unpickler`: has the arrays without a state yet."""
+    """Return whether numpy writes this state of an array. `unpickler` has the arrays without a state yet."""
     version, shape, dtype, fortran, data = state
     if type(version) is not int or type(fortran) not in (bool, int) or not isinstance(dtype, np.dtype):
         return False
@@ -128,7 +126,7 @@ def is_array_state(unpickler: Any, state: tuple[Any, ...]) -> bool:
 WRAPPER = "joblib.numpy_pickle.NumpyArrayWrapper"
 _NAMES = {"subclass", "shape", "order", "dtype", "allow_mmap", "numpy_array_alignment_bytes"}
 
-#: What joblib's files name beside what `safe_pickle` allows.
+#: Further names in joblib's files.
 NamesOfJoblib: dict[tuple[str, str], Any] = {
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): ClassName(WRAPPER, makes=True),
     # Older copies of joblib.

@@ -1,18 +1,10 @@
 """Reads untrusted pickles without executing them: numpy arrays and plain containers only.
 
 A pickle is a program, and its result can be far larger, deeper or slower to traverse than its bytes suggest. All
-opcodes that build anything are therefore replaced by checked ones (`checked_unpickler`), and the result satisfies:
-
-- Keys and members of sets are texts and small integers.
-- Objects of the few classes that are allowed are stand-ins without behaviour (`StandIn`).
-- Containers are nested at most MAX_DEPTH deep, and none contains itself.
-- The total size of what calls build (arrays, bytes, sets) is not much larger than the file.
-
-Files that joblib.dump has written are read as well (`numpy_pickle`), also compressed ones, within limits of
-their size.
-
-A list can still occur so many times in the result that expanding it fills any memory: `as_array` accepts no nested
-lists, and messages show values by `core.text.shown`, which does not expand them.
+opcodes that build anything are therefore replaced by checked ones (`checked_unpickler`): keys are texts and small
+integers, objects of allowed classes are stand-ins without behaviour, containers are nested at most MAX_DEPTH deep,
+and calls build (arrays, bytes, sets) not much more than the file's size. A list can still occur so often that
+expanding it fills any memory: `as_array` accepts no nested lists, and `core.text.shown` does not expand them.
 """
 
 import bz2

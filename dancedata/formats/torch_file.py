@@ -1,8 +1,7 @@
 """Tensors as torch.save writes them (torch 1.6 and later), as numpy arrays, without torch.
 
-Such a file is a zip archive, not compressed: NAME/data.pkl, a pickle in which every tensor is a call of
-torch._utils._rebuild_tensor_v2 with a storage, and NAME/data/KEY, the elements of each storage. The pickle goes
-through the checks of `safe_pickle`; the call is answered with a view of the storage's elements.
+A zip archive, not compressed: NAME/data.pkl, a pickle in which each tensor is a call of
+torch._utils._rebuild_tensor_v2 with a storage, and NAME/data/KEY, the elements of each storage.
 """
 
 import zipfile

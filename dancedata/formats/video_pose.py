@@ -2,15 +2,15 @@
 
 ::
 
-    WHAM    wham_output.pkl, joblib: {person: {pose_world (T, 72), trans_world (T, 3), betas (T, 10), frame_ids (T,),
-            pose, trans (in the camera's axes), verts (T, 6890, 3)}}. World axes: +Y up, metres (Shin et al. 2024)
-    PHALP   results/demo_NAME.pkl, joblib with zlib: {frame: {time, tid: [person], tracked_time: [0 where it was seen
-            in this frame], smpl: [{global_orient (1, 3, 3), body_pose (23, 3, 3), betas (10,)}], camera: [(3,)],
-            ...}}. Rotation matrices; the camera's axes: +Y down, +Z away from the camera (Rajasegaran et al. 2022)
-    GVHMR   hmr4d_results.pt, torch: {smpl_params_global: {global_orient (T, 3), body_pose (T, 63), transl (T, 3),
-            betas (T, 10)}, smpl_params_incam, K_fullimg, net_outputs}. One person; +Y up (Shen et al. 2024)
+    WHAM    joblib: {person: {pose_world (T, 72), trans_world (T, 3), betas (T, 10), frame_ids (T,), pose, trans (in
+            the camera's axes), verts}}. World axes: +Y up, metres (Shin et al. 2024)
+    PHALP   joblib with zlib: {frame: {time, tid: [person], tracked_time: [0 if seen in this frame], smpl:
+            [{global_orient (1, 3, 3), body_pose (23, 3, 3), betas (10,)}], camera: [(3,)]}}. Rotation matrices; the
+            camera's axes: +Y down, +Z away from the camera (Rajasegaran et al. 2022)
+    GVHMR   torch: {smpl_params_global: {global_orient (T, 3), body_pose (T, 63), transl (T, 3), betas (T, 10)}}. One
+            person; +Y up (Shen et al. 2024)
 
-Other programs nest their arrays by person as WHAM does; such a file is its people, each with its own arrays.
+Files of other programs that nest arrays by person as WHAM does are divided by people as well.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

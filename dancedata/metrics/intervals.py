@@ -103,20 +103,19 @@ bootstrap = jackknife
 
 def _interval(score: float, error: float, n: int, level: float, bounds: tuple[float, float]) -> Interval | None:
     """Return the interval of a score from its standard error, of n clips or groups; None without one."""
-    from scipy.special import expit, logit
-    from scipy.stats import t
+    from scipy.special import expit, logit, stdtrit  # Student's quantile; importing scipy.stats takes a second
 
     low, high = bounds
     if not (np.isfinite(score) and np.isfinite(error) and low < score < high and error > abs(score) * 1e-12):
         return None
     if np.isinf(low):
-        reach = error * t.ppf((1 + level) / 2, n - 1)
+        reach = error * stdtrit(n - 1, (1 + level) / 2)
         return Interval(float(score - reach), float(score + reach), level, float(n))
     width = high - low
     share = (score - low) / width if np.isfinite(width) else 0.0
     relative = error / (score - low) / (1 - share)
     clips = n / (1 + (n - 1) * relative**2)
-    reach = relative * t.ppf((1 + level) / 2, max(clips - 1, 1))
+    reach = relative * stdtrit(max(clips - 1, 1), (1 + level) / 2)
     with np.errstate(over="ignore"):
         ends = [
             low + (width * expit(logit(share) + sign) if share else (score - low) * np.exp(sign))

@@ -1,4 +1,4 @@
-"""extract and encode: one song or one motion at a time, without a dataset."""
+"""extract and encode: one song or one motion, without a dataset."""
 
 from functools import partial
 from pathlib import Path
@@ -39,17 +39,17 @@ def extract(
     start_bpm
         Tempo to start from, where the feature tracks beats. None: it is estimated.
     parameters
-        The feature's own, as in a recipe.
+        Parameters of the feature, as in a recipe.
 
     Returns
     -------
     (T, D) array
-        A row per frame; float32, or the feature's own type. Nothing is cached; `FeatureCache` does that.
+        A row per frame; float32, or the feature's type. Nothing is cached; `FeatureCache` does that.
 
     Raises
     ------
     UsageError
-        For an unknown feature or parameter, naming the closest known one.
+        For an unknown feature or parameter, with the closest name.
     DataError
         If the song cannot be read, or the feature cannot be computed of it.
 
@@ -71,7 +71,7 @@ def extract(
 def encode(
     motion: Motion, representation: str, *, contacts: Any = None, **parameters: Any
 ) -> npt.NDArray[np.float32]:
-    """Encode a motion as the columns of a representation, at the motion's own frame rate.
+    """Encode a motion as the columns of a representation, at the motion's frame rate.
 
     Parameters
     ----------
@@ -80,9 +80,9 @@ def encode(
     representation
         Name of a registered representation, such as "edge151".
     contacts
-        Contact rule: its name, or ``{name: {parameters}}``. Default: the representation's own.
+        Contact rule: its name, or ``{name: {parameters}}``. Default: that of the representation.
     parameters
-        The representation's own, as in a recipe.
+        Parameters of the representation, as in a recipe.
 
     Returns
     -------
@@ -113,8 +113,8 @@ def encode(
     plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
     rule = contacts if contacts is not None else plugin.default_contacts
     problems: list[str] = []
-    made = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
+    contact_rule = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
     if problems:
         raise RecipeError("; ".join(problems))
-    array: npt.NDArray[np.float32] = plugin.encode(motion, made)
+    array: npt.NDArray[np.float32] = plugin.encode(motion, contact_rule)
     return array

@@ -30,7 +30,7 @@ _ahead: dict[Path, Future[AudioSignal]] = {}
 
 
 def read_ahead(path: Path) -> None:
-    """Begin to decode a file in another thread; forgets files that were begun and not asked for."""
+    """Begin to decode a file in another thread; drop a file that was begun and not used."""
     if not _threads:
         _threads.append(ThreadPoolExecutor(max_workers=1, thread_name_prefix="read-ahead"))
     if path not in _ahead:
@@ -41,13 +41,7 @@ def read_ahead(path: Path) -> None:
 
 
 def decoded(path: Path) -> AudioSignal:
-    """Return a file's signal, decoded now or ahead.
-
-    Raises
-    ------
-    DataError
-        As `load_audio`.
-    """
+    """Return a file's signal, decoded now or ahead; raises as `load_audio`."""
     from dancedata.audio.signal import load_audio
 
     begun = _ahead.pop(path, None)
@@ -60,7 +54,7 @@ def decoded(path: Path) -> AudioSignal:
         return load_audio(path)
 
 
-#: Raised by hand when a stage here gives other numbers for the same input.
+#: Raised by hand when a stage gives other numbers for the same input.
 SIGNAL_STAGE, FEATURE_STAGE = 4, 3
 #: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
 #: song among workers.
@@ -77,16 +71,16 @@ class Decoded(NamedTuple):
 
 @dataclass(frozen=True)
 class SignalId:
-    """What an audio file decodes to.
+    """The identity of an audio file's signal.
 
     Attributes
     ----------
     file
-        What the file was like then, see `Cache.stat_key`.
+        State of the file at that time, see `Cache.stat_key`.
     sha256, n_samples
-        Hash and length of the signal; of a stretched one, a hash of what it is made of.
+        Hash and length of the signal; of a stretched one, the hash of its recipe.
     speed
-        How many times as fast as the file's signal it is.
+        Speed relative to the file's signal.
     decoded_sha256
         Of a stretched signal: hash of the file's signal.
     """
@@ -110,7 +104,7 @@ class SignalId:
             return self
         from dancedata.audio import stretch
 
-        made_of = Cache.key(
+        stretched_sha256 = Cache.key(
             "stretched",
             version=stretch.VERSION,
             signal=self.sha256,
@@ -119,13 +113,13 @@ class SignalId:
             arithmetic=expected(),
         )
         n_samples = stretch.stretched_length(self.n_samples, speed)
-        return replace(self, sha256=made_of, n_samples=n_samples, speed=speed, decoded_sha256=self.sha256)
+        return replace(self, sha256=stretched_sha256, n_samples=n_samples, speed=speed, decoded_sha256=self.sha256)
 
 
 def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
     """Return the first samples (W,) of a signal's whole windows, and their length in samples.
 
-    Every window starts at its own exact time, rounded down, so that music never drifts away from motion. EDGE
+    A window starts at its exact time, rounded down, so that music does not drift away from motion. EDGE
     adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
     even rate).
     """
@@ -140,7 +134,7 @@ def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[n
 
 
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
-    """Decode a file and hash its samples; remembered until the file changes."""
+    """Decode a file and hash its samples; the result is cached until the file changes."""
     from dancedata.audio.signal import load_audio
 
     try:
@@ -164,7 +158,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
 
 
 def known_signal(cache: Cache, path: Path) -> SignalId | None:
-    """Return what `identify_audio` remembers of a file, None if it would have to look at it."""
+    """Return the cached result of `identify_audio`, None if there is none."""
     try:
         file = Cache.stat_key("signal", path)
     except FileNotFoundError:
@@ -187,7 +181,7 @@ def libsndfile_version() -> str:
 
 
 class FeatureKeys:
-    """The cache keys of a feature's rows. What they have in common is hashed once for each tempo."""
+    """The cache keys of a feature's rows. Their common part is hashed once for each tempo."""
 
     def __init__(self, job: FeatureJob) -> None:
         self._job = job
@@ -198,7 +192,7 @@ class FeatureKeys:
         return Cache.key("track", common=self._of(bpm), signal=signal)
 
     def window(self, bpm: float | None, signal: SignalId, number: int) -> str:
-        """Return the key of a window's rows: its song and its place there.
+        """Return the key of a window's rows: its song and its place in it.
 
         The samples of the window alone are not enough. A feature may compute once what neighbouring windows share,
         so that equal windows of two songs differ by rounding.
@@ -235,7 +229,7 @@ def extract_track(
 ) -> CachedArray | Reject:
     """Compute a feature of a whole signal, and publish it under `key`.
 
-    `ahead` is the file of the next unit, for features that compute on a device: it is decoded meanwhile.
+    `ahead` is the file of the next unit, decoded meanwhile for features that compute on a device.
     """
     try:
         return cache.once(
@@ -255,8 +249,8 @@ def extract_windows(
 ) -> dict[int, CachedArray] | Reject:
     """Compute a feature of windows, each by itself, and publish it under `keys`; by the windows' numbers.
 
-    Windows of a song go to the feature together, as many at a time as it likes, and are published after each
-    call: a build that is killed goes on after the last of them. `ahead` is as for `extract_track`.
+    Windows of a song go to the feature in batches of its `windows_per_call`, and are published after each call, so
+    that a killed build resumes after the last of them. `ahead` is as for `extract_track`.
     """
     try:
         # All cut songs into the same units, see `window_units`, so that the first window's lock keeps others out.
@@ -292,7 +286,7 @@ def window_units(keys: Mapping[int, str]) -> list[dict[int, str]]:
 
 
 def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArray] | None:
-    """Return what `extract_windows` would, if the cache has all of it."""
+    """Return the cached result of `extract_windows`, None if a window is missing."""
     arrays = {}
     for number, key in keys.items():
         array = cache.array("features", key)
@@ -303,10 +297,9 @@ def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArra
 
 
 def _decoded(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
-    """Decode a signal again, and begin with the next; DataError "changed" if the file holds another one by now.
+    """Decode a signal again, and begin with the next; DataError "changed" if the file has changed.
 
-    Without this a file that is replaced during a build would leave its features under the old one's key, and
-    every later build would take them.
+    Otherwise the features of a file that is replaced during a build would be stored under the key of the old file.
     """
     signal_of_file = decoded(signal.path)
     if ahead is not None:

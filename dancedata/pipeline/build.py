@@ -1,5 +1,7 @@
 """dancedata build: one recipe, one source, one dataset of format 1."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -11,7 +13,7 @@ from typing import Any
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.text import printable, shown
+from dancedata.core.text import counted, printable, shown
 from dancedata.core.version import __version__
 from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.cache_files import running, sweep
@@ -21,16 +23,62 @@ from dancedata.execution.reference_process import expected
 from dancedata.execution.units import check_backend, start_workers
 from dancedata.pipeline.audio import libsndfile_version
 from dancedata.pipeline.clips import ComputedClips, compute_clips
+from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.rejects import nothing_left, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
-from dancedata.pipeline.summary import BuildResult, dataset_card
 from dancedata.recipes.recipe import Recipe, resolve
-from dancedata.store import Field, StoreHeader, open_store, write_store
+from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
 from dancedata.store.songs import songs_of
+
+
+@dataclass(frozen=True)
+class BuildResult:
+    """The result of a build, as dataset.json has it.
+
+    Attributes
+    ----------
+    path
+        Folder of the dataset.
+    built
+        False if the dataset existed already and nothing had to be done.
+    counts
+        Per split the numbers of clips, windows and songs, and the hours of motion.
+    left_out
+        Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
+    notes
+        Notes of the dataset's reader on the source.
+    summary
+        The text that the command line prints.
+    """
+
+    path: Path
+    built: bool
+    counts: Mapping[str, Mapping[str, Any]]
+    left_out: Mapping[str, int]
+    notes: tuple[str, ...]
+    summary: str
+
+    @classmethod
+    def of(cls, path: Path, built: bool) -> BuildResult:
+        """Describe a finished dataset."""
+        with open_store(path) as store:
+            counts, left_out = dict(store.meta["counts"]), dict(store.meta["rejects"])
+            notes = tuple(store.meta.get("source", {}).get("notes", ()))
+        summary = describe_built(path) if built else describe_unchanged(path)
+        return cls(path, built, counts, left_out, notes, summary)
+
+    def __repr__(self) -> str:
+        clips, windows = (sum(n[key] for n in self.counts.values()) for key in ("clips", "windows"))
+        size = f"{counted(clips, 'clip')}, {counted(windows, 'window')}, {sum(self.left_out.values()):,} left out"
+        return f"BuildResult({str(self.path)!r}, {size}, built={self.built})"
+
+    def open(self) -> Store:
+        """Open the dataset, as `dancedata.open` does."""
+        return open_store(self.path)
 
 
 def build(
@@ -46,31 +94,7 @@ def build(
     backend: str = "loky",
     scheduler: str | None = None,
 ) -> BuildResult:
-    """Build a dataset.
-
-    Parameters
-    ----------
-    source, out
-        Folder to read and folder to write; `out` is made if it is missing.
-    jobs
-        Worker processes. The result does not depend on it.
-    overwrite
-        Build beside a dataset that is in `out`, then swap.
-    strict
-        Stop at the first broken clip instead of setting it aside.
-    cache
-        Folder of the cache; default: $DANCEDATA_CACHE, else the user's cache folder.
-    backend, scheduler
-        "loky": processes of this machine. "dask": the workers of the Dask scheduler at this address; `jobs` does
-        not count.
-
-    Raises
-    ------
-    SourceError, StoreError
-        If the source or `out` cannot be used.
-    DataError
-        With `strict`, for the first clip that is broken or whose unit is implausible.
-    """
+    """Build a dataset from a parsed recipe; parameters and errors as of `pipeline.commands.build`."""
     progress = progress or Progress(quiet=True)
     check_backend(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):
@@ -93,7 +117,7 @@ def build(
 def workers_for(
     recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str = "loky", scheduler: str | None = None
 ) -> Iterator[Executor]:
-    """Give workers for a recipe, see `start_workers`; what killed processes left in the cache is removed first."""
+    """Start workers for a recipe, see `start_workers`; first sweep leftovers of killed processes out of the cache."""
     sweep(cache.root)
     packages = {name for job in recipe.audio for name in job.feature.packages}
     started = start_workers(jobs, cache, source, packages, backend=backend, scheduler=scheduler)
@@ -103,7 +127,7 @@ def workers_for(
 
 @dataclass(frozen=True)
 class _Build:
-    """One build, its arguments looked at and its folder locked."""
+    """A build whose arguments are checked and whose folder is locked."""
 
     recipe: Recipe
     source: Path
@@ -116,7 +140,7 @@ class _Build:
     strict: bool
 
     def run(self) -> bool:
-        """Build; False if the dataset is there already."""
+        """Build; return False if the dataset existed already."""
         return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
 
     def _run(self) -> bool:
@@ -142,7 +166,7 @@ class _Build:
 
 
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
-    """Return what holds for the whole store."""
+    """Return the header of the store."""
     return StoreHeader(
         scope=recipe.scope,
         fps=recipe.fps,
@@ -168,7 +192,7 @@ def _write(
             rejects=sorted(computed.rejects, key=_reject_order),
             quality=computed.quality,
             shard_bytes=recipe.shard_mb * 2**20,
-            card=dataset_card(recipe, scan, computed, songs_of(computed.clips, meta)),
+            card=dataset_card(recipe, scan, computed, songs_of(computed.clips, meta), _networks(recipe)),
             progress=lambda done, total: advance(1),
         )
 
@@ -197,20 +221,19 @@ def _meta(recipe: Recipe, sources: Sources, source_sha256: str, record: SourceRe
         "genre_ids": dict(recipe.dataset.genre_ids),
         "content": sources.content,
         "arithmetic": expected(),
-        **_networks(recipe),
+        **({"encoders": networks} if (networks := _networks(recipe)) else {}),
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
     }
 
 
 def _networks(recipe: Recipe) -> dict[str, Any]:
-    """Return what audio fields state of their networks, by field; nothing where none has one."""
+    """Return the statements of audio fields on their networks, by field."""
     networks = {job.name: dict(job.feature.about) for job in recipe.audio if isinstance(job.feature, NetworkFeature)}
-    stated = {name: entry for name, entry in networks.items() if entry}
-    return {"encoders": stated} if stated else {}
+    return {name: about for name, about in networks.items() if about}
 
 
 def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
-    """Raise StoreError with the difference, if `out` was made by another recipe or from another source."""
+    """Raise StoreError with the differences if `out` was built from another recipe or source."""
     store = open_store(out)
     meta = store.meta
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
@@ -242,6 +265,6 @@ def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
 
 
 def relative_to(reject: Reject, source: Path) -> Reject:
-    """Name files relative to the source: where it lies shapes no byte of a dataset."""
+    """Name files relative to the source: its place affects no byte of a dataset."""
     prefix = printable(f"{source}{os.sep}")
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import DanceDataError, DataError, SourceError
+from dancedata.core.errors import DanceDataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
@@ -18,7 +18,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
-from dancedata.pipeline.rejects import NOTED, implausible_problems, reject_of
+from dancedata.pipeline.rejects import NOTED, attempt, implausible_problems
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Problem, Store, open_store, verify_store
@@ -33,22 +33,8 @@ def check(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> list[Problem]:
-    """Check a built dataset or a source folder.
-
-    Parameters
-    ----------
-    path
-        A folder that `build` wrote, or one to build from.
-    dataset
-        Reader for a source folder: a name, for one without parameters, or a reader, such as a recipe's. Default: the
-        first one that recognises the folder.
-
-    Returns
-    -------
-    list of Problem
-        Of severity "error" or "note".
-    """
-    if dataset is None and path.is_dir() and any(_is_ours(p.name) for p in path.iterdir()):
+    """Check a built dataset or a source folder, as `pipeline.commands.check`; `dataset` may be a recipe's reader."""
+    if dataset is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
         with named_if_it_crashes(f"checking, {path}"):
             problems = verify_store(path)
             if not any(p.severity == "error" for p in problems):
@@ -66,9 +52,9 @@ def check(
 
 
 def _implausible(path: Path) -> list[Problem]:
-    """Say which clips of a sound dataset are implausible, and whether songs could not be compared.
+    """Return notes on implausible clips of a sound dataset, and on songs that could not be compared.
 
-    Clips are judged by the dataset's flags, and by what its motion shows today.
+    Clips are judged by the dataset's flags, and by its motion as today's rules see it.
     """
     with open_store(path) as store:
         flagged = {(row.get("clip"), row.get("kind")) for row in store.quality}
@@ -83,7 +69,7 @@ def _implausible(path: Path) -> list[Problem]:
 
 
 def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
-    """Yield rows, as of quality.jsonl, about left, right and up in what is stored."""
+    """Yield rows, as of quality.jsonl, about left, right and up of the stored motion."""
     field = _field_with_body(store)
     if field is None:
         return
@@ -109,11 +95,11 @@ def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, flo
 
 
 def _field_with_body(store: Store) -> MotionField | None:
-    """Return the field of SMPL's joints that tells most: rotations, else positions; None if there is none."""
+    """Return the most informative field of SMPL's joints: rotations, else positions; None without one."""
     try:
         recipe = parse_recipe(store.meta.get("recipe", {}), where=f"{store.path}/dataset.json")
     except DanceDataError:
-        return None  # of plug-ins that are not here
+        return None  # its plug-ins are not installed
     fields = [
         motion_field
         for motion_field in recipe.motion
@@ -124,18 +110,12 @@ def _field_with_body(store: Store) -> MotionField | None:
     return min(fields, key=lambda f: (f.representation.positions_only, not f.representation.decodes), default=None)
 
 
-def _is_ours(name: str) -> bool:
+def _is_built(name: str) -> bool:
     return name == DATASET_FILE or is_shard_name(name) or name.startswith(PREFIX)
 
 
 def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Dataset, Scan]:
-    """Return a reader and what it lists in a folder; by default the first that recognises it.
-
-    Raises
-    ------
-    SourceError
-        If none does.
-    """
+    """Return a reader and its scan of a folder; by default the first that recognises it, else SourceError."""
     if dataset is not None:
         reader = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
         if reader.generates and not (path.is_dir() and any(path.iterdir())):
@@ -145,8 +125,8 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
     failures = []
     for name in DATASETS.names():
         cls = DATASETS.get(name)
-        # One that writes its source by itself would fill this folder; one for any files would take a copy of a known
-        # dataset that its own reader refuses.
+        # A generator would fill this folder; a reader for any files would take a copy of a supported dataset that
+        # the dataset's reader refuses.
         if cls.generates:
             continue
         if cls.explicit_only:
@@ -163,18 +143,14 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
 def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
     from dancedata.audio.signal import load_audio
 
-    problems = []
-    try:
-        flags = [{"clip": ref.id, **flag.to_json()} for flag in implausible_flags(reader.load(ref))]
-        problems += implausible_problems(flags)
-    except DataError as error:
-        problems.append(reject_of(error, clip=ref.id, file=ref.motion_path))
-    if ref.audio_path is not None:
-        try:
-            load_audio(ref.audio_path)
-        except DataError as error:
-            problems.append(reject_of(error, clip=ref.id, file=ref.audio_path))
-    return problems
+    flags = attempt(lambda: implausible_flags(reader.load(ref)), ref.motion_path, ref.id)
+    if isinstance(flags, Reject):
+        problems = [flags]
+    else:
+        problems = implausible_problems({"clip": ref.id, **flag.to_json()} for flag in flags)
+    song = ref.audio_path
+    music = None if song is None else attempt(lambda: load_audio(song), song, ref.id)
+    return [*problems, music] if isinstance(music, Reject) else problems
 
 
 def _problem(reject: Reject) -> Problem:

@@ -19,14 +19,14 @@ from dancedata.store import StoredClip
 
 @dataclass(frozen=True)
 class ComputedClips:
-    """What a build stores.
+    """The content of a dataset.
 
     Attributes
     ----------
     clips
         Sorted by id; copies, such as mirrored ones, after all others.
     rejects
-        All that was left out.
+        Everything that was left out.
     quality
         Rows of quality.jsonl.
     """

@@ -1,4 +1,4 @@
-"""build, plan and check from Python: what the command line does, which calls the same functions."""
+"""build, plan and check from Python; the command line calls the same functions."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 from dancedata.core.errors import UsageError
 from dancedata.execution.progress import Progress
+from dancedata.pipeline.build import BuildResult
 from dancedata.pipeline.build import build as _build
 from dancedata.pipeline.check import check as _check
 from dancedata.pipeline.part import Part, PartResult
 from dancedata.pipeline.part import build_part as _build_part
 from dancedata.pipeline.plan import Plan, make_plan
-from dancedata.pipeline.summary import BuildResult
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import Problem
 
 __all__ = ["build", "build_part", "check", "plan"]
 
-#: A recipe's name, its YAML file, its document, or one that is checked already.
+#: A recipe's name, its YAML file, its document, or a parsed recipe.
 RecipeLike = str | Path | Mapping[str, Any] | Recipe
 #: ``["windows.stride_s=1"]`` or ``{"windows.stride_s": 1}``.
 Overrides = Iterable[str] | Mapping[str, Any]
@@ -73,8 +73,8 @@ def build(
     Returns
     -------
     BuildResult
-        Path, counts per split, what was left out and why; `open()` opens the dataset. A dataset that was built
-        before from the same recipe and source is left as it is.
+        Path, counts per split, counts of what was left out by reason; `open()` opens the dataset. A dataset that was
+        built before from the same recipe and source is left as it is.
 
     Raises
     ------
@@ -93,12 +93,12 @@ def build(
     (4, {})
     >>> ds = built.open()
     """
-    request = _Asked.of(recipe, source, out, overrides)
-    shown = Progress(quiet=not progress)
-    shown.announce(f"building {request.recipe.name} from {request.source} into {request.out}")
+    request = _Request.of(recipe, source, out, overrides)
+    reporter = Progress(quiet=not progress)
+    reporter.announce(f"building {request.recipe.name} from {request.source} into {request.out}")
     return _build(
         request.recipe, request.source, request.out, jobs=jobs_of(jobs), overwrite=overwrite, strict=strict,
-        cache=folder_of(cache), progress=shown, backend=backend, scheduler=scheduler,
+        cache=folder_of(cache), progress=reporter, backend=backend, scheduler=scheduler,
     )  # fmt: skip
 
 
@@ -126,14 +126,14 @@ def build_part(
     Returns
     -------
     PartResult
-        Clips and songs of the share, and what will be left out.
+        Clips and songs of the share, and counts of clips that will be left out.
     """
-    request = _Asked.of(recipe, source, out, overrides)
-    shown = Progress(quiet=not progress)
-    shown.announce(f"computing part {part} of {request.recipe.name} from {request.source}")
+    request = _Request.of(recipe, source, out, overrides)
+    reporter = Progress(quiet=not progress)
+    reporter.announce(f"computing part {part} of {request.recipe.name} from {request.source}")
     return _build_part(
         request.recipe, request.source, Part.parse(part), jobs=jobs_of(jobs), strict=strict, cache=folder_of(cache),
-        progress=shown,
+        progress=reporter,
     )  # fmt: skip
 
 
@@ -147,7 +147,7 @@ def plan(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> Plan:
-    """Show what a build would make, as ``dancedata plan`` does.
+    """Plan a build, as ``dancedata plan`` does.
 
     Only lengths are read. No feature is computed and nothing is written to `out`; a dataset that is generated writes
     its source if that is missing.
@@ -163,15 +163,14 @@ def plan(
     -------
     Plan
         `summary` is the text that the command prints, `to_json()` the same as data: clips, windows, columns, bytes,
-        what would be left out, and how much of each field is in the cache.
+        reasons for which clips would be left out, and the share of each field in the cache.
 
     Raises
     ------
     UsageError
         As for `build`.
     SourceError
-        If the source cannot be used. A source of which no clip is left is not an error here: `Plan.require_clips`
-        raises it.
+        If the source cannot be used. Only `Plan.require_clips` raises an error if no clip is left.
 
     Examples
     --------
@@ -183,11 +182,11 @@ def plan(
       train      2        6     360      1
     ...
     """
-    request = _Asked.of(recipe, source, out, overrides)
-    shown = Progress(quiet=not progress)
+    request = _Request.of(recipe, source, out, overrides)
+    reporter = Progress(quiet=not progress)
     if not request.source.exists() and request.recipe.dataset.generates:
-        shown.write(f"the dataset {request.recipe.dataset.name} writes its own source: {request.source}")
-    return make_plan(request.recipe, request.source, jobs=jobs_of(jobs), cache=folder_of(cache), progress=shown)
+        reporter.write(f"the dataset {request.recipe.dataset.name} writes its own source: {request.source}")
+    return make_plan(request.recipe, request.source, jobs=jobs_of(jobs), cache=folder_of(cache), progress=reporter)
 
 
 def check(
@@ -241,7 +240,7 @@ def check(
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Request:
     """A recipe, the folder it reads and the folder it writes."""
 
     recipe: Recipe
@@ -251,7 +250,7 @@ class _Asked:
     @classmethod
     def of(
         cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
-    ) -> _Asked:
+    ) -> _Request:
         parsed = load_recipe(recipe, overrides)
         target = folder_of(out) or Path("data") / parsed.name
         if source is not None:
@@ -266,7 +265,7 @@ class _Asked:
 
 
 def folder_of(path: str | Path | None) -> Path | None:
-    """Return a path with ~ replaced; None for None."""
+    """Return a path with ~ expanded; None for None."""
     return None if path is None else Path(path).expanduser()
 
 

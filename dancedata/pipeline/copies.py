@@ -15,10 +15,10 @@ import numpy.typing as npt
 from dancedata.core.clip import Reject
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import Jobs, run_units
-from dancedata.pipeline.encode import EncodedClip
+from dancedata.execution.units import Jobs
+from dancedata.pipeline.encode import EncodedClip, encode_sources
 from dancedata.pipeline.features import extract_features, stored_clip
-from dancedata.pipeline.motion import MotionKeys, MotionResult, encode_motion, known_motion
+from dancedata.pipeline.motion import MotionResult
 from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import CopySpec, is_copied
@@ -30,7 +30,7 @@ from dancedata.store.stored_clip import LazyArray
 
 @dataclass(frozen=True)
 class CopySource:
-    """A clip to store, and the files that it was made of."""
+    """A clip to store, and its source."""
 
     clip: StoredClip
     source: SourceClip
@@ -38,7 +38,7 @@ class CopySource:
 
 @dataclass(frozen=True)
 class _Context:
-    """How the copies of one augmentation are computed."""
+    """Arguments for the copies of one augmentation."""
 
     cache: Cache
     recipe: Recipe
@@ -57,12 +57,9 @@ def make_copies(
     jobs: Jobs,
     progress: Progress,
 ) -> tuple[list[StoredClip], list[Reject]]:
-    """Return the copies that the recipe asks for, and a reject for each that cannot be made.
+    """Return the copies that the recipe's augmentations make, and a reject for each that fails.
 
-    Parameters
-    ----------
-    content
-        SHA-256 of the files that the dataset's parameters name.
+    `content` is the SHA-256 of the files that the dataset's parameters name.
     """
     clips = [clip for clip in clips if is_copied(clip.clip.split)]
     fields = {field.name: field for field in recipe.clip_fields}
@@ -85,26 +82,18 @@ def _encoded(
     context: _Context, clips: Sequence[CopySource], rejects: list[Reject]
 ) -> Iterator[tuple[CopySource, MotionResult]]:
     """Yield clips with the motion of their copies; where it cannot be encoded, a reject is added."""
-    cache, recipe, spec = context.cache, context.recipe, context.spec
-    motion_keys = MotionKeys(recipe, context.content, spec)
-    keys = [motion_keys.of(clip.source.ref, clip.source.motion_sha256) for clip in clips]
-    read = recipe.without_audio
-    calls = [
-        (cache, read, c.source.ref, c.source.motion_sha256, clip_keys, spec)
-        for c, clip_keys in zip(clips, keys, strict=True)
-    ]
-    cached = [known_motion(cache, recipe, clip_keys) for clip_keys in keys]
-    label = f"encoding copies ({spec.name})"
-    results = run_units(encode_motion, calls, known=cached, jobs=context.jobs, label=label, progress=context.progress)
+    c = context
+    sources = [clip.source for clip in clips]
+    results = encode_sources(c.cache, c.recipe, sources, c.content, c.spec, jobs=c.jobs, progress=c.progress)
     for clip, result in zip(clips, results, strict=True):
         if isinstance(result, Reject):
-            rejects.append(replace(result, clip=spec.clip_id(clip.clip.id)))
+            rejects.append(replace(result, clip=c.spec.clip_id(clip.clip.id)))
         else:
             yield clip, result
 
 
 def _retimed(context: _Context, clips: Sequence[CopySource], rejects: list[Reject]) -> list[StoredClip]:
-    """Return clips at the speed of their copies, with windows and music of their own, under the clips' ids."""
+    """Return clips at the speed of their copies, with new windows and music, under the clips' ids."""
     recipe, spec = context.recipe, context.spec
     of_copy = {spec.clip_id(clip.clip.id): clip.clip for clip in clips}
     encoded = [EncodedClip(_faster(spec, clip.source), motion) for clip, motion in _encoded(context, clips, rejects)]
@@ -115,13 +104,10 @@ def _retimed(context: _Context, clips: Sequence[CopySource], rejects: list[Rejec
     rejects += [*without_windows, *without_features]
     stored = []
     for clip in sorted(extracted, key=lambda clip: clip.source.ref.id):
-        features = of_copy[clip.source.ref.id]
+        original = of_copy[clip.source.ref.id]
         # Flags and rate are of the source, whose frames the copy has.
-        stored.append(
-            replace(
-                stored_clip(recipe, clip), id=features.id, n_flags=features.n_flags, source_rate=features.source_rate
-            )
-        )
+        about = {name: getattr(original, name) for name in ("id", "n_flags", "source_rate")}
+        stored.append(replace(stored_clip(recipe, clip), **about))
     return stored
 
 
@@ -141,12 +127,7 @@ def _copied(
 ) -> StoredClip:
     """Return the copy of a clip under the id `<id>__<name>`; its `source` is the clip.
 
-    Parameters
-    ----------
-    fields
-        All motion and key motion fields.
-    arrays
-        Encoded rows of the copy's own motion; None: those of the clip.
+    `arrays` are the encoded rows of the copy's motion; None: those of the clip.
     """
     motion = {name: _CopiedArray(a, fields[name], spec, clip.id) for name, a in (arrays or clip.motion).items()}
     return replace(clip, id=spec.clip_id(clip.id), source=clip.id, motion=motion)
@@ -154,7 +135,7 @@ def _copied(
 
 @dataclass(frozen=True)
 class _CopiedArray:
-    """Rows (..., D) of a copy, made when numpy asks for them."""
+    """Rows (..., D) of a copy, computed when numpy needs them."""
 
     array: LazyArray
     field: MotionField | KeyMotionField

@@ -69,19 +69,19 @@ def decode(
         Name of the representation that the columns are in; with `like` the name of the dataset's field, such as
         "edge151.second".
     fps
-        Frames per second of the rows. Default: those of `like`, else the representation's own rate, else 30.
+        Frames per second of the rows. Default: those of `like`, else the representation's rate, else 30.
     like
         The dataset that the trainer read, or its reader. A reader states its scaler, and whether it normalises.
     normalized
-        Whether the columns are normalised by the scaler of the dataset's field; with a dataset as `like` it has to be
-        stated. Columns that are clearly not as stated are refused.
+        True for columns that are normalised by the scaler of the dataset's field; required with a dataset as `like`.
+        Columns that clearly contradict it are refused.
     scaler
         Another scaler, or the file of its ``save``: the columns are normalised by it.
     clip
-        Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do. False: mirrored and turned
-        motion, which lies a little outside, comes back whole.
+        Clip normalised values to [-1, 1] first, as EDGE and Lodge do. False: mirrored and turned motion, which is a
+        little outside, comes back whole.
     parameters
-        The representation's own, as in a recipe.
+        Parameters of the representation, as in a recipe.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def decode(
 
 @dataclass(frozen=True)
 class _Statement:
-    """What a call states, and its file, of how columns are scaled, and the rate of the file."""
+    """Statements of a call, and of its file, on the scaling of columns and on their rate."""
 
     like: Like
     normalized: bool | None
@@ -177,7 +177,7 @@ def decode_file(
     out
         Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch.
     fps
-        Frames per second. Default: those of `like` or of the file, or the representation's own, where it has one.
+        Frames per second. Default: those of `like` or of the file, or of the representation.
     key
         Name of the array, where the file has several. Default: the only one with the representation's columns.
     overwrite
@@ -234,12 +234,12 @@ def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
     """Return an array of floats or integers."""
     try:
         numbers = np.asarray(array)
-        found = "" if numbers.dtype.kind in "iuf" else f"dtype {numbers.dtype}"
+        problem = "" if numbers.dtype.kind in "iuf" else f"dtype {numbers.dtype}"
     except (TypeError, ValueError, RuntimeError) as error:  # lists of unequal length; tensors that numpy cannot hold
-        found = str(error)
-    if found:
+        problem = str(error)
+    if problem:
         fix = "pass a numpy array: tensor.detach().cpu().float().numpy()"
-        raise UsageError(f"these are not columns of {name}", found=found, allowed="floats or integers", fix=fix)
+        raise UsageError(f"these are not columns of {name}", found=problem, allowed="floats or integers", fix=fix)
     return numbers
 
 
@@ -250,7 +250,7 @@ def _require_shape(array: npt.NDArray[Any], plugin: Representation, name: str) -
             f"these are not columns of {name}",
             found=f"shape {array.shape}",
             allowed=f"(T, {width}) or a batch (B, T, {width}), not empty",
-            fix=_named_by_width(array.shape[-1]) if array.ndim in (2, 3) else None,
+            fix=_named_by_width(array.shape[-1]) if array.ndim in (2, 3) and array.shape[-1] != width else None,
         )
 
 
@@ -319,7 +319,7 @@ def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
 
 
 def _files(path: Path, out: Path, to: str, motions: Motion | list[Motion]) -> Mapping[Path, bytes]:
-    """Return the bytes of the files: <name>.bvh for one motion, <name>_000.bvh, ... for a batch."""
+    """Return the bytes of <name>.bvh for one motion, of <name>_000.bvh, ... for a batch."""
     suffix = MOTION_FILES[to][0]
     if isinstance(motions, Motion):
         return {out / f"{path.stem}{suffix}": motion_file(motions, to)}

@@ -22,7 +22,7 @@ Row = Mapping[str, Any]
 
 
 def is_same_number(a: Any, b: Any, atol: float | None) -> bool:
-    """Whether two values are equal, floating-point numbers within the tolerance."""
+    """Return whether two values are equal, floating-point numbers within the tolerance."""
     if atol is not None and isinstance(a, float) and isinstance(b, float):
         return abs(a - b) <= atol
     return bool(a == b)
@@ -159,7 +159,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
     Examples
     --------
     >>> import dancedata
-    >>> [str(found) for found in dancedata.diff("data/aistpp", "data/the-same-again")]
+    >>> [str(difference) for difference in dancedata.diff("data/aistpp", "data/the-same-again")]
     []
     """
     if atol is not None and not (math.isfinite(atol) and atol >= 0):

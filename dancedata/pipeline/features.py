@@ -46,7 +46,7 @@ class ExtractedClip:
 def extract_features(
     cache: Cache, recipe: Recipe, clips: Sequence[WindowedClip], *, jobs: Jobs, progress: Progress
 ) -> tuple[list[ExtractedClip], list[Reject]]:
-    """Extract all audio fields; a clip whose music fails is left out, and not looked at for the fields after it."""
+    """Extract all audio fields; a clip whose music fails is left out, and skipped for the fields after it."""
     audio: dict[str, dict[str, Blocks]] = {clip.source.ref.id: {} for clip in clips}
     left, rejects = list(clips), []
     for job in recipe.audio:
@@ -100,7 +100,7 @@ class _Extraction:
     progress: Progress
 
     def tracks(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
-        """Return a block for every clip, or what is wrong with its music; equal music and tempo share theirs."""
+        """Return a block, or a reject, for each clip; clips of equal music and tempo share it."""
         feature_keys = FeatureKeys(self.job)
         timelines: dict[str, list[str]] = {}
         units: dict[str, _Unit] = {}
@@ -122,7 +122,7 @@ class _Extraction:
         return blocks, failed
 
     def windows(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
-        """Return a block for every window; the same window of equal songs, at one tempo, has one."""
+        """Return a block for each window, or a reject; the same window of equal songs, at one tempo, shares it."""
         feature_keys = FeatureKeys(self.job)
         by_clip: dict[str, list[_Window]] = {}
         owner: dict[str, _Window] = {}
@@ -162,14 +162,14 @@ class _Extraction:
         return arrays, broken
 
     def _run(self, function: Callable[..., Any], units: Sequence[_Unit], cached: list[Any]) -> list[Any]:
-        """Run the units of work that are not known, each with the song that comes next."""
+        """Run the units of work that are not cached, each with the file of the next song."""
         missing = [unit.signal.path for unit, result in zip(units, cached, strict=True) if result is None]
         ahead = iter(_next_songs(self.job.feature, missing))
         calls = [
             (self.cache, self.job, *unit, next(ahead) if result is None else None)
             for unit, result in zip(units, cached, strict=True)
         ]
-        # A feature is asked for its devices only if there is something to compute.
+        # Devices are looked up only if there is something to compute.
         jobs = _jobs_for(self.job.feature, self.jobs) if missing else self.jobs
         return run_units(
             function,
@@ -183,7 +183,7 @@ class _Extraction:
 
 
 class _Unit(NamedTuple):
-    """What a unit of work is about: a song, the tempo to start from, and the key, or keys by number, of its rows."""
+    """A unit of work: a song, the tempo to start from, and the key, or keys by number, of its rows."""
 
     signal: SignalId
     bpm: float | None

@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,10 +33,10 @@ from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
 
-#: Raised by hand when a stage here gives other numbers for the same input.
+#: Raised by hand when a stage gives other numbers for the same input.
 MOTION_STAGE = 4
-#: Raised by hand when readers or `quality_flags` find more in the same input: clips that were looked at before are
-#: looked at again, and what was encoded of them stays.
+#: Raised by hand when readers or `quality_flags` find more in the same input: cached clips are then examined again,
+#: and their encoded motion stays.
 _LOOKED_AT = 2
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
@@ -79,7 +78,7 @@ class MotionResult:
     arrays: dict[str, CachedArray] = field(default_factory=dict)
 
     def stored(self, recipe: Recipe, starts: tuple[int, ...]) -> dict[str, CachedArray]:
-        """Return what is stored of the arrays; in window scope only the windows that begin at `starts`."""
+        """Return the arrays to store; in window scope only the windows that begin at `starts`."""
         if recipe.scope == "track":
             return self.arrays
         numbers = recipe.windows.numbers(starts)
@@ -93,9 +92,9 @@ class ClipKeys:
     Attributes
     ----------
     info
-        Of what is known of it.
+        Key of the facts about it.
     fields
-        Of its motion and key motion fields, by name.
+        Keys of its motion and key motion fields, by name.
     content
         Hashes of further files that shaped the keys, see `content_hashes`.
     """
@@ -114,7 +113,7 @@ def hash_motion(cache: Cache, path: Path) -> str | Reject:
 
 
 def known_hash(cache: Cache, path: Path) -> str | None:
-    """Return what `hash_motion` would, if the cache remembers it."""
+    """Return the cached result of `hash_motion`, None if there is none."""
     try:
         return cache.known_sha256(path)
     except OSError:
@@ -122,14 +121,9 @@ def known_hash(cache: Cache, path: Path) -> str | None:
 
 
 class MotionKeys:
-    """The cache keys of clips. What they have in common is hashed once.
+    """The cache keys of clips, or of `copies` of them with another motion. Their common part is hashed once.
 
-    Parameters
-    ----------
-    content
-        Hashes of the files that the dataset's parameters name, see `content_hashes`.
-    copies
-        Copies of the clips, whose motion an augmentation changes; None: the clips themselves.
+    `content` are the hashes of further files, see `content_hashes`.
     """
 
     def __init__(self, recipe: Recipe, content: Mapping[str, str], copies: CopySpec | None = None) -> None:
@@ -156,10 +150,7 @@ class MotionKeys:
         self._recipe = recipe
 
     def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
-        """Return the keys of a clip; `sha256` is the hash of its file.
-
-        The clip's id is a part of them: what is cut from FineDance's 004 goes by its name.
-        """
+        """Return the keys of a clip, by its id (the parts of FineDance's 004 have one file) and its file's hash."""
 
         def key(common: str, **crossing: int) -> str:
             return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **crossing)
@@ -185,13 +176,13 @@ def encode_motion(
 
 
 def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult | None:
-    """Return what `encode_motion` would, if the cache has all of it."""
+    """Return the cached result of `encode_motion`, None if a part is missing."""
     info, arrays = _encoded(cache, keys)
     return None if info is None or None in arrays.values() else _result(recipe, info, arrays)
 
 
 def _result(recipe: Recipe, info: ClipInfo, arrays: dict[str, CachedArray | None]) -> MotionResult:
-    rate = _rate(info.source_rate)
+    rate = Fraction(info.source_rate)
     encoded = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(info.n_source, recipe.grid)
@@ -199,13 +190,8 @@ def _result(recipe: Recipe, info: ClipInfo, arrays: dict[str, CachedArray | None
     return MotionResult(info.n_source, rate, n_frames, first, float(info.height_m), tuple(info.flags), encoded)
 
 
-@lru_cache(maxsize=256)
-def _rate(text: str) -> Fraction:
-    return Fraction(text)
-
-
 def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, CachedArray | None]]:
-    """Return what the cache has of a clip."""
+    """Return the cached entries of a clip."""
     cached = cache.json("clips", keys.info)
     info = ClipInfo(*cached) if cached is not None and cached[5:] == [_LOOKED_AT] else None
     return info, {name: cache.array("motion", key) for name, key in keys.fields.items()}
@@ -214,7 +200,7 @@ def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, C
 def _encode_missing(
     cache: Cache, recipe: Recipe, ref: ClipRef, keys: ClipKeys, sha256: str, copies: CopySpec | None
 ) -> tuple[ClipInfo, dict[str, CachedArray | None]]:
-    """Load a clip and publish what the cache does not have of it by now: another process may have made it."""
+    """Load a clip and publish its missing entries; another process may have published some by now."""
     info, arrays = _encoded(cache, keys)
     if info is not None and None not in arrays.values():
         return info, arrays
@@ -253,7 +239,7 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
     """Return how many windows a motion of `n_source` frames has.
 
     Track scope counts on the recipe's grid. Window scope counts as EDGE does, before decimation, where the
-    source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows there, 55 on the grid.
+    source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows at 60 FPS, 55 on the grid.
     """
     step = FrameGrid(source_rate).step_to(recipe.grid)
     count = recipe.windows.count(usable_frames(recipe, n_source, source_rate))
@@ -283,22 +269,17 @@ def _encode(recipe: Recipe, clip_field: MotionField | KeyMotionField, motion: Mo
 def vertical_extent(motion: Motion) -> float:
     """Return the distance of the highest joint from the lowest along y, median over frames, metres.
 
-    It shows at a glance whether axis and unit are right: a dancer who stands measures 1.4 to 1.7 m from the
-    toes to the head joint.
+    A check of axis and unit: a standing dancer measures 1.4 to 1.7 m from the toes to the head joint.
     """
     heights = motion.joints()[..., 1]
     return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)
 
 
 def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[str, str]:
-    """Return the hash of every file that a dataset's parameters name, such as a body model.
+    """Return the hashes of the files that a dataset's parameters name, such as a body model.
 
-    Those files are the fields whose metadata say ``{"content": True}``. Of a folder, all files count.
-
-    Parameters
-    ----------
-    hash_file
-        Gives the SHA-256 of a file, such as `Cache.file_sha256`.
+    These are the fields with the metadata ``{"content": True}``; of a folder all files. `hash_file` returns the
+    SHA-256 of a file, such as `Cache.file_sha256`.
     """
     hashes: dict[str, str] = {}
     for f in dataclasses.fields(dataset):
@@ -314,7 +295,7 @@ def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[s
 
 
 def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
-    """Return whether columns hold where a clip is on another body than its own: cf. `core.bodies.on_body`."""
+    """Return whether columns depend on moving the clip to another body: cf. `core.bodies.on_body`."""
     if not isinstance(job, MotionField) or job.representation.positions_only:
         return False
     representation = job.representation
@@ -324,6 +305,6 @@ def _crosses(job: MotionField | KeyMotionField, body: Skeleton | None) -> bool:
 
 
 def _window_cut(recipe: Recipe) -> list[Any]:
-    # The fields together decide how many windows there are, see usable_frames.
+    # The fields together determine the number of windows, see usable_frames.
     rates = sorted({str(motion_field.grid) for motion_field in recipe.motion})
     return [recipe.windows.length, recipe.windows.stride, str(recipe.grid), rates]

@@ -73,14 +73,10 @@ def check_out(out: Path, *, overwrite: bool) -> None:
 
 @contextmanager
 def new_dataset(out: Path) -> Iterator[Path]:
-    """Yield a folder to write a dataset to; on success it becomes that of `out`, or replaces the one there.
+    """Yield a folder to write a dataset to; on success it becomes `out`, or replaces the dataset in it.
 
-    On any exception it is removed, and `out` stays as it was.
-
-    Raises
-    ------
-    StoreError
-        If by now `out` holds a file that would be replaced, or nothing can be written.
+    On any exception it is removed, and `out` stays as it was. StoreError if `out` holds a foreign file by now, or
+    cannot be written.
     """
     with _writing(out):
         replaces = (out / DATASET_FILE).exists()

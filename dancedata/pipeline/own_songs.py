@@ -1,4 +1,4 @@
-"""dancedata features: one's own music, with features exactly as in training."""
+"""dancedata features: features of any music, exactly as in training."""
 
 import json
 import os
@@ -36,14 +36,14 @@ from dancedata.store import Store, open_store
 from dancedata.store.schema import DATASET_FILE
 from dancedata.store.songs import music_hashes
 
-#: Of a .json beside features: the first frames of a day's windows.
+#: Largest .json of features: it lists the first frames of a day's windows.
 _MAX_ABOUT_BYTES = 1 << 26
 
 
 def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
-    """Find how features are computed: as in a built dataset or a recipe, or plainly, per track at 30 per second.
+    """Return the features to compute: those of a built dataset or recipe, or defaults at 30 rows per second.
 
-    Without `feature`, all audio features of `like` are meant, or librosa35.
+    Without `feature`, all audio features of `like`, or librosa35.
     """
     if like is None:
         plugin = make_named(FEATURES, "audio", feature or "librosa35", {})
@@ -66,10 +66,10 @@ def write_features(
     *,
     like: str | None = None,
 ) -> list[dict[str, Any]]:
-    """Write OUT/<song>.<feature>.npy and a .json beside it that describes it; returns the content of the JSON files.
+    """Write OUT/<song>.<feature>.npy and a .json that describes it; return the content of the JSON files.
 
-    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. Where it fails, nothing is
-    left behind; where it is interrupted, the songs that are done are.
+    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. An error leaves no file
+    behind; an interrupt leaves those of the songs that are done.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def write_features(
     weights
         Folders of networks' weights: "FIELD=FOLDER", or a folder alone where one feature needs weights.
     like
-        The dataset that the jobs were found in, see `find_jobs`.
+        The dataset or recipe of the jobs, see `find_jobs`.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
 
 
 def _is_free(path: Path) -> bool:
-    """Tell whether features may be written to a path: nothing is there, or the features that the .json describes."""
+    """Return whether features may be written to a path: it is free, or has the features that its .json describes."""
     record_path = path.with_suffix(".json")
     if not os.path.lexists(record_path):
         return not os.path.lexists(path)
@@ -187,7 +187,7 @@ def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
 
 @contextmanager
 def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
-    """Make the folder; on an error remove the files that the caller has added to the set, and what was made."""
+    """Make the folder; on an error remove it again, and the files that the caller has added to the set."""
     new: set[Path] = set()
     with new_folders(out):
         try:
@@ -199,7 +199,7 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
 
 
 def _weights_of(options: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:
-    """Return the folder of weights for each feature that is given one; UsageError for what no feature takes."""
+    """Return the folder of weights by feature; UsageError for weights that no feature takes."""
     networks = [(job.name, job.feature) for job in jobs if isinstance(job.feature, NetworkFeature)]
     takers = [name for name, feature in networks if feature.with_weights(Path()) is not feature]
     folders: dict[str, Path] = {}
@@ -223,7 +223,7 @@ def _weights_of(options: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> di
 
 
 def _ready(job: FeatureJob, weights: Path | None, dataset: Store | None) -> AudioFeature:
-    """Return a feature with its weights; those of a dataset are known by their hash, not by their place."""
+    """Return a feature with its weights; a dataset records their hash, not their place."""
     feature = job.feature
     if weights is not None and isinstance(feature, NetworkFeature):
         feature = feature.with_weights(weights)
@@ -233,15 +233,15 @@ def _ready(job: FeatureJob, weights: Path | None, dataset: Store | None) -> Audi
         model = None if dataset is None else dataset.weights.get(job.name)
         if dataset is not None and model:
             name = shown(job.name)
-            wanted = f"{name} of {shown(dataset.path)} was computed with {model}: --weights {name}=FOLDER"
-            error.fix = f"{error.fix}. {wanted}" if error.fix else wanted
+            weights_fix = f"{name} of {shown(dataset.path)} was computed with {model}: --weights {name}=FOLDER"
+            error.fix = f"{error.fix}. {weights_fix}" if error.fix else weights_fix
         raise
 
 
 def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tuple[float | None, str]:
-    """Return the tempo that a dataset states for a song, beats per minute, and by what the song was recognised.
+    """Return a dataset's tempo of a song, in BPM, and the evidence: "samples" or "name".
 
-    None if it states none: then training estimated it too.
+    None if the dataset states none: then training estimated it too.
     """
     if dataset is None:
         return None, ""
@@ -261,7 +261,7 @@ def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tup
 
 @dataclass(frozen=True)
 class _Computed:
-    """Rows of a song, the windows' first frames, and the tempo that was estimated: one, or one a window."""
+    """Rows of a song, the windows' first rows, and the estimated tempo: one, or one per window."""
 
     rows: Any
     starts: list[int] | None = None
@@ -344,7 +344,7 @@ def describe_features(out: Path, record: Mapping[str, Any]) -> str:
 
 
 def _dataset_like(like: str) -> Store | None:
-    """Open the dataset that is named; None for a recipe."""
+    """Open a dataset; return None for the name of a recipe."""
     return open_store(like) if (Path(like) / DATASET_FILE).exists() else None
 
 

@@ -40,11 +40,10 @@ class Part:
         return f"{self.number}/{self.count}"
 
     def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
-        """Return the clips of this part, in the order given.
+        """Return the clips of this part, in the order of `clips`.
 
-        All clips of a song are in one part, so that no song is decoded, and no feature computed, in two. Parts get
-        about equal numbers of clips: songs are dealt out by their number of clips, the largest first, each to the
-        part that has the fewest clips. The result depends on the clips alone.
+        All clips of a song are in one part, so that no song is decoded in two. Songs are assigned by their number of
+        clips, the largest first, each to the part that has the fewest clips. The result depends on the clips alone.
         """
         songs: dict[str, list[ClipRef]] = defaultdict(list)
         for ref in clips:
@@ -61,7 +60,7 @@ class Part:
 
 @dataclass(frozen=True)
 class PartResult:
-    """What a part did: clips and songs in the source, in the part, and clips of it that have to be left out."""
+    """The result of a part: clips of the source, clips and songs of the part, and counts of clips left out."""
 
     part: Part
     clips_in_all: int
@@ -94,24 +93,10 @@ def build_part(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> PartResult:
-    """Compute a part's units of work into the cache; writes no dataset.
+    """Compute a part's units of work into the cache; other parameters and errors as of `pipeline.commands.build`.
 
     Parts may run at the same time, on any machines that share the cache and the source, in any order and more
-    than once. A build of the whole afterwards finds all in the cache, and computes what is not there.
-
-    Parameters
-    ----------
-    part
-        Which of how many.
-    strict
-        Stop at the part's first broken clip.
-
-    Raises
-    ------
-    SourceError
-        If the source cannot be used.
-    DataError
-        With `strict`, for the first broken clip.
+    than once. A build of the whole then finds the results in the cache, and computes only missing ones.
     """
     progress = progress or Progress(quiet=True)
     source = source.absolute()

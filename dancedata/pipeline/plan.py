@@ -1,14 +1,13 @@
-"""dancedata plan: what a build would make; reads lengths only, computes no feature, writes no dataset."""
+"""dancedata plan: the outcome of a build, from lengths alone; computes no feature, writes no dataset."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
@@ -17,14 +16,15 @@ from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of, relative_to
+from dancedata.pipeline.describe import scope_text, windows_text
 from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import (
+    attempt,
     describe_implausible,
     left_out_lines,
     missing_music,
     nothing_left,
-    reject_of,
     short_audio,
     too_short,
 )
@@ -48,7 +48,7 @@ class Retimed:
 
 @dataclass(frozen=True)
 class ClipPlan:
-    """What would become of a clip: frames at the recipe's rate, windows, rows of audio; or what is wrong with it.
+    """The outcome of a clip: frames at the recipe's rate, windows, rows of audio; or its problems.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class ClipPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a build would make."""
+    """The outcome of a build."""
 
     recipe: Recipe
     source: Path
@@ -133,12 +133,11 @@ class Plan:
     def describe(self, out: Path | None = None) -> str:
         """Return the plan as text; `out` is named in its first line."""
         document = self.to_json()
-        windows = document["recipe"]["windows"]
+        windows = windows_text(self.recipe.windows.length, self.recipe.windows.stride)
         into = "" if out is None else f" into {shown(out)}"
         lines = [
             f"{self.recipe.name}{into}: about {size_text(document['bytes'])}",
-            f"  {self.recipe.scope} scope, {self.recipe.grid} frames per second, "
-            f"windows of {windows['length_frames']} frames every {windows['stride_frames']}",
+            scope_text(self.recipe.scope, str(self.recipe.grid), windows),
             *table(
                 ["split", "clips", "windows", "frames", "songs"],
                 [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in document["splits"].items()],
@@ -158,7 +157,6 @@ class Plan:
         return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
 
     def _copies(self, split: str) -> int:
-        """Return how many clips of the same time are stored for a clip, itself included."""
         return copies_per_clip(self.recipe.augment, split)
 
     def _notes(self) -> list[str]:
@@ -204,7 +202,7 @@ class Plan:
 def make_plan(
     recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
 ) -> Plan:
-    """Find out what `build` would make of a source, and what of that is in the cache."""
+    """Plan a build of a source, and look up its units of work in the cache."""
     source = source.absolute()  # as in a build, so that messages are the same
     scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
@@ -226,11 +224,11 @@ def make_plan(
 
 
 def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject | None) -> ClipPlan:
-    """Plan a clip; `samples` is its music's length and sample rate, why it has none, or None without features."""
-    # As in a build: motion and music are both looked at, so that all that is wrong is named.
-    motion = _try(lambda: recipe.dataset.load(ref), ref.motion_path)
+    """Plan a clip; `samples` is its music's length and sample rate, a reject, or None without features."""
+    # Motion and music are both examined, as in a build, so that all problems are named.
+    motion = attempt(lambda: recipe.dataset.load(ref), ref.motion_path)
     problems = tuple(replace(reject, clip=ref.id) for reject in (motion, samples) if isinstance(reject, Reject))
-    if problems or isinstance(samples, Reject):
+    if isinstance(motion, Reject) or isinstance(samples, Reject):
         return ClipPlan(ref, problems=problems)
     implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = motion.grid.resampled_length(motion.n_frames, recipe.grid)
@@ -269,16 +267,7 @@ def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, i
 
 
 def _length(path: Path) -> tuple[int, int] | Reject:
-    """Return samples and sample rate of a file, or what is wrong with it."""
+    """Return samples and sample rate of a file, or its reject."""
     from dancedata.audio.signal import audio_length
 
-    length: tuple[int, int] | Reject = _try(lambda: audio_length(path), path)
-    return length
-
-
-def _try(call: Callable[[], Any], file: Path) -> Any:
-    """Return a call's result, or the reject of its DataError."""
-    try:
-        return call()
-    except DataError as error:
-        return reject_of(error, file=file)
+    return attempt(lambda: audio_length(path), path)

@@ -1,4 +1,4 @@
-"""What of a plan is in the cache already: units of work that a build would not compute. Opens no source file."""
+"""The units of work of a plan that are in the cache already. Opens no source file."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -19,13 +19,13 @@ from dancedata.recipes.recipe import Recipe
 
 @dataclass(frozen=True)
 class Cached:
-    """How many of a field's units of work are in the cache.
+    """The number of a field's units of work, and of those in the cache.
 
     Attributes
     ----------
     unit
-        "clips" for motion, with copies that are encoded; "songs" or "windows" for audio, as the scope is. What equals
-        another counts once, as far as the files were looked at before; other files count each.
+        "clips" for motion, with copies that are encoded; "songs" or "windows" for audio, by scope. Equal units count
+        once if a build has read their files before; units of other files count each.
     """
 
     unit: str
@@ -43,19 +43,11 @@ def cached_units(
     clips: Sequence[tuple[ClipRef, int]],
     retimed: Sequence[tuple[ClipRef, int, Fraction]],
 ) -> dict[str, Cached]:
-    """Return by field what the cache holds.
+    """Return the cached units of each field.
 
-    Parameters
-    ----------
-    clips
-        Clips that a build would keep, with their number of windows.
-    retimed
-        The same of their copies at another speed, with the speed.
-
-    Notes
-    -----
-    A file is known by its path, size, time of change and inode. One that no build has seen counts as not cached,
-    though a copy of it elsewhere may have been computed.
+    `clips` are those that a build would keep, with their number of windows; `retimed` the same of their copies at
+    another speed, with the speed. A file is recognised by its path, size, time of change and inode. A file that no
+    build has read counts as not cached, although a copy of it may have been computed.
     """
     units = _motion(cache, recipe, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
@@ -88,9 +80,9 @@ def _fields_held(cache: Cache, motion_keys: MotionKeys, ref: ClipRef) -> list[st
     if sha256 is None:
         return []
     keys = motion_keys.of(ref, sha256)
-    # A clip of which one thing is missing is loaded, and only that is made.
-    known = cache.contains("clips", keys.info, "json")
-    return [name for name, key in keys.fields.items() if known and cache.contains("motion", key)]
+    if not cache.contains("clips", keys.info, "json"):
+        return []
+    return [name for name, key in keys.fields.items() if cache.contains("motion", key)]
 
 
 def _audio(
@@ -118,7 +110,7 @@ def _audio(
 
 
 def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:
-    """Return a field as a build computes it; None if that cannot be known here without reading weights."""
+    """Return a field as a build computes it; None if that depends on weights that were not read before."""
     # ImportError: a login node that plans, without the packages that compute.
     with suppress(_UnknownError, UsageError, SourceError, ImportError):
         return replace(job, feature=job.feature.resolved(_known(cache)))
@@ -126,7 +118,7 @@ def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:
 
 
 def not_ready(job: FeatureJob) -> str:
-    """Return what would end a build with this field here, such as weights that are missing; "" if nothing would."""
+    """Return the error of a build with this field on this machine, such as missing weights; "" without one."""
 
     def unread(path: Path) -> str:
         path.stat()

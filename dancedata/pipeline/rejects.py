@@ -1,11 +1,11 @@
-"""Rejects: why clips and files are left out, as worker processes and stages report it."""
+"""Rejects: the reasons for which clips and files are left out or flagged, as text and as errors."""
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, StoreError
@@ -15,11 +15,72 @@ from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAU
 from dancedata.core.text import counted, listed, shown
 from dancedata.recipes.recipe import Recipe
 
-_IMPLAUSIBLE_NAMED = 3
+_T = TypeVar("_T")
+CHANGED = "the file changed while the build was running"
+BUILD_AGAIN = "run the build again once the source no longer changes"
+
+#: Reasons for which a clip is left out by choice; they do not stop a strict build.
+BY_CHOICE = {
+    "ignored",
+    "unassigned",
+    "missing_motion",
+    "unused_music",
+    "extra_file",
+    "no_audio",
+    "still",
+    "filtered",
+    "short_field",
+}
+
+#: Reasons that `check` reports as notes; all others are errors.
+NOTED = {*BY_CHOICE, *OF_CLIPS}
+
+
+def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
+    """Return the reject with the text of an error."""
+    return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
+
+
+def attempt(call: Callable[[], _T], file: Path, clip: str = "") -> _T | Reject:
+    """Return a call's result, or the reject of its DataError."""
+    try:
+        return call()
+    except DataError as error:
+        return reject_of(error, clip, file)
+
+
+def missing_music(ref: ClipRef) -> Reject:
+    """Return the reject of a clip without music."""
+    detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
+    return Reject("missing_music", clip=ref.id, detail=detail, music=ref.music, fix=ref.music_fix)
+
+
+def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:
+    """Return the reject of a clip whose motion, `n_frames` frames at `rate`, is shorter than a window."""
+    motion_s = float(FrameGrid(rate).seconds(n_frames))
+    detail = (
+        f"clip {ref.id} is shorter than a window: {n_frames} frames at {rate} per second "
+        f"({motion_s:.2f} s); a window is {recipe.windows.length_s:g} s"
+    )
+    numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
+    return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
+
+
+def short_audio(recipe: Recipe, ref: ClipRef, path: Path, audio_s: float) -> Reject:
+    """Return the reject of a clip whose music is shorter than a window."""
+    detail = f"{path}: the music is shorter than a window: {audio_s} s; a window is {recipe.windows.length_s:g} s"
+    numbers: dict[str, float | int] = {"audio_s": audio_s}
+    return Reject("short_audio", ref.id, str(path), detail=detail, numbers=numbers)
+
+
+#: Names that a line shows; reasons that a list shows.
+_NAMED, _REASONS = 3, 8
+#: Missing music comes first; what was left out by choice comes after what is broken, what was never there last.
+_FIRST, _LAST = ("missing_music",), ("unassigned", "ignored", "unused_music", "extra_file", "missing_motion")
 _UNIT = ("an implausible unit", "correct the unit that was declared")
 _SIDES = ("left and right in question", "correct the names of its joints, joint_map, or what mirrored it")
 _UP = ("an implausible up axis", "correct the up axis that was declared")
-#: What is said of clips with a flag of a kind, and what to do.
+#: Name of the problem, and what to do, by the kind of flag.
 _CURES = {
     "implausible_body": _UNIT,
     "implausible_root": _UNIT,
@@ -36,10 +97,10 @@ _CURES = {
 def implausible_problems(quality: Iterable[Mapping[str, Any]]) -> list[Reject]:
     """Return one problem for each row of quality.jsonl that concerns a whole clip; `reason` is the row's kind."""
     rows = [row for row in quality if row.get("kind") in OF_CLIPS and isinstance(row.get("value"), int | float)]
-    return [Reject(str(row["kind"]), clip=str(row.get("clip", "")), detail=_found(row)) for row in rows]
+    return [Reject(str(row["kind"]), clip=str(row.get("clip", "")), detail=_detail(row)) for row in rows]
 
 
-def _found(row: Mapping[str, Any]) -> str:
+def _detail(row: Mapping[str, Any]) -> str:
     value, (low, high), (least, most) = float(row["value"]), PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
     return {
         "implausible_body": f"a skeleton of {value:.3g} m, where {low:g} to {high:g} m is plausible; its unit is "
@@ -64,15 +125,15 @@ def _found(row: Mapping[str, Any]) -> str:
 
 
 def describe_implausible(quality: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return the lines of a summary: how many clips, and the first of them, by what there is to do."""
+    """Return the lines of a summary: the number of clips and the first ones, by what to do."""
     groups: dict[tuple[str, str], list[Reject]] = {}
     for problem in implausible_problems(quality):
         groups.setdefault(_CURES[problem.reason], []).append(problem)
     lines = []
     for (what, cure), problems in groups.items():
-        clips, more = counted(len({p.clip for p in problems}), "clip"), len(problems) - _IMPLAUSIBLE_NAMED
+        clips, more = counted(len({p.clip for p in problems}), "clip"), len(problems) - _NAMED
         lines.append(f"  {'implausible' if what == _UNIT[0] else what}: {clips}; {cure}:")
-        lines += [f"    {p.clip}: {p.reason}: {p.detail}" for p in problems[:_IMPLAUSIBLE_NAMED]]
+        lines += [f"    {p.clip}: {p.reason}: {p.detail}" for p in problems[:_NAMED]]
         lines += [f"    ... {more} more"] if more > 0 else []
     return lines
 
@@ -92,21 +153,10 @@ def stop_if_implausible(strict: bool, quality: Sequence[Mapping[str, Any]]) -> N
         )
 
 
-#: Names that a line shows; reasons that a list shows.
-_NAMED, _REASONS = 3, 8
-#: Left out by choice comes after what is broken; what was never there comes last.
-_FIRST, _LAST = ("missing_music",), ("unassigned", "ignored", "unused_music", "extra_file", "missing_motion")
-
-
 def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[str]:
-    """Return a line for each reason, with lines of two spaces more below it.
+    """Return a line for each reason, and further lines below it, indented by two spaces.
 
-    What is broken is shown with what exactly was found, of the first file or clip.
-
-    Parameters
-    ----------
-    details
-        Show that also of what is left out by choice.
+    A reason shows the detail of its first file or clip; one that is left out by choice only with `details`.
     """
     by_reason: dict[str, list[Reject]] = {}
     for reject in rejects:
@@ -120,9 +170,9 @@ def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[
 
 
 def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
-    """Return the error of a source of which no clip can be stored: why, what the reader found, what to do."""
+    """Return the error of a source of which no clip can be stored: reasons, notes of the reader, fix."""
     text = _report("no clip is left to build from", rejects, scan)
-    # Only the recipe has what is declared for files of any layout.
+    # For files of any layout, only the recipe has the declarations.
     reader = "--recipe RECIPE, with this recipe" if dataset.explicit_only else f"--dataset {dataset.name}"
     fix = f"see every file: dancedata check {shlex.quote(shown(source))} {reader}"
     without_music = {clip.id for clip in scan.clips if clip.audio_path is None}
@@ -170,7 +220,7 @@ def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
 
 
 def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
-    """Say which songs are missing, those that most clips need first; a song that may be there before them."""
+    """List the missing songs: first those with a fix, then those that most clips need."""
     fixes = {r.music: r.fix for r in rejects if r.fix}
     ordered = sorted(songs, key=lambda song: (song not in fixes, -songs[song], song))
     lines = []
@@ -185,52 +235,3 @@ def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
     if nameless:
         lines.append(f"  no song is named: {counted(len(nameless), 'clip')} ({listed(nameless, _NAMED)})")
     return lines
-
-
-CHANGED = "the file changed while the build was running"
-BUILD_AGAIN = "run the build again once the source no longer changes"
-
-#: Reasons for which a clip is left out by choice; they do not stop a strict build.
-BY_CHOICE = {
-    "ignored",
-    "unassigned",
-    "missing_motion",
-    "unused_music",
-    "extra_file",
-    "no_audio",
-    "still",
-    "filtered",
-    "short_field",
-}
-
-#: Reasons that `check` reports as notes; all others are errors.
-NOTED = {*BY_CHOICE, *OF_CLIPS}
-
-
-def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
-    """Return the reject with the text of an error."""
-    return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
-
-
-def missing_music(ref: ClipRef) -> Reject:
-    """Return the reject of a clip without music."""
-    detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
-    return Reject("missing_music", clip=ref.id, detail=detail, music=ref.music, fix=ref.music_fix)
-
-
-def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:
-    """Return the reject of a clip whose motion, of so many frames at its own rate, is shorter than a window."""
-    motion_s = float(FrameGrid(rate).seconds(n_frames))
-    detail = (
-        f"clip {ref.id} is shorter than a window: {n_frames} frames at {rate} per second "
-        f"({motion_s:.2f} s); a window is {recipe.windows.length_s:g} s"
-    )
-    numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
-    return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
-
-
-def short_audio(recipe: Recipe, ref: ClipRef, path: Path, audio_s: float) -> Reject:
-    """Return the reject of a clip whose music is shorter than a window."""
-    detail = f"{path}: the music is shorter than a window: {audio_s} s; a window is {recipe.windows.length_s:g} s"
-    numbers: dict[str, float | int] = {"audio_s": audio_s}
-    return Reject("short_audio", ref.id, str(path), detail=detail, numbers=numbers)

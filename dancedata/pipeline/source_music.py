@@ -1,4 +1,4 @@
-"""The music that a dataset was built from, found again below a folder."""
+"""The music of a built dataset, looked up in a folder."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from dancedata.audio.signal import audio_length, load_audio
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
+from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
 from dancedata.datasets.files import AUDIO_SUFFIXES
@@ -17,12 +19,8 @@ from dancedata.datasets.folder import MANIFESTS, MOTION_FOLDERS
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.source_record import DIGITS, SourceRecord
 from dancedata.recipes.plugins import one_of
+from dancedata.store import ClipView, Store
 from dancedata.store.songs import music_hashes
-
-if TYPE_CHECKING:
-    from dancedata.core.audio_signal import AudioSignal
-    from dancedata.core.plugins import Dataset
-    from dancedata.store import ClipView, Store
 
 #: Most files of a folder whose hashes are compared.
 _COMPARED = 4
@@ -35,7 +33,7 @@ class SourceMusic:
     Attributes
     ----------
     folder
-        Where they were looked for.
+        The folder that was searched.
     files
         Audio file of each clip that has one, by the clip's id; copies of clips have that of their clip.
     hashes
@@ -50,15 +48,15 @@ class SourceMusic:
     def of(cls, store: Store, source: Path | None) -> Self:
         """Find the music of a dataset's clips.
 
-        The dataset's own reader lists `source`; a folder that is not a copy of the dataset is searched for audio
-        files that are named as clips or as songs.
+        The dataset's reader lists `source`; a folder that is not a copy of the dataset is searched for audio files
+        with the names of clips or songs.
 
         Raises
         ------
         UsageError
             Without a source.
         SourceError
-            If there is no such folder.
+            If the folder does not exist.
         """
         if source is None:
             raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
@@ -91,14 +89,14 @@ class SourceMusic:
         """
         path = self.files[clip.id]
         signal = load_audio(path)
-        wanted = self.hashes.get(clip.source or clip.id)
-        if wanted is not None and signal.sha256[:DIGITS] != wanted:
+        expected = self.hashes.get(clip.source or clip.id)
+        if expected is not None and signal.sha256[:DIGITS] != expected:
             raise DataError(
                 "this music does not match the dataset",
                 reason="other_music",
                 where=path,
                 found=f"samples with the hash {signal.sha256[:DIGITS]}",
-                allowed=f"{wanted}, the music of clip {shown(clip.id)}",
+                allowed=f"{expected}, the music of clip {shown(clip.id)}",
                 fix="name the source that the dataset was built from, or build the dataset again from this one",
             )
         return signal
@@ -107,8 +105,8 @@ class SourceMusic:
 def is_source(store: Store, folder: Path) -> bool:
     """Return whether a folder has motion files that a dataset was built from, where readers expect them.
 
-    They are known by their names, which are the ids of clips, and by their hashes: a dataset does not say where its
-    source is. Files of a manifest whose ids are others are not found.
+    Files are recognised by their names, the ids of clips, and by their hashes: a dataset does not record the place of
+    its source. Files with other names, as a manifest allows, are not recognised.
     """
     clips = SourceRecord.of_store(store).clips or {}
     places = [folder, *(folder / name for name in MOTION_FOLDERS)]
@@ -136,7 +134,7 @@ def _listed(store: Store, source: Path) -> dict[str, Path]:
 
 
 def dataset_of(store: Store) -> Dataset | None:
-    """Return the reader of a store's source, with its recipe's parameters; None where it is not known."""
+    """Return the reader of a store's source, with its recipe's parameters; None if it is unknown."""
     recipe = store.meta.get("recipe")
     dataset = recipe.get("dataset") if isinstance(recipe, Mapping) else None
     return one_of(DATASETS, "dataset", dataset, []) if isinstance(dataset, Mapping) else None
@@ -146,10 +144,7 @@ def _named(clips: list[ClipView], source: Path) -> dict[str, Path]:
     """Return files that have the name of a clip, or else of its song."""
     files: dict[str, Path] = {}
     for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES and p.is_file()):
-        candidate = files.get(path.stem)
-        if candidate is None or AUDIO_SUFFIXES.index(path.suffix.lower()) < AUDIO_SUFFIXES.index(
-            candidate.suffix.lower()
-        ):
-            files[path.stem] = path
+        other = files.setdefault(path.stem, path)
+        files[path.stem] = min(other, path, key=lambda p: AUDIO_SUFFIXES.index(p.suffix.lower()))
     by_clip = {clip.id: files.get(clip.id) or files.get(clip.music) for clip in clips}
     return {clip: path for clip, path in by_clip.items() if path is not None}

@@ -1,4 +1,4 @@
-"""The source of each clip, kept in dataset.json, so that a changed source can be described file by file."""
+"""Hashes of the source of each clip, kept in dataset.json, so that changes can be described file by file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.hashing import json_sha256
@@ -26,20 +26,20 @@ _SHOWN, _MESSAGE = 5, 600
 
 @dataclass(frozen=True)
 class SourceRecord:
-    """A source as a build saw it, before it looked into the motion.
+    """A source as a build identified it, before motion was read.
 
     Attributes
     ----------
     clips
         "motion music metadata" by clip, beginnings of hashes; None where a dataset does not have them.
     left_out
-        What was left out by then.
+        Files and clips that were left out by then.
     content
         Hashes of files that the dataset's parameters name.
     about
-        Metadata of clips, as far as they are known.
+        Metadata of clips, if recorded.
     files
-        Motion and music file of clips, below the source, as far as they are known.
+        Motion and music file of clips, relative to the source, if recorded.
     """
 
     clips: Mapping[str, str] | None
@@ -50,7 +50,7 @@ class SourceRecord:
 
     @classmethod
     def of_source(cls, sources: Sources, source: Path) -> SourceRecord:
-        """Return the record of a source that `identify` has looked at."""
+        """Return the record of identified sources."""
         refs = [clip.ref for clip in sources.clips]
         return cls(
             clips={clip.ref.id: _hashes(*clip.inputs()) for clip in sources.clips},
@@ -75,37 +75,26 @@ class SourceRecord:
         )
 
     def to_json(self) -> dict[str, str]:
-        """Return what dataset.json keeps, by clip; nothing where there are too many."""
+        """Return the hashes by clip for dataset.json; nothing for more than MAX_CLIPS."""
         clips = self.clips or {}
         return dict(sorted(clips.items())) if len(clips) <= MAX_CLIPS else {}
 
 
-@dataclass(frozen=True)
-class SourceDifference:
-    """One thing in which two sources differ: what, and the files or clips that it is about."""
+class SourceDifference(NamedTuple):
+    """A difference between two sources, with its files or clips."""
 
     message: str
     names: tuple[str, ...]
 
     def __str__(self) -> str:
-        message = shown(self.message, _MESSAGE)
-        if not self.names:
-            return message
-        return f"{message}: {listed(self.names, _SHOWN)}"
+        names = f": {listed(self.names, _SHOWN)}" if self.names else ""
+        return shown(self.message, _MESSAGE) + names
 
 
 def source_differences(
     old: SourceRecord, new: SourceRecord, then: str, now: str, *, about: bool = True
 ) -> list[SourceDifference]:
-    """Return the differences between two sources.
-
-    Parameters
-    ----------
-    then, now
-        Words for the old one and the new one.
-    about
-        Whether the metadata of clips are compared.
-    """
+    """Return the differences between two sources, called `then` and `now`; with `about`, those of metadata too."""
     if old.clips is None or new.clips is None:
         return [SourceDifference("which files differ is not recorded in a dataset of an earlier version", ())]
     common = [clip for clip in old.clips if clip in new.clips]
@@ -128,7 +117,7 @@ def _files(ref: ClipRef, source: Path) -> tuple[str, str]:
 
 
 def _changed_files(old: SourceRecord, new: SourceRecord, common: Sequence[str]) -> list[SourceDifference]:
-    """Return clips whose files have other content, by the files where they are known."""
+    """Return the changed files, or their clips if files are not recorded."""
     differences = []
     for place, what in enumerate(("motion", "music")):
         clips = [clip for clip in common if _part(old, clip, place) != _part(new, clip, place)]
@@ -144,8 +133,8 @@ def _changed_about(
     changed = [clip for clip in common if _part(old, clip, 2) != _part(new, clip, 2)]
     by_key: dict[str, list[str]] = {}
     for clip in changed:
-        ours, theirs = old.about.get(clip, {}), new.about.get(clip, {})
-        keys = [key for key in _ABOUT if key in ours and key in theirs and ours[key] != theirs[key]]
+        before, after = old.about.get(clip, {}), new.about.get(clip, {})
+        keys = [key for key in _ABOUT if key in before and key in after and before[key] != after[key]]
         for key in keys or ["what is declared"]:
             by_key.setdefault(key, []).append(clip)
     differences = []
@@ -177,12 +166,12 @@ def _states(record: SourceRecord) -> dict[str, str]:
 
 def _spare_files(old: SourceRecord, new: SourceRecord, then: str, now: str) -> list[SourceDifference]:
     """Return files of no clip, such as unused music, that only one of the sources has."""
-    # By name: where they lie shapes nothing.
+    # By name: their folders affect nothing.
     spare = [{(r.reason, Path(r.file).name) for r in record.left_out if not r.clip} for record in (old, new)]
     differences = []
-    for ours, theirs, when in ((spare[0], spare[1], then), (spare[1], spare[0], now)):
-        for reason in sorted({reason for reason, _ in ours - theirs}):
-            names = sorted(name for r, name in ours - theirs if r == reason)
+    for side, other, when in ((spare[0], spare[1], then), (spare[1], spare[0], now)):
+        for reason in sorted({reason for reason, _ in side - other}):
+            names = sorted(name for r, name in side - other if r == reason)
             differences.append(SourceDifference(f"{reason}, only {when}", tuple(names)))
     return differences
 

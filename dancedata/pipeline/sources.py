@@ -1,4 +1,4 @@
-"""Stage 1, sources -> identified clips: what every clip's files are, by the hashes of their contents."""
+"""Stage 1, sources -> identified clips: the files of clips, by the hashes of their contents."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,10 +29,10 @@ class SourceClip:
     motion_sha256
         SHA-256 of the motion file.
     signal
-        What its music decodes to; None without music.
+        Signal of its music; None without music.
     music_problem
-        Why its music cannot be used. Its motion is looked at all the same, so that a build names all that is wrong;
-        then the clip is left out.
+        Reject of unusable music. Its motion is examined nevertheless, so that a build names all problems; then the
+        clip is left out.
     """
 
     ref: ClipRef
@@ -41,7 +41,7 @@ class SourceClip:
     music_problem: Reject | None = None
 
     def inputs(self) -> tuple[list[Any], str, str | None]:
-        """Return what goes into a dataset: the clip's metadata, and the hashes of its motion and music."""
+        """Return the clip's metadata, and the hashes of its motion and music."""
         ref = self.ref
         attributes = [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared]
         return attributes, self.motion_sha256, self.signal.sha256 if self.signal else None
@@ -49,14 +49,14 @@ class SourceClip:
 
 @dataclass(frozen=True)
 class Sources:
-    """A source folder, looked at.
+    """An identified source folder.
 
     Attributes
     ----------
     clips
         Clips with a motion file that can be read, in the order of the scan.
     rejects
-        All that is left out so far, clips without usable music included.
+        Everything that is left out so far, clips without usable music included.
     content
         SHA-256 of the files that the dataset's parameters name, such as a body model.
     """
@@ -68,19 +68,16 @@ class Sources:
 
     @property
     def sha256(self) -> str:
-        """Hash of all that goes in: clips with their files' contents, and what is left out."""
+        """Hash of the clips, with the contents of their files, and of the rejects."""
         left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in self.rejects)
         inputs = [clip.inputs() for clip in self.clips]
         return json_sha256({"clips": inputs, "left_out": left_out, "content": self.content})
 
 
 def scan_source(recipe: Recipe, source: Path) -> Scan:
-    """List what the source holds. A dataset that writes its own source computes it as results are computed.
+    """List the clips of a source; a dataset that generates its source computes it as results are computed.
 
-    Raises
-    ------
-    SourceError
-        If two clips have one id, or clips are kept without the music that the recipe needs.
+    SourceError if two clips have one id, or if clips are kept without the music that the recipe needs.
     """
     scan = exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
     clips_by_id: dict[str, ClipRef] = {}

@@ -1,4 +1,4 @@
-"""Stage 3, encoded clips -> windowed clips: which windows have motion, music and movement."""
+"""Stage 3, encoded clips -> windowed clips: the windows that have motion, music and movement."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -103,7 +103,7 @@ def _starts(recipe: Recipe, clip: SourceClip, motion: MotionResult) -> tuple[tup
 
 
 def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:
-    """Say which windows of the recipe's grid are lost because a field of another rate ends before they do."""
+    """Return rejects of the windows of the recipe's grid that a field of another rate does not reach."""
     without = recipe.windows.count(motion.n_frames)
     if recipe.scope == "window":
         return []

@@ -102,13 +102,13 @@ class Timeline:
 
 
 def text_font(size: float) -> Any:
-    """Return Pillow's own font, so that pictures are the same on every machine."""
+    """Return the font of Pillow, so that pictures are the same on all machines."""
     return load("PIL.ImageFont", "video").load_default(size)
 
 
 #: Turn about the vertical axis and downward tilt, radians; height of the point looked at above the floor, metres.
 _YAW, _PITCH, _LOOK_AT = 0.55, 0.2, 0.85
-#: Focal length in heights of the picture; distance for a picture of that height, metres.
+#: Focal length in heights of the picture, and distance of the camera, metres.
 _FOCAL, _DISTANCE = 1.25, 3.9
 #: Nearest distance that is drawn.
 _NEAREST = 0.1
@@ -132,11 +132,11 @@ class Camera:
 
     @property
     def tilt(self) -> float:
-        """How flat a circle on the floor looks: height divided by width."""
+        """Height divided by width of a circle on the floor."""
         return float(np.sin(_PITCH))
 
     def __call__(self, places: Float64Array) -> Float64Array:
-        """Return places (..., 3), metres, as (..., 3): pixels right and down, and pixels per metre there.
+        """Return places (..., 3), metres, as (..., 3): pixels right and down, and pixels per metre.
 
         Places behind the camera are NaN.
         """
@@ -170,7 +170,7 @@ THEMES: dict[Theme, dict[str, str]] = {
 _RECENT_S = 1.5
 #: Width of bones, and radius of the head and of the ring of a contact, metres.
 _BONE, _HEAD, _RING = 0.05, 0.1, 0.085
-#: Of the camera: how much it follows the dancer in a second.
+#: Rate at which the camera follows the dancer, per second.
 _FOLLOW = 1.2
 
 
@@ -234,7 +234,7 @@ class Frames:
 
     @cached_property
     def _targets(self) -> Float64Array:
-        """Where the camera looks in each frame, (N, 3): the root, smoothed."""
+        """Points that the camera looks at in each frame, (N, 3): the root, smoothed."""
         from scipy.ndimage import gaussian_filter1d
 
         smooth = gaussian_filter1d(self.figure.joints[:, 0], self._rate / _FOLLOW, axis=0, mode="nearest")

@@ -1,4 +1,4 @@
-"""motion: poses of a dance side by side, as papers show them."""
+"""Figures for papers: features of a clip over time, and poses of a dance side by side."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-#: Inches: width, height without rows, and height of a row, at most so high.
+#: Inches: width, height without rows, and height of a row; greatest height.
 _WIDTH, _BASE, _ROW, _HIGHEST = 8.0, 0.9, 0.055, 9.0
 #: Inches between the names of two groups.
 _LABEL = 0.15
@@ -47,7 +47,7 @@ def features(
     Returns
     -------
     matplotlib.axes.Axes
-        Time in seconds to the right; a line a column, the first at the top, each scaled by its own 2nd and 98th
+        Time in seconds to the right; a line a column, the first at the top, each scaled by its 2nd and 98th
         percentile. Beats are white lines.
 
     Raises
@@ -100,7 +100,7 @@ def _apart(places: Float64Array, gap: float) -> Float64Array:
 
 
 def _scaled(rows: Float64Array) -> Float64Array:
-    """Return every column from 0 to 1 between its 2nd and 98th percentile."""
+    """Return columns from 0 to 1 between their 2nd and 98th percentiles."""
     low, high = np.percentile(rows, (2, 98), axis=0)
     flat = high <= low
     low, high = np.where(flat, rows.min(axis=0), low), np.where(flat, rows.max(axis=0), high)

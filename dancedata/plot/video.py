@@ -40,7 +40,7 @@ def find_ffmpeg() -> str:
     Raises
     ------
     UsageError
-        If there is none.
+        If neither is installed.
     """
     installed = shutil.which("ffmpeg")
     if installed is not None:
@@ -110,15 +110,14 @@ def write_mp4(
 def _write_wav(path: Path, sound: AudioSignal) -> None:
     import soundfile
 
-    data = io.BytesIO()  # where it writes a file itself, a full disk is an error of its own
+    data = io.BytesIO()  # soundfile reports a full disk as an error of another type
     soundfile.write(data, sound.samples, sound.sample_rate, subtype="PCM_16", format="WAV")
     path.write_bytes(data.getbuffer())
 
 
 def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | None:
-    """Run ffmpeg; returns what it said where it failed, OSError where it could not write for want of room."""
-    # The program is the one that was found, and no argument passes a shell. Its messages go to a file: a pipe that
-    # nothing reads would stop it once it is full.
+    """Run ffmpeg; returns its messages if it failed, OSError if the disk is full."""
+    # No argument passes a shell. Messages go to a file: a pipe that nothing reads would stop ffmpeg once it is full.
     with messages.open("wb") as errors, ExitStack() as stack:
         with shielded():  # a signal while it starts would leave it running
             process = stack.enter_context(
@@ -188,7 +187,7 @@ def write_video(
     may_share
         The caller states to have the right to pass the music on, where the dataset's licence does not allow it.
     overwrite
-        Replace a file that is there.
+        Replace an existing file.
 
     Returns
     -------

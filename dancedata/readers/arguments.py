@@ -5,20 +5,15 @@ from operator import index as as_int
 from dancedata.core.errors import UsageError
 
 
-def whole(what: str, value: int) -> int:
-    """Return a whole number >= 0 as an int; integers of numpy and torch are accepted.
-
-    Raises
-    ------
-    UsageError
-        For anything else.
-    """
+def whole(what: str, value: int, least: int = 0) -> int:
+    """Return a whole number >= `least` as an int, also of numpy and torch; UsageError for anything else."""
+    allowed = f"{least} or more"
     try:
         number = as_int(value)
     except TypeError as error:
-        raise UsageError(f"{what} is not a whole number", found=repr(value), allowed="0 or more") from error
-    if number < 0:
-        raise UsageError(f"{what} is negative", found=number, allowed="0 or more")
+        raise UsageError(f"{what} is not a whole number", found=repr(value), allowed=allowed) from error
+    if number < least:
+        raise UsageError(f"{what} is {'too small' if least else 'negative'}", found=number, allowed=allowed)
     return number
 
 

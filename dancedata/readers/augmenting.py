@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,27 +16,23 @@ from dancedata.core.plugins import Augmentation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.readers.arguments import probability
 from dancedata.store.dataset import Store
-from dancedata.store.motion_fields import stored_motion
+from dancedata.store.motion_fields import stored_contacts, stored_representation
 from dancedata.store.normalize import MinMax
 
 
-def sample_fields(store: Store, names: Sequence[str]) -> tuple[SampleField, ...]:
-    """Return fields with the plug-ins that made them, where the dataset's recipe names installed ones."""
-    return tuple(_sample_field(store, name) for name in names)
-
-
 def _sample_field(store: Store, name: str) -> SampleField:
-    field = store.field(name)
+    """Return a field with the plug-ins that made it, where the dataset's recipe names installed ones."""
+    field, recipe = store.field(name), store.meta.get("recipe")
     plain = SampleField(name, field.kind, field.columns, field.grid)
     if field.kind != "motion":
         return plain
     try:
-        stored = stored_motion(store.meta.get("recipe"), name, field.columns)
+        representation, contacts = stored_representation(recipe, name, field.columns), stored_contacts(recipe, name)
     except UsageError:
         return plain
-    if stored.representation.default_contacts is not None and stored.contacts is None:
+    if representation.default_contacts is not None and contacts is None:
         return plain
-    return SampleField(name, field.kind, field.columns, field.grid, stored.representation, stored.contacts)
+    return replace(plain, representation=representation, contacts=contacts)
 
 
 #: Keeps these streams apart from those of order, mirroring and primitives, which may have the same seed.
@@ -127,24 +123,22 @@ class Augmenter:
         UsageError
             For an unknown augmentation or parameter, and for one that cannot change these samples.
         """
-        sample_fields_ = sample_fields(store, names)
+        read = tuple(_sample_field(store, name) for name in names)
         steps = tuple(_numbered(_steps(augment)))
         for step in steps:
-            _check(step, sample_fields_, store)
+            _check(step, read, store)
             _check_windows(step, store, allow_crop)
             if mirrored and step.augmentation.name == "mirror":
                 raise UsageError(
                     "samples are mirrored twice", fix="give mirror= or augment={'mirror': ...}, not both"
                 )
-        droppable = tuple(
-            dict.fromkeys(name for step in steps for name in step.augmentation.droppable(sample_fields_))
-        )
-        return cls(sample_fields_, steps, seed, droppable)
+        droppable = tuple(dict.fromkeys(name for step in steps for name in step.augmentation.droppable(read)))
+        return cls(read, steps, seed, droppable)
 
     @classmethod
     def covering(cls, store: Store, names: Sequence[str], augment: Augment) -> Augmenter:
         """Make an augmenter for its `scaler` alone; UsageError as `of`, except for windows and masked fields."""
-        read, steps = sample_fields(store, names), tuple(_steps(augment))
+        read, steps = tuple(_sample_field(store, name) for name in names), tuple(_steps(augment))
         for step in steps:
             _check(step, read, store)
         return cls(read, steps, 0, ())

@@ -1,7 +1,6 @@
 """BalancedSampler: as many samples of every genre, dancer or song."""
 
 from collections.abc import Hashable, Sequence
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -10,26 +9,12 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.typing import override
 from dancedata.readers.arguments import whole
 from dancedata.readers.sampler import EpochSampler, permutation
-from dancedata.store.dataset import Store
-from dancedata.store.window_list import WindowList
+from dancedata.readers.split_dataset import SplitDataset
 
 #: Labels by which samples can be balanced.
 LABELS = ("genre", "dancer", "music", "clip")
 #: Apart from the stream of orders, which shuffles the drawn samples.
 _GROUP_STREAM = 6
-
-
-class StoredSamples(Protocol):
-    """A `WindowDataset` or `ClipDataset`."""
-
-    windows: WindowList
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-
-    @property
-    def store(self) -> Store:
-        """The built dataset."""
 
 
 class BalancedSampler(EpochSampler):
@@ -48,7 +33,7 @@ class BalancedSampler(EpochSampler):
 
     def __init__(
         self,
-        data_source: StoredSamples,
+        data_source: SplitDataset,
         *,
         by: str | Sequence[Hashable] = "genre",
         n_samples: int | None = None,
@@ -99,7 +84,7 @@ class BalancedSampler(EpochSampler):
         return np.asarray(members[np.concatenate([*orders, np.empty(0, np.int64)])[:n]], dtype=np.int64)
 
 
-def _labels(source: StoredSamples, by: str | Sequence[Hashable]) -> Sequence[Hashable]:
+def _labels(source: SplitDataset, by: str | Sequence[Hashable]) -> Sequence[Hashable]:
     windows = source.windows
     if not isinstance(by, str):
         if len(by) != len(windows):

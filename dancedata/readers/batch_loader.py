@@ -28,9 +28,7 @@ Buffer = dict[str, torch.Tensor]
 class BatchLoader:
     """Batches of a `WindowDataset`, equal bit for bit to a DataLoader's with the same EpochSampler, and faster.
 
-    Threads copy windows from the mapped shards into batches, and mirror and normalise them there. Nothing passes
-    through another process, and the memory of a batch without references is reused for a later one, so that new
-    memory is allocated for the first few batches only::
+    Threads copy windows from the mapped shards into reused batches, and mirror and normalise them there::
 
         loader = BatchLoader(train, 64, sampler=EpochSampler(train, seed=0))
         for epoch in range(n):
@@ -47,27 +45,11 @@ class BatchLoader:
     pinned
         Whether batches are in pinned memory.
 
-    Notes
-    -----
-    *Batches belong to the caller.* They may be kept, written to and passed on; the memory of a batch is not reused
-    while any tensor or array refers to it. A loop that drops each batch has `prefetch` + 2 of them in memory; one
-    that keeps them has all of them. A bare address (``tensor.data_ptr()``) does not keep memory alive.
-
-    *Copies to a GPU* with ``non_blocking=True`` are safe: torch reuses pinned memory only after the copies
-    from it are done.
-
-    *Order and resuming* are the sampler's. It is read `prefetch` batches ahead, as by a DataLoader with workers:
-    in the middle of an epoch the state is ``sampler.at(epoch, consumed)``.
-
-    *Ranks.* An `EpochSampler` gives each rank its share: `rank` and `world_size`, or torch.distributed's.
-
-    *Threads and processes.* One iteration at a time: starting another ends the previous one, which
-    then raises an error. Leaving a loop early stops the threads. An error in a thread is raised when the loop asks
-    for that batch. A forked process does not have the threads: start a new iteration there. Pickling leaves memory
-    and threads out.
-
-    *Files that cannot be mapped* are read by position, by the same threads; ``dataset.unmapped`` has the reason,
-    and a warning is logged.
+    Notes ----- Batches belong to the caller; memory is reused once no tensor or array refers to it (a bare address,
+    ``tensor.data_ptr()``, does not keep it alive). Order, ranks and resuming are the sampler's, which is read
+    `prefetch` batches ahead: in the middle of an epoch the state is ``sampler.at(epoch, consumed)``. One iteration at
+    a time: another one ends the previous one, which then raises an error, as it does in a forked process.
+    docs/reading.md.
     """
 
     def __init__(
@@ -109,8 +91,8 @@ class BatchLoader:
             For a number that is too small, or `shuffle` together with a sampler.
         """
         self.dataset = dataset
-        self.batch_size, self.threads = _at_least_1(batch_size=batch_size), _at_least_1(threads=threads)
-        self.prefetch = _at_least_1(prefetch=prefetch)
+        self.batch_size, self.threads = whole("batch_size", batch_size, 1), whole("threads", threads, 1)
+        self.prefetch = whole("prefetch", prefetch, 1)
         if sampler is not None and shuffle:
             raise UsageError(
                 "shuffle cannot be combined with a sampler",
@@ -177,7 +159,10 @@ class _Iteration(Iterator[dict[str, Any]]):
         self._ended = False
         self._thread_ids: set[int] = set()
         self._threads: ThreadPoolExecutor | None = ThreadPoolExecutor(
-            loader.threads, "BatchLoader", initializer=_register_thread, initargs=(self._thread_ids,)
+            loader.threads,
+            "BatchLoader",
+            initializer=lambda ids: ids.add(threading.get_ident()),
+            initargs=(self._thread_ids,),
         )
         self._loader = loader
         self._reader = loader.dataset._batch_reader()  # made here, not by several threads at once
@@ -228,20 +213,8 @@ class _Iteration(Iterator[dict[str, Any]]):
         self._pending.append((tensors, reading))
 
 
-def _register_thread(thread_ids: set[int]) -> None:
-    thread_ids.add(threading.get_ident())
-
-
 # Not a method: a thread that holds the last reference to the iteration would end it.
 def _read(dataset: WindowDataset, reader: BatchReader, request: Request, tensors: Buffer) -> dict[str, Any]:
     """Read a batch into tensors, and return the other values of its samples; in a thread."""
     reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
     return {name: default_collate(values) for name, values in dataset._metadata(request).items()}
-
-
-def _at_least_1(**options: int) -> int:
-    ((name, value),) = options.items()
-    number = whole(name, value)
-    if number < 1:
-        raise UsageError(f"{name} is too small", found=number, allowed="1 or more")
-    return number

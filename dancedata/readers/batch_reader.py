@@ -30,20 +30,10 @@ _LARGE = 1 << 20
 
 
 class MemoryPool:
-    """Tensors whose memory is reused once they, and all tensors and arrays that share it, are gone.
-
-    Safe under threads; a forked child starts with the memory that was idle in its parent.
-    """
+    """Tensors whose memory is reused once they, and all tensors and arrays that share it, are gone; thread-safe."""
 
     def __init__(self, max_idle: int = 8) -> None:
-        """Make an empty pool.
-
-        Parameters
-        ----------
-        max_idle
-            Most pieces that are kept while nothing refers to them, the latest ones. Default: two batches of four
-            large fields.
-        """
+        """Make an empty pool, which keeps up to `max_idle` unused pieces: by default two batches of four fields."""
         # A deque, not a list with a lock: memory is returned whenever a tensor is freed, in any thread, even while
         # this object is in use.
         self._idle: deque[npt.NDArray[np.uint8]] = deque(maxlen=max_idle)
@@ -73,11 +63,8 @@ class MemoryPool:
 
 
 def shared_tensor(array: npt.NDArray[Any]) -> torch.Tensor:
-    """Return a copy of an array that a DataLoader's worker can send to the trainer without another copy.
-
-    It is written to a file in memory instead of to mapped memory: the system then does not clear the pages first,
-    which takes longer than the copy. Where system or torch do not support it, torch's own shared memory is used.
-    """
+    """Return a copy of an array that a DataLoader's worker can send to the trainer without another copy."""
+    # A file in memory, not mapped memory, whose pages the system would clear first, which takes longer than the copy.
     storage = _in_memory_file(array) if array.size else None
     if storage is None:
         return torch.from_numpy(array).clone().share_memory_()  # type: ignore[no-untyped-call, no-any-return]
@@ -236,19 +223,7 @@ class BatchReader:
         bias: Callable[[int, int], int],
         labels: BeatLabels | None = None,
     ) -> None:
-        """Prepare.
-
-        Parameters
-        ----------
-        augmenter
-            Changes the samples.
-        primitives
-            How primitives are computed; None if they are not.
-        bias
-            Returns the shift of primitives for (place, epoch).
-        labels
-            Where the labels of beats are from; None if there are none.
-        """
+        """Prepare; `bias` returns the shift of primitives for (place, epoch)."""
         self._store, self._windows, self._primitives, self._bias = store, windows, primitives, bias
         self._augmenter, self._labels = augmenter, labels
         self.fields = tuple(fields)
@@ -282,7 +257,13 @@ class BatchReader:
             target = out[field.name]
             for nth, rows in self._rows(field, request, order, target):
                 if self._primitives is not None and field.name == self._primitives.field:
-                    self._add_primitives(field, request, nth, rows, out)
+                    place = request.places[nth]
+                    window = self._windows[place]
+                    window = replace(window, start=window.start + request.shifts[nth])
+                    primitives = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
+                    primitives[PRIMITIVES] = field.scale(primitives[PRIMITIVES])
+                    for name, value in primitives.items():
+                        out[name][nth] = value
                 if self._labels is not None and field.name == self._labels.field:
                     for label, values in self._labels.of(rows).items():
                         out[label][nth] = values
@@ -308,16 +289,3 @@ class BatchReader:
                 rows[...] = changed
             field.make_relative(rows)
             yield nth, rows
-
-    def _add_primitives(
-        self, field: FieldReader, request: Request, nth: int, rows: Array, out: Mapping[str, Array]
-    ) -> None:
-        if self._primitives is None:
-            return
-        place = request.places[nth]
-        window = self._windows[place]
-        window = replace(window, start=window.start + request.shifts[nth])
-        primitives_of_window = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
-        primitives_of_window[PRIMITIVES] = field.scale(primitives_of_window[PRIMITIVES])
-        for name, value in primitives_of_window.items():
-            out[name][nth] = value

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from copy import copy
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,16 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
 from dancedata.readers.buckets import BucketSampler
 from dancedata.readers.sampler import EpochSampler
-
-
-class EpochSamples(Protocol):
-    """A `WindowDataset` or `ClipDataset`: samples as a function of index and epoch."""
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-
-    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
-        """Return samples as of an epoch."""
+from dancedata.readers.split_dataset import SplitDataset
 
 
 class BatchStream(IterableDataset[Any]):
@@ -38,23 +29,15 @@ class BatchStream(IterableDataset[Any]):
 
     The checkpoint's state of the data is the step, nothing else.
 
-    Notes
-    -----
-    *Workers.* Each takes every n-th step, and a DataLoader takes their batches in turns: the batches are the same, in
-    the same order, with any number of workers. `batch_size=None` is the DataLoader's, for batches are made here.
-
-    *Ranks.* The sampler deals the samples of each step to the ranks: `rank` and `world_size`, or torch.distributed's.
-    Do not let another library deal them again (Accelerate: use the loader as it is, without `prepare`). After a
-    change of the number of ranks, a step has the same samples, on all ranks together, if batch size times ranks is
-    the same; what an epoch's last step repeats, so that ranks have equally many, depends on the number of ranks.
-
-    *Epochs.* Each worker passes the epoch of a step to the dataset, whatever `set_epoch` was called with. A trainer
-    that does something between epochs, as Lightning validates, takes them from `by_epoch`.
+    Notes ----- The batches and their order are the same with any number of workers. The sampler deals the samples of
+    a step to the ranks, so that no other library should (Accelerate: no `prepare`); with other ranks a step has the
+    same samples, on all of them together, if batch size times ranks is the same. The dataset's epoch is that of the
+    step, whatever `set_epoch` was called with. docs/training.md.
     """
 
     def __init__(
         self,
-        dataset: EpochSamples,
+        dataset: SplitDataset,
         batch_size: int | None = None,
         *,
         sampler: EpochSampler | BucketSampler | None = None,
@@ -115,15 +98,13 @@ class BatchStream(IterableDataset[Any]):
         """Return the epoch of a step, and the indices of this rank's samples."""
         epoch, nth = divmod(whole("step", step), self.steps_per_epoch)
         if self._order is None or self._order[0] != epoch:
-            self._order = epoch, self._batches(epoch)
+            if isinstance(self.sampler, BucketSampler):
+                batches = self.sampler.order(epoch)
+            else:
+                order, size = self.sampler.order(epoch), self.batch_size or 1
+                batches = [order[first : first + size] for first in range(0, len(order), size)]
+            self._order = epoch, batches
         return epoch, self._order[1][nth]
-
-    def _batches(self, epoch: int) -> list[npt.NDArray[np.int64]]:
-        """Return the indices of each of this rank's batches of an epoch."""
-        if isinstance(self.sampler, BucketSampler):
-            return self.sampler.order(epoch)
-        order, size = self.sampler.order(epoch), self.batch_size or 1
-        return [order[first : first + size] for first in range(0, len(order), size)]
 
     def by_epoch(self, **options: Any) -> EpochLoader:
         """Return a loader that ends with each epoch; `options` are those of a DataLoader, such as ``num_workers``.
@@ -155,7 +136,7 @@ class BatchStream(IterableDataset[Any]):
 
 
 class EpochLoader:
-    """Batches of a `BatchStream`: those of one epoch, or of what is left of it, each time it is iterated over.
+    """Batches of a `BatchStream`: those of one epoch, or of the rest of it, each time it is iterated over.
 
     Made by `BatchStream.by_epoch`.
 

@@ -34,14 +34,12 @@ class BucketSampler(Sampler[list[int]]):
         batches = BucketSampler(clips, batch_size=8, seed=0)
         loader = DataLoader(clips, batch_sampler=batches, collate_fn=pad_clips)
 
-    State and resuming are an `EpochSampler`'s, counted in batches of this rank: `order_of_batches` is that sampler.
     Ranks may have batches of different lengths in the same step.
 
     Attributes
     ----------
     order_of_batches
-        The order of batches; `state_dict`, `load_state_dict` and `set_epoch` are its own, and so is ``at(epoch,
-        batches)``.
+        `EpochSampler` of the batches, whose state and resuming are this sampler's, counted in batches of this rank.
     """
 
     def __init__(
@@ -89,11 +87,8 @@ class BucketSampler(Sampler[list[int]]):
         n = max(1, min(whole("n_buckets", n_buckets), len(lengths)))
         self._buckets = [bucket for bucket in np.array_split(np.argsort(lengths, kind="stable"), n) if len(bucket)]
         longest = [int(lengths[bucket[-1]]) for bucket in self._buckets]
-        self._sizes = [
-            max_frames // frames if max_frames else whole("batch_size", batch_size or 0) for frames in longest
-        ]
-        if 0 in self._sizes:
-            raise UsageError("batch_size is too small", found=batch_size, allowed="1 or more")
+        size = 0 if batch_size is None else whole("batch_size", batch_size, 1)
+        self._sizes = [max_frames // frames if max_frames else size for frames in longest]
         self._source, self.seed, self.shuffle, self.drop_last = data_source, seed, shuffle, drop_last
         self.order_of_batches = EpochSampler(
             len(self.batches(0)), seed=seed, rank=rank, world_size=world_size, shuffle=shuffle
@@ -133,7 +128,7 @@ class BucketSampler(Sampler[list[int]]):
         self.order_of_batches.set_epoch(epoch)
 
     def state_dict(self) -> dict[str, int]:
-        """Return where the sampler stands, {"epoch", "position"}, in batches; with prefetching see `at`."""
+        """Return the position of the sampler, {"epoch", "position"}, in batches; with prefetching see `at`."""
         return self.order_of_batches.state_dict()
 
     def at(self, epoch: int, consumed: int) -> dict[str, int]:

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.utils.data import default_collate
 
 from dancedata.core.errors import UsageError
+from dancedata.readers.arguments import whole
 from dancedata.readers.music_beats import LABELS
 
 try:
@@ -52,15 +53,8 @@ class Sample(dict[str, Any]):
 def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
     """Make a batch of samples, as torch's default_collate does, without a copy where they are rows of one.
 
-    Tensors are then the batch that the samples were read into: batch and samples share memory. Values that
-    were added to a sample, and samples in another order or of several batches, are copied.
-
-    Parameters
-    ----------
-    samples
-        The result of a dataset's ``__getitems__``, or any other list that default_collate takes.
-    collate_fn_map
-        Passed by torch; not used.
+    Tensors are then the batch that the samples of ``__getitems__`` were read into: batch and samples share memory.
+    Values that were added to a sample, and samples in another order or of several batches, are copied.
     """
     batch = samples[0].batch if isinstance(samples[0], Sample) else None
     if batch is None or len(samples) != batch.size or not all(isinstance(s, Sample) for s in samples):
@@ -101,8 +95,7 @@ def pad_clips(
     -------
     dict
         A tensor (B, T, D) per field, (B, T) per label of beats; ``"mask"``, by field (B, T) bool, true where there is
-        a row of the clip;
-        ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
+        a row of the clip; ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
 
     Raises
     ------
@@ -116,8 +109,7 @@ def pad_clips(
     >>> pad_clips([clips[0]], multiple=64)["edge151"].shape
     torch.Size([1, 192, 151])
     """
-    if multiple < 1:
-        raise UsageError("pad_clips: multiple is too small", found=multiple, allowed="1 or more")
+    whole("pad_clips: multiple", multiple, 1)
     fields, batch = _rows_and_rest(samples)
     lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
     batch["mask"] = {}

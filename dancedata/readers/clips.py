@@ -18,7 +18,7 @@ from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.scalers import ScalerLike
-from dancedata.readers.selection import GivenFilter, no_window_error
+from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, crop_choices, mirrored_samples
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -49,13 +49,7 @@ class ClipDataset(SplitDataset):
 
     Notes
     -----
-    *Mirroring, augmenting, cropping* are pure functions of (seed, epoch, index): the same in every worker, on every
-    rank, and after a resume. The epoch is that of `set_epoch`, which an `EpochSampler` calls, or of `samples`; while
-    none is set, each reading draws new numbers from torch's generator.
-
-    *Normalising* is that of `WindowDataset`, with the same scalers.
-
-    *Scope.* A store of window scope does not hold whole clips.
+    Random changes and scalers are those of `WindowDataset`; a store of window scope does not hold whole clips.
     """
 
     #: For ``DataLoader(collate_fn=...)``.
@@ -77,7 +71,7 @@ class ClipDataset(SplitDataset):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: GivenFilter = None,
+        filter: FilterLike = None,
         start_at: StartAt | None = None,
         normalizer_covers_mirror: bool = False,
         normalizer_covers: Augment = (),

@@ -40,10 +40,7 @@ class BeatLabels:
 
 
 def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
-    """Return where the labels of samples with these fields are from: the first field that has both.
-
-    None if there is no such field, or if a field has the name of a label.
-    """
+    """Return the first field with both labels; None without one, or if a field has the name of a label."""
     if set(LABELS) & set(fields):
         return None
     for field in _preferred(store.fields_with(*LABELS), fields):
@@ -55,16 +52,9 @@ def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
 def windows_at(
     store: Store, windows: WindowList, spacing: Mapping[str, Any], *, at: StartAt, fields: Sequence[str], trim: bool
 ) -> tuple[WindowList, tuple[Reject, ...]]:
-    """Return windows of clips that begin at beats, and the clips that have no such window.
+    """Return windows of the clips of `windows` that begin at beats, and the clips that have no such window.
 
-    Parameters
-    ----------
-    windows
-        Windows of the clips, whatever their places; clips without any are left out.
-    spacing
-        Length and stride as `Store.window_grid` takes them; starts are at least a stride apart.
-    at, fields, trim
-        As for `beat_starts`.
+    `spacing` is length and stride as `Store.window_grid` takes them; starts are at least a stride apart.
     """
     grid = store.window_grid(**spacing)
     rejects: list[Reject] = []
@@ -88,20 +78,8 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
 
     A beat between two such frames counts at the nearer one.
 
-    Parameters
-    ----------
-    at
-        "beat" or "downbeat".
-    fields
-        Fields that are read. The beats are those of the first of them that has the column, else of the first field of
-        the store.
-
-    Raises
-    ------
-    UsageError
-        For another `at`, or if no field has the column.
-    StoreError
-        In window scope.
+    The beats are those of the first of `fields` that has the column, else of the first field of the store. UsageError
+    if no field has it; StoreError in window scope.
     """
     beats = _field_with(store, at, fields)
     starts = store.starts(clip, length, fields=tuple(fields), trim=trim)
@@ -118,19 +96,9 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
 def estimated_tempo(store: Store, windows: WindowList, clip: str, fields: Sequence[str]) -> float:
     """Return the tempo of a clip's stored beats, beats per minute: 60 / the mean time from one to the next.
 
-    Times that differ from the median by more than a quarter, where a beat was missed, do not count.
-
-    Parameters
-    ----------
-    windows
-        Windows of the clip's split; in window scope the beats are those of all of the clip's.
-    fields
-        Fields that are read; the beats are those that `beat_starts` takes.
-
-    Returns
-    -------
-    float
-        nan if no field has beats, or no two beats follow each other.
+    Times that differ from the median by more than a quarter, where a beat was missed, do not count. The beats are
+    those that `beat_starts` takes, in window scope of all of the clip's `windows`; nan without two that follow each
+    other.
     """
     if not store.fields_with("beat"):
         return math.nan

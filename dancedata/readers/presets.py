@@ -67,10 +67,7 @@ class PrimitiveSpec:
 def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, variant: Variant) -> PrimitiveSpec:
     """Return the fields and lengths for primitives, and check them.
 
-    Raises
-    ------
-    UsageError
-        If no motion field at the store's rate is read, or the store does not hold key motions.
+    UsageError if no motion field at the store's rate is read, or the store does not hold key motions.
     """
     motion = [f.name for f in map(store.field, fields) if f.kind == "motion" and f.rate == store.fps]
     if not motion:
@@ -81,7 +78,7 @@ def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, v
             found=f"windows of {length} frames, primitive_n={n}",
             fix="choose a primitive_n that divides the window's length",
         )
-    names = [f.name for f in map(store.field, store.fields) if f.kind == "keymotion"]
+    names = [f.name for f in store.fields_with(kind="keymotion")]
     if variant == "paper" and length != n and not names:
         raise UsageError(
             "the store does not hold key motions",
@@ -188,16 +185,11 @@ def find_preset(store: Store, name: str | None) -> Preset | None:
     return preset
 
 
-def given_or_preset(value: Any, preset: Preset | None, name: str, default: Any) -> Any:
+def value_or_preset(value: Any, preset: Preset | None, name: str, default: Any) -> Any:
     """Return the caller's value, or the preset's where it is None, or the default without a preset."""
     if value is not None:
         return value
     return default if preset is None else getattr(preset, name)
-
-
-def preset_fields(store: Store, preset: Preset) -> tuple[str, ...]:
-    """Return the fields that a preset reads from a store."""
-    return (*preset.fields, *(field for field in preset.optional if field in store.fields))
 
 
 def preset_windows(preset: Preset | None, requested: Mapping[str, Any]) -> dict[str, Any]:
@@ -210,31 +202,24 @@ def preset_windows(preset: Preset | None, requested: Mapping[str, Any]) -> dict[
     return filled
 
 
-def field_names(store: Store, fields: Sequence[str] | str, preset: str | None = None) -> tuple[str, ...]:
-    """Check that the store has the fields, each named once; `preset` is the preset that names them."""
-    names = (fields,) if isinstance(fields, str) else tuple(fields)
+def fields_to_read(
+    store: Store, preset: Preset | None, fields: Sequence[str] | None, preset_name: str | None
+) -> tuple[tuple[str, ...], bool]:
+    """Return stored fields to read, by default edge151 and librosa35 or all; and whether to compute primitives."""
+    usual = DEFAULT_FIELDS if set(DEFAULT_FIELDS) <= set(store.fields) else tuple(store.fields)
+    if preset is not None:
+        usual = (*preset.fields, *(field for field in preset.optional if field in store.fields))
+    requested = usual if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
+    with_primitives = PRIMITIVES in requested and PRIMITIVES not in store.fields
+    stored = tuple(name for name in requested if not (with_primitives and name == PRIMITIVES))
+    named_by = preset_name if fields is None or not stored else None
+    names = stored or (preset.fields if preset is not None else stored)
     if not names or len(set(names)) != len(names):
         raise UsageError("fields must name at least one field, each once", found=", ".join(names) or "none")
     for name in names:
         if name not in store.fields:
-            raise _missing_field(store, name, preset)
-    return names
-
-
-def fields_to_read(
-    store: Store, preset: Preset | None, fields: Sequence[str] | None, preset_name: str | None
-) -> tuple[tuple[str, ...], bool]:
-    """Return the stored fields to read, and whether primitives are computed as well.
-
-    Where neither the caller nor a preset names any: edge151 and librosa35, or all if the store lacks one of them.
-    """
-    usual = DEFAULT_FIELDS if set(DEFAULT_FIELDS) <= set(store.fields) else tuple(store.fields)
-    default = usual if preset is None else preset_fields(store, preset)
-    requested = default if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
-    with_primitives = PRIMITIVES in requested and PRIMITIVES not in store.fields
-    stored = tuple(name for name in requested if not (with_primitives and name == PRIMITIVES))
-    named_by = preset_name if fields is None or not stored else None
-    return field_names(store, stored or (preset.fields if preset is not None else stored), named_by), with_primitives
+            raise _missing_field(store, name, named_by)
+    return names, with_primitives
 
 
 def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
@@ -249,8 +234,5 @@ def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
         fix = build if preset else f"name fields that the dataset has, or {build}"
     why = f", which the preset {preset!r} reads" if preset else ""
     return UsageError(
-        f"the dataset has no field {name!r}{why}",
-        where=str(store.path),
-        found=", ".join(store.fields),
-        fix=fix,
+        f"the dataset has no field {name!r}{why}", where=str(store.path), found=", ".join(store.fields), fix=fix
     )

@@ -56,16 +56,10 @@ _ORDER_STREAM = 1
 class EpochSampler(Sampler[int]):
     """Indices of one epoch after another, for one rank, resumable at any sample.
 
-    The order is a pure function of (number of samples, seed, epoch, rank, world size): the same on every
-    machine, with every number of workers. It comes from numpy's Philox bit stream and a stable sort, both of
-    which numpy keeps unchanged across versions.
-
-    Iterating begins at `position` of `epoch`, and at the end moves on to position 0 of the next epoch, so a
-    plain ``for epoch in range(n): for batch in loader:`` sees a new order every time without `set_epoch`.
-
-    The epoch is passed on to a data source with a `set_epoch`, such as a `WindowDataset`, before its first index is
-    handed out; so it is to the parts of torch's ConcatDataset, Subset and random_split, and to a dataset that another
-    one has as an attribute. A number as data source reaches no dataset.
+    The order is a pure function of (number of samples, seed, epoch, rank, world size), by numpy's Philox bit stream
+    and a stable sort, which numpy keeps unchanged across versions. Iterating begins at `position` of `epoch`, and at
+    the end moves on to the next epoch. The epoch is passed on to a data source with a `set_epoch`, also inside
+    torch's ConcatDataset, Subset and other wrappers, before its first index is handed out.
 
     Resuming, and loops of PyTorch, Accelerate and Lightning: docs/reading.md and docs/training.md.
 
@@ -144,11 +138,11 @@ class EpochSampler(Sampler[int]):
 
     def order(self, epoch: int) -> npt.NDArray[np.int64]:
         """Return this rank's indices of one epoch, (len(self),) int64; changes nothing."""
-        everyone = self.order_of_all(whole("epoch", epoch))
+        indices = self.order_of_all(whole("epoch", epoch))
         total = self._length * self.world_size
         if total > self.n_samples:
-            everyone = np.resize(everyone, total)  # starts over at the head, as often as needed
-        return np.ascontiguousarray(everyone[self.rank : total : self.world_size])
+            indices = np.resize(indices, total)  # starts over at the head, as often as needed
+        return np.ascontiguousarray(indices[self.rank : total : self.world_size])
 
     def order_of_all(self, epoch: int) -> npt.NDArray[np.int64]:
         """Return the indices of one epoch, (n_samples,) int64, before they are dealt to the ranks one by one."""
@@ -173,15 +167,15 @@ class EpochSampler(Sampler[int]):
     def set_epoch(self, epoch: int) -> None:
         """Go to the start of an epoch; the current epoch keeps its position.
 
-        Accelerate and Lightning call this before every epoch, also before one that `load_state_dict` has just
-        resumed in the middle. To begin the current epoch again: ``load_state_dict(at(epoch, 0))``.
+        Trainers also call this before an epoch that was just resumed. To begin it again: ``load_state_dict(at(epoch,
+        0))``.
         """
         number = whole("epoch", epoch)
         if number != self._epoch:
             self._move(number, 0)
 
     def state_dict(self) -> dict[str, int]:
-        """Return where the sampler stands, {"epoch", "position"}; with prefetching see `at`."""
+        """Return the position of the sampler, {"epoch", "position"}; with prefetching see `at`."""
         return self.at(self._epoch, self._position)
 
     def at(self, epoch: int, consumed: int) -> dict[str, int]:
@@ -189,11 +183,8 @@ class EpochSampler(Sampler[int]):
 
         Parameters
         ----------
-        epoch
-            The trainer's epoch.
         consumed
-            This rank's samples since the start of that epoch, 0 to len(self). All of them is the start of the
-            next epoch.
+            This rank's samples since the start of the epoch, 0 to len(self), which is the start of the next epoch.
 
         Raises
         ------
@@ -215,9 +206,8 @@ class EpochSampler(Sampler[int]):
     def at_step(self, step: int, batch_size: int, *, drop_last: bool = False) -> dict[str, int]:
         """Return the state after a number of steps since the start of epoch 0; changes nothing.
 
-        A step takes `batch_size` samples of every rank, the last step of an epoch what is left. Steps of all ranks
-        together take the same samples for every number of ranks whose product with `batch_size` is the same: so a
-        run can be resumed with other ranks, each of them with the batch size that keeps the product.
+        A step takes `batch_size` samples of every rank, the last step of an epoch the rest: the same samples, on
+        all ranks together, for other ranks whose product with `batch_size` is the same.
 
         Parameters
         ----------
@@ -247,9 +237,8 @@ class EpochSampler(Sampler[int]):
     def at_total(self, epoch: int, consumed: int) -> dict[str, int]:
         """Return the state from which all ranks together have consumed this many samples of an epoch.
 
-        For a run that continues with another number of ranks: the order of an epoch is that of all ranks together,
-        dealt to them one by one. Where `consumed` is a multiple of the new number of ranks, every remaining sample
-        follows once and none is repeated; else the remainder, fewer samples than there are ranks, comes again.
+        For a run that continues with another number of ranks. Every remaining sample follows once; if `consumed` is
+        not a multiple of the new number of ranks, the remainder comes again.
         """
         return self.at(epoch, whole("consumed", consumed) // self.world_size)
 

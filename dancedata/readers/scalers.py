@@ -26,10 +26,8 @@ ScalerLike = MinMax | str | Path | Mapping[str, MinMax | str | Path] | Reader | 
 def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> dict[str, MinMax]:
     """Return the scalers that the caller names, by field.
 
-    Raises
-    ------
-    UsageError
-        For a scaler of a field that is not read, of other columns or of another dataset, or a reader without one.
+    UsageError for a scaler of a field that is not read, of other columns or of another dataset, or a reader without
+    one.
     """
     if scaler is None:
         return {}
@@ -95,10 +93,7 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
 def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, MinMax]) -> dict[str, slice]:
     """Return the columns of the root's translation of every motion field.
 
-    Raises
-    ------
-    UsageError
-        For a field that has no translation, or is normalised.
+    UsageError for a field that has no translation, or is normalised.
     """
     columns = {}
     for name in fields:
@@ -119,15 +114,8 @@ def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str
 def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, over: str) -> MinMax:
     """Return the scaler of a field: the stored one, or a wider one that the caller names.
 
-    Parameters
-    ----------
-    choice
-        Which windows are read; its protocol defines the train split.
-    covers_mirror
-        Whether a motion field's range covers mirrored motion.
-    over
-        "train": the rows of train windows. "all": every row of every clip of the store, from the trim on if
-        windows are trimmed, as Lodge's released scaler was fitted (test included).
+    The protocol of `choice` defines the train split. `over` is "train", or "all": every row of every clip, from the
+    trim on if windows are trimmed, as Lodge's released scaler was fitted (test included).
     """
     field = store.field(name)
     covers = covers_mirror and field.kind == "motion"

@@ -23,7 +23,7 @@ _NO_DOWNBEATS = (
     "ask for shorter windows"
 )
 #: A filter as callers name it: a plug-in, its name and parameters as in a recipe, or False for none.
-GivenFilter = WindowFilter | Mapping[str, Any] | Literal[False] | None
+FilterLike = WindowFilter | Mapping[str, Any] | Literal[False] | None
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Choice:
     Attributes
     ----------
     fields
-        Fields that windows must lie within.
+        Fields that windows must be within.
     windows
         Length and stride as `Store.windows` takes them.
     trim
@@ -68,15 +68,15 @@ class Selection:
 def select(store: Store, split: str, choice: Choice) -> Selection:
     """Select the windows of a split.
 
-    Raises
-    ------
-    UsageError
-        For a split that neither the lists nor the store have, or windows that the store cannot provide.
+    UsageError for a split that neither the lists nor the store have, or windows that the store cannot provide.
     """
     clips = clips_of(store, split, choice.protocol)
-    rejects = [_ignored(c, choice) for c in clips.values() if _is_ignored(c, choice)]
+    ignoring = {clip: _ignoring(record, choice) for clip, record in clips.items()}
+    rejects = [
+        Reject("ignored", clip, detail=f"on the list {', '.join(lists)}") for clip, lists in ignoring.items() if lists
+    ]
     rejects += _unlisted(store, split, choice.protocol)
-    remaining = {clip for clip, record in clips.items() if not _is_ignored(record, choice)}
+    remaining = {clip for clip, lists in ignoring.items() if not lists}
     homes = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
     lists = [store.windows(home, fields=choice.fields, trim=choice.trim, **choice.windows) for home in homes]
     windows = WindowList.joined(split, lists)
@@ -114,10 +114,7 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipVi
 def require_protocol(store: Store, protocol: str) -> None:
     """Check a protocol that the caller names: a misspelt one would read the stored splits.
 
-    Raises
-    ------
-    UsageError
-        If no clip is in a list of it.
+    UsageError if no clip is in a list of it.
     """
     lists = {name for clip in store.clips for name in clip.lists if "." in name}
     protocols = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
@@ -140,17 +137,9 @@ def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     ]
 
 
-def _is_ignored(record: ClipView, choice: Choice) -> bool:
-    return bool(_ignoring(record, choice))
-
-
 def _ignoring(record: ClipView, choice: Choice) -> list[str]:
     lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
     return [name for name in record.lists if name in lists]
-
-
-def _ignored(record: ClipView, choice: Choice) -> Reject:
-    return Reject("ignored", record.id, detail=f"on the list {', '.join(_ignoring(record, choice))}")
 
 
 def _too_short(record: ClipView, choice: Choice) -> Reject:
@@ -195,13 +184,10 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
     )
 
 
-def window_filter(choice: GivenFilter) -> WindowFilter | None:
+def window_filter(choice: FilterLike) -> WindowFilter | None:
     """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
 
-    Raises
-    ------
-    UsageError
-        For an unknown filter or parameter.
+    UsageError for an unknown filter or parameter.
     """
     if choice is None or choice is False:
         return None

@@ -16,14 +16,15 @@ from torch.utils.data import Dataset
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.text import listed, shown
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
 from dancedata.readers.music_beats import StartAt, estimated_tempo
-from dancedata.readers.presets import Preset, fields_to_read, find_preset, given_or_preset
+from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
 from dancedata.readers.sampler import shared_number
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
-from dancedata.readers.selection import Choice, GivenFilter, Selection, require_protocol, select, window_filter
+from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import MinMax
 from dancedata.store.window_list import WindowList
@@ -135,7 +136,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
             require_protocol(self.store, protocol)
-        self._protocol: str | None = given_or_preset(protocol, self._preset, "protocol", None)
+        self._protocol: str | None = value_or_preset(protocol, self._preset, "protocol", None)
         self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
         self._epoch = shared_number(_NOT_SET)
         self._tempos: dict[str, float] = {}
@@ -145,15 +146,15 @@ class SplitDataset(Dataset[dict[str, Any]]):
         windows: Mapping[str, Any],
         trim: bool | None,
         ignore: Sequence[str] | None,
-        filter_: GivenFilter,
+        filter_: FilterLike,
         start_at: StartAt | None = None,
     ) -> Selection:
         """Return the windows of the split."""
         self._choice = Choice(
             fields=self.fields,
             windows=windows,
-            trim=given_or_preset(trim, self._preset, "trim", False),
-            ignore=tuple(given_or_preset(ignore, self._preset, "ignore", ())),
+            trim=value_or_preset(trim, self._preset, "trim", False),
+            ignore=tuple(value_or_preset(ignore, self._preset, "ignore", ())),
             protocol=self._protocol,
             filter=window_filter(filter_),
             start_at=start_at,
@@ -178,10 +179,10 @@ class SplitDataset(Dataset[dict[str, Any]]):
         )
         self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
         changed = mirrored or bool(self._augmenter.steps)
-        self.clip = bool(given_or_preset(changes.clip, None if changed else self._preset, "clip", False))
+        self.clip = bool(value_or_preset(changes.clip, None if changed else self._preset, "clip", False))
         self._random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
-        normalize = given_or_preset(changes.normalize, self._preset, "normalize", True)
+        normalize = value_or_preset(changes.normalize, self._preset, "normalize", True)
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
@@ -229,11 +230,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the open store; subclasses leave out what a process makes again when it needs it.
-
-        A store that cannot be opened again is then an error of the first batch, which a DataLoader passes on; it does
-        not end the worker.
-        """
+        # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
         return {**self.__dict__, "_store": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -250,12 +247,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         return None if epoch == _NOT_SET else epoch
 
     def set_epoch(self, epoch: int | None) -> None:
-        """Set the current epoch, here and in all workers; see the notes of `WindowDataset`.
-
-        Parameters
-        ----------
-        epoch
-            Whole number >= 0. None, as at first: every reading draws new numbers from torch's generator.
+        """Set the current epoch, here and in all workers; None: each reading draws from torch's generator.
 
         Raises
         ------
@@ -281,8 +273,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
 
-        It is the stored one, whatever is mirrored or augmented, unless another one was named. For a field that is not
-        normalised, it is the scaler that ``normalize=(field,)`` would use.
+        For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
 
         Raises
         ------
@@ -306,7 +297,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def state_dict(self) -> dict[str, Any]:
         """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint.
 
-        Of the fields that are normalised, and of those whose scaler a caller names for normalising elsewhere.
+        They are those of the fields that are normalised, or whose scaler was named.
         """
         motion = [name for name in self.fields if self._widened and self.store.field(name).kind == "motion"]
         names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
@@ -322,10 +313,13 @@ class SplitDataset(Dataset[dict[str, Any]]):
         """
         hashes = self.state_dict()["scalers"]
         if state.get("scalers") != hashes:
+            stated = state.get("scalers")
             raise UsageError(
-                "the state is of a reader with other scalers", found=state.get("scalers"), allowed=hashes,
+                "the state is of a reader with other scalers",
+                found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
+                allowed=listed(f"{n} {v}" for n, v in hashes.items()),
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
-            )  # fmt: skip
+            )
 
     def _scaler(self, field: str) -> MinMax:
         if field in self._named_scalers:
@@ -345,12 +339,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
     ) -> dict[str, list[Any]]:
         """Return the values of samples besides their arrays, (B,) each by name, in the order of a sample's keys.
 
-        Parameters
-        ----------
-        windows
-            Those that the places of `request` are of. Default: those of the dataset.
-        changes
-            Changes of every sample besides mirroring and augmentations.
+        Places are of `windows`, by default the dataset's; `changes` are those of every sample besides augmentations.
         """
         windows = self.windows if windows is None else windows
         places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch

@@ -120,7 +120,7 @@ class Poses:
     skeleton
         J joints.
     translation
-        (..., 3) SMPL's translation; the posed root lies at skeleton.offsets[0] + translation.
+        (..., 3) SMPL's translation; the posed root is at skeleton.offsets[0] + translation.
     matrices
         (..., J, 3, 3) rotations relative to the parents.
     contacts
@@ -156,7 +156,7 @@ def forward_kinematics(skeleton: Skeleton, rotations: Tensor, translation: Tenso
     Parameters
     ----------
     skeleton
-        J joints. The posed root lies at offsets[0] + translation, as in SMPL (Loper et al. 2015).
+        J joints. The posed root is at offsets[0] + translation, as in SMPL (Loper et al. 2015).
     rotations
         (..., J, 3) axis-angle, radians, or (..., J, 3, 3) matrices, each relative to the parent.
     translation
@@ -208,7 +208,7 @@ def decode(columns: Tensor, representation: str | Representation) -> Poses:
     UsageError
         For another width, and for a representation that holds no rotations.
     """
-    plugin = _made(columns, representation)
+    plugin = _plugin(columns, representation)
     layout = plugin.columns
     kind = next((name for name in _ROWS if name in layout.names), None)
     if kind is None or "translation" not in layout.names:
@@ -255,7 +255,7 @@ def joints(columns: Tensor, representation: str | Representation, skeleton: Skel
     UsageError
         For another width, a representation whose positions are unknown, or bones for given positions.
     """
-    plugin = _made(columns, representation)
+    plugin = _plugin(columns, representation)
     names = plugin.columns.names
     if "position" not in names and "local_position" not in names:
         return decode(columns, plugin).joints(skeleton)
@@ -271,7 +271,7 @@ def joints(columns: Tensor, representation: str | Representation, skeleton: Skel
 _ROWS = {"rotation_6d": 2, "rotation_matrix": 3}
 
 
-def _made(columns: Tensor, representation: str | Representation) -> Representation:
+def _plugin(columns: Tensor, representation: str | Representation) -> Representation:
     plugin = REPRESENTATIONS.get(representation)() if isinstance(representation, str) else representation
     if columns.shape[-1] != plugin.columns.width:
         raise UsageError(

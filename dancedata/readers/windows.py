@@ -15,9 +15,9 @@ from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, shared_tensor
 from dancedata.readers.clip_collate import Batch, Sample, collate
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
-from dancedata.readers.presets import PrimitiveSpec, given_or_preset, preset_windows, primitive_spec
+from dancedata.readers.presets import PrimitiveSpec, preset_windows, primitive_spec, value_or_preset
 from dancedata.readers.scalers import ScalerLike, root_columns
-from dancedata.readers.selection import GivenFilter, no_window_error
+from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_shift
 from dancedata.store.dataset import Store
 
@@ -111,35 +111,13 @@ class WindowDataset(SplitDataset):
     rejects
         Clips and windows that were left out, and why: "ignored", "too_short", "still", "filtered".
 
-    Notes
-    -----
-    *Pure functions.* What is mirrored, augmented or shifted is a pure function of (seed, epoch, index): the same in
-    every worker, on every rank, and after a resume. As long as no epoch is set, each reading draws a number from
-    torch's generator instead. `set_epoch` writes to shared memory, which forked, spawned and persistent workers all
-    read: call it before ``iter(loader)``, as with torch's DistributedSampler. An `EpochSampler` made with this
-    dataset does so itself. A copy made with pickle or copy.deepcopy, outside torch's workers, has its own epoch.
-
-    *Order of changes.* A window is chosen (``crop``; "start" is then that of the window that was read) and mirrored,
-    which leaves audio as it is; its rows are augmented in the order given, the root is made relative, and columns are
-    normalised. Masked fields (``drop``) are then 0, and "<field>_dropped" says so. The scaler stays the stored one,
-    whatever the split: mirrored and turned samples are a little outside [-1, 1].
-
-    *Primitives.* With "primitives" among the fields a sample also holds Lodge's primitives of the first motion field:
-    ``"primitives"`` (K, 8, D), ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,) for windows
-    of several local segments, and ``"primitives"`` (8, D), the 4 + 4 border frames, for windows of one. They are
-    mirrored and normalised as the field is.
-
-    *Beats.* With a field that has columns "beat" and "downbeat", a sample also holds the labels ``"beat"`` and
-    ``"downbeat"``, (rows,) bool each, of the first such field.
-
-    *Names.* "id" is CLIP@START+LENGTH, and of a sample that was changed ":CHANGES:SEED.EPOCH.INDEX" after it: the
-    sample is ``samples([INDEX], EPOCH)`` again.
-
-    *Batches.* A DataLoader reads a batch at once, into memory that becomes the batch: samples from ``__getitems__``
-    are its rows, and torch's default collate, or `collate`, returns it without a copy. `BatchLoader` is faster.
-
-    *Mapped files.* Rows are copied from mapped shards, which must not be overwritten in place while they are read;
-    builds never do. Where a shard cannot be mapped, they are read by position or through h5py: `unmapped` says why.
+    Notes ----- Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this
+    dataset does: the same in every worker, on every rank, and after a resume; else each reading draws from torch's
+    generator. With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D),
+    ``"primitive_start"``, ``"primitive_hard"``, ``"primitive_filled"`` (K,), for windows of one local segment
+    ``"primitives"`` (8, D) alone; with a field that has beats the labels ``"beat"`` and ``"downbeat"``, (rows,) bool;
+    ``samples([INDEX], EPOCH)`` is the sample of an "id" CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. docs/reading.md,
+    docs/training.md.
 
     Examples
     --------
@@ -169,7 +147,7 @@ class WindowDataset(SplitDataset):
         trim: bool | None = None,
         ignore: Sequence[str] | None = None,
         protocol: str | None = None,
-        filter: GivenFilter = None,
+        filter: FilterLike = None,
         start_at: StartAt | None = None,
         relative_root: bool | None = None,
         primitive_n: int = 256,
@@ -185,7 +163,7 @@ class WindowDataset(SplitDataset):
         super().__init__(store, split, fields, preset, protocol)
         lengths = {"length_s": length_s, "length_frames": length_frames}
         requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
-        filter_ = given_or_preset(filter, self._preset, "filter", None)
+        filter_ = value_or_preset(filter, self._preset, "filter", None)
         start = require_start_at(start_at)
         selection = self._select(preset_windows(self._preset, requested), trim, ignore, filter_, start)
         self.windows, self.rejects = selection.windows, selection.rejects
@@ -205,7 +183,7 @@ class WindowDataset(SplitDataset):
         self._random |= self._with_primitives and primitive_variant == "code"
         if self._primitives is not None and self._primitives.field in self._normalizers:
             self._primitives.refuse_scaling(length)
-        self.relative_root = given_or_preset(relative_root, self._preset, "relative_root", False)
+        self.relative_root = value_or_preset(relative_root, self._preset, "relative_root", False)
         self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
         self.mapped = mapped
         self._stride = self.store.window_grid(**self._choice.windows).stride

@@ -1,314 +1,303 @@
 """The figures of a report, drawn from its document and nothing else, in the order of a reader's questions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 from dancedata.core.text import counted
-from dancedata.report.document import Document
+from dancedata.report.document import Counts, Document, Shared
 from dancedata.report.markup import Figure, Markup, escaped, number, table
-from dancedata.report.pictures import paths
-from dancedata.report.svg import bars, boxes, histogram, points
+from dancedata.report.svg import bars, boxes, histogram, paths, points
+from dancedata.report.tally import Histogram
 
 #: Most bars of a chart; the table below it has all of them.
 _BARS = 40
 #: Paths that are drawn.
 _PATHS = 12
-#: Share of standing still that is worth a word.
+#: Share of standing still that is mentioned.
 _MUCH_STILL = 0.02
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What figures are drawn from.
+    """Numbers that figures are drawn from.
 
     Attributes
     ----------
-    own, other
+    numbers, other
         The document, and that of the dataset it is compared with.
     links
         Clips that have a link, with its HTML.
     """
 
-    own: Document
+    numbers: Document
     other: Document | None = None
     links: Mapping[str, Markup] | None = None
 
     @property
-    def other_name(self) -> str:
+    def other_names(self) -> tuple[str, ...]:
+        """Name of the other dataset as a column of tables; empty without one."""
+        return () if self.other is None else (self.other.about.name,)
+
+    @property
+    def outline(self) -> str:
         """Name of the other dataset in legends; "" without one."""
-        return "" if self.other is None else f"outline: {self.other['about']['name']}"
+        return "" if self.other is None else f"outline: {self.other.about.name}"
 
     def link(self, clip: str) -> Markup:
         """Return the name of a clip, as a link where the page has the clip."""
         return (self.links or {}).get(clip) or Markup(f'<span class="clip">{escaped(clip)}</span>')
 
-    def find(self, *keys: str) -> tuple[Any, Any]:
-        """Return an entry of the document and of the other one."""
-        this: Any = self.own
-        other: Any = self.other
-        for key in keys:
-            this, other = this[key], None if other is None else other[key]
-        return this, other
+    def both(self, part: Callable[[Document], _T]) -> tuple[_T, _T | None]:
+        """Return a part of the document and of the other one."""
+        return part(self.numbers), None if self.other is None else part(self.other)
 
 
 def _histogram(
-    d: Drawing, keys: Sequence[str], title: str, note: str, label: str, marks: Sequence[tuple[float, str]] = ()
+    d: Drawing,
+    key: str,
+    part: Callable[[Document], Histogram],
+    title: str,
+    note: str,
+    label: str,
+    marks: Sequence[tuple[float, str]] = (),
 ) -> Figure:
-    this, other = d.find(*keys)
-    groups = this["counts"]
-    outline = None if other is None else [sum(column) for column in zip(*other["counts"].values(), strict=True)]
-    body = histogram(this["edges"], groups, label, other=outline, marks=marks)
-    columns = [*groups.values(), *([outline] if outline is not None else [])]
-    rows = tuple(zip(this["edges"], this["edges"][1:], *columns, strict=False))
-    names = (*groups, *([d.other["about"]["name"]] if d.other is not None else []))
+    this, other = d.both(part)
+    groups = this.counts
+    outline = None if other is None else [sum(column) for column in zip(*other.counts.values(), strict=True)]
+    body = histogram(this.edges, groups, label, other=outline, marks=marks)
+    columns = [*groups.values(), *([] if outline is None else [outline])]
+    rows = tuple(zip(this.edges, this.edges[1:], *columns, strict=False))
     legend = tuple(groups) if len(groups) > 1 else ()
-    return Figure(keys[-1], title, note, body, ("from", "to", *names), rows, legend, d.other_name)
+    return Figure(key, title, note, body, ("from", "to", *groups, *d.other_names), rows, legend, d.outline)
 
 
-def _bars(d: Drawing, keys: Sequence[str], title: str, note: str, first: str, *, legend: bool = True) -> Figure:
-    this, other = d.find(*keys)
+def _bars(
+    d: Drawing,
+    key: str,
+    part: Callable[[Document], Counts],
+    title: str,
+    note: str,
+    first: str,
+    *,
+    legend: bool = True,
+) -> Figure:
+    this, other = d.both(part)
     totals = None if other is None else {name: sum(values.values()) for name, values in other.items()}
     names = [*this, *(name for name in totals or {} if name not in this)]
     if len(names) > _BARS:
         note = f"{note}; the first {_BARS} of {len(names)}".removeprefix("; ")
-    shown_rows = {name: this.get(name, {}) for name in names[:_BARS]}
     groups = tuple(next(iter(this.values()), {}))
     rows = tuple(
         (
             name,
             *(this.get(name, {}).get(g, 0) for g in groups),
-            *([totals.get(name, 0)] if totals is not None else []),
+            *([] if totals is None else [totals.get(name, 0)]),
         )
         for name in names
     )
-    head = (first, *groups, *([d.other["about"]["name"]] if d.other is not None else []))
-    body = bars(shown_rows, title, other=totals)
-    return Figure(keys[-1], title, note, body, head, rows, groups if legend else (), d.other_name)
+    body = bars({name: this.get(name, {}) for name in names[:_BARS]}, title, other=totals)
+    return Figure(key, title, note, body, (first, *groups, *d.other_names), rows, groups if legend else (), d.outline)
 
 
 def contents_figures(d: Drawing) -> list[Figure]:
-    """Return what is in the dataset."""
-    contents = d.own["contents"]
-    n = contents["tempo_bpm"]["n"]
-    clips = d.own["totals"]["clips"]
-    own_rates = (f"{rate} in {counted(count, 'clip')}" for rate, count in contents["source_rates"].items())
-    rates = f"frames per second of the files: {', '.join(own_rates)}"
-    alike = "; ".join(" and ".join(names) for names in contents["alike"])
+    """Return the figures of windows by split, genre, dancer and song, and of lengths, tempos and music."""
+    contents, totals = d.numbers.contents, d.numbers.totals
+    rates = (f"{rate} in {counted(count, 'clip')}" for rate, count in contents.source_rates.items())
+    length_note = f"frames per second of the files: {', '.join(rates)}"
+    alike = "; ".join(" and ".join(names) for names in contents.alike)
     genres = f"spelt differently, probably the same: {alike}" if alike else "coloured by split"
+    splits_note, songs_note = "what a trainer draws from", "two colours: a song that splits share"
     figures = [
-        _bars(
-            d,
-            ("contents", "windows_by_split"),
-            "Windows by split",
-            "what a trainer draws from",
-            "split",
-            legend=False,
-        ),
-        _bars(d, ("contents", "windows_by_genre"), "Windows by genre", genres, "genre"),
-        _bars(d, ("contents", "windows_by_song"), "Windows by song", "two colours: a song that splits share", "song"),
-        _histogram(d, ("contents", "length_s"), "Length of clips", rates, "seconds"),
-    ]
-    if d.own["totals"]["dancers"]:
-        figures.insert(2, _bars(d, ("contents", "windows_by_dancer"), "Windows by dancer", "", "dancer"))
-    if n:
-        tempo = _histogram(
-            d, ("contents", "tempo_bpm"), "Tempo", f"{n} of {clips} clips state one", "beats per minute"
+        _bars(d, "windows_by_split", lambda n: n.contents.windows_by_split, "Windows by split", splits_note, "split",
+              legend=False),
+        _bars(d, "windows_by_genre", lambda n: n.contents.windows_by_genre, "Windows by genre", genres, "genre"),
+        _bars(d, "windows_by_song", lambda n: n.contents.windows_by_song, "Windows by song", songs_note, "song"),
+        _histogram(d, "length_s", lambda n: n.contents.length_s, "Length of clips", length_note, "seconds"),
+    ]  # fmt: skip
+    if totals.dancers:
+        dancers = _bars(
+            d, "windows_by_dancer", lambda n: n.contents.windows_by_dancer, "Windows by dancer", "", "dancer"
         )
-        figures.append(tempo)
-    gaps = contents["music_minus_motion_s"]
-    if gaps["n"]:
-        short = len(gaps["shorter"])
-        note = f"{short} of {gaps['n']} clips have less music than motion" if short else "no clip outlasts its music"
+        figures.insert(2, dancers)
+    if contents.tempo_bpm.n:
+        note = f"{contents.tempo_bpm.n} of {totals.clips} clips state one"
+        figures.append(_histogram(d, "tempo_bpm", lambda n: n.contents.tempo_bpm, "Tempo", note, "beats per minute"))
+    gaps = contents.music_minus_motion_s
+    if gaps.n:
+        short = len(gaps.shorter)
+        note = f"{short} of {gaps.n} clips have less music than motion" if short else "no clip outlasts its music"
         figures.append(
-            _histogram(d, ("contents", "music_minus_motion_s"), "Music that is left after the clip", note, "seconds")
-        )
+            _histogram(d, "music_minus_motion_s", lambda n: n.contents.music_minus_motion_s,
+                       "Music that is left after the clip", note, "seconds")
+        )  # fmt: skip
     return figures
 
 
 def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
-    """Return how the dancers move."""
-    moves = d.own["movement"]
-    if moves["field"] is None:
+    """Return the figures of speeds, paths, turns, floor and feet; `chosen` has the clips whose paths are drawn."""
+    moves = d.numbers.movement
+    if moves.field is None:
         return []
-    speed = moves["speed_m_s"]
-    marks = [(speed["p50"], f"median {number(speed['p50'])} m/s")] if speed["n"] else []
-    still = moves["still"]["p50"]
-    floor = moves["floor_m"]
-    sliding = moves["sliding_m_s"]
-    note = f"mean over {moves['joints']} joints of {moves['field']}; median {number(speed['p50'])} m/s"
+    speed, still, floor, sliding = moves.speed_m_s, moves.still.p50, moves.floor_m, moves.sliding_m_s
+    marks = [] if speed.p50 is None else [(speed.p50, f"median {number(speed.p50)} m/s")]
+    note = f"mean over {moves.joints} joints of {moves.field}; median {number(speed.p50)} m/s"
     if still is not None and still >= _MUCH_STILL:
-        note += f"; half of the clips stand still in more than {100 * still:.0f} % of their frames"
+        note += f"; half of the clips stand still in more than {100 * still:.0f}\xa0% of their frames"
+    low, high = number(floor.min), number(floor.max)
+    heights = low if low == high else f"{low} to {high}"
     figures = [
-        _histogram(d, ("movement", "speed_m_s"), "Speed of the body", note, "metres per second", marks),
+        _histogram(d, "speed_m_s", lambda n: n.movement.speed_m_s, "Speed of the body", note, "metres per second",
+                   marks),
         _joint_speed(d),
-        _histogram(
-            d, ("movement", "root_extent_m"), "Floor that a clip covers",
-            "larger of the two horizontal extents of the root's path", "metres",
-        ),
+        _histogram(d, "root_extent_m", lambda n: n.movement.root_extent_m, "Floor that a clip covers",
+                   "larger of the two horizontal extents of the root's path", "metres"),
         _paths(d, chosen),
-        _histogram(d, ("movement", "turns"), "Turn of the body",
+        _histogram(d, "turns", lambda n: n.movement.turns, "Turn of the body",
                    "largest turn of the hips within a clip", "full turns"),
-        _histogram(
-            d, ("movement", "floor_m"), "Height of the floor",
-            f"2 % quantile of the feet's heights; {_from_to(floor['min'], floor['max'])} m", "metres",
-        ),
+        _histogram(d, "floor_m", lambda n: n.movement.floor_m, "Height of the floor",
+                   f"2 % quantile of the feet's heights; {heights} m", "metres"),
     ]  # fmt: skip
-    if moves["contact"]:
+    if moves.contact:
         figures.append(_contacts(d))
-    if sliding["n"]:
-        share = f"{100 * sliding['share_above']:.1f} % of them above {sliding['above_m_s']} m/s"
+    if sliding.share_above is not None:
+        limit = f"{sliding.above_m_s} m/s"
+        note = (
+            "horizontal speed of feet that are labelled as standing; "
+            f"{100 * sliding.share_above:.1f}\xa0% of them above {limit}"
+        )
         figures.append(
-            _histogram(d, ("movement", "sliding_m_s"), "Sliding in contact",
-                       f"horizontal speed of feet that are labelled as standing; {share}", "metres per second",
-                       [(sliding["above_m_s"], f"{sliding['above_m_s']} m/s")])
+            _histogram(d, "sliding_m_s", lambda n: n.movement.sliding_m_s, "Sliding in contact", note,
+                       "metres per second", [(sliding.above_m_s, limit)])
         )  # fmt: skip
     return figures
-
-
-def _from_to(low: float | None, high: float | None) -> str:
-    """Return both numbers, or the one that both are shown as."""
-    first, last = number(low), number(high)
-    return first if first == last else f"{first} to {last}"
 
 
 def _joint_speed(d: Drawing) -> Figure:
-    this, other = d.find("movement", "joint_speed_m_s")
-    rows = [
-        (name.replace("_", " "), *q.values(), *([other.get(name, {}).get("p50")] if other else []))
-        for name, q in this.items()
-    ]
+    this, other = d.both(lambda n: n.movement.joint_speed_m_s)
     named = {name.replace("_", " "): q for name, q in this.items()}
+    beside = {name.replace("_", " "): q for name, q in (other or {}).items()}
+    rows = tuple(
+        (name, *vars(q).values(), *([beside[name].p50 if name in beside else None] if beside else []))
+        for name, q in named.items()
+    )
     sides = {
         name: "left" if name.startswith("left") else "right" if name.startswith("right") else "mid" for name in named
     }
-    head = (
-        "joint",
-        "p5",
-        "p25",
-        "p50",
-        "p75",
-        "p95",
-        *([f"p50, {d.other['about']['name']}"] if d.other and other else []),
-    )
+    median = [f"p50, {name}" for name in d.other_names] if beside else []
+    head = ("joint", "p5", "p25", "p50", "p75", "p95", *median)
     note = "line: 5 to 95 % of frames, box: 25 to 75 %, mark: median; blue is left, orange is right"
-    beside = {name.replace("_", " "): q for name, q in (other or {}).items()}
     body = boxes(named, "metres per second", classes=sides, other=beside)
-    return Figure(
-        "joint_speed", "Speed by joint", note, body, head, tuple(rows), other=d.other_name if beside else ""
-    )
+    return Figure("joint_speed", "Speed by joint", note, body, head, rows, other=d.outline if beside else "")
 
 
 def _paths(d: Drawing, chosen: Sequence[str]) -> Figure:
-    ways = d.own["movement"]["paths_m"]
-    drawn_ways = {clip: ways[clip] for clip in chosen if clip in ways} or dict(list(ways.items()))
-    drawn_ways = dict(list(drawn_ways.items())[:_PATHS])
-    reach = max((abs(v) for way in drawn_ways.values() for p in way for v in p), default=0.0)
+    all_paths = d.numbers.movement.paths_m
+    clips = [clip for clip in chosen if clip in all_paths] or list(all_paths)
+    drawn = {clip: all_paths[clip] for clip in clips[:_PATHS]}
+    reach = max((abs(v) for path in drawn.values() for point in path for v in point), default=0.0)
     note = f"seen from above, from the filled point to the ring; each square is {number(2 * reach)} m wide"
-    body = paths(drawn_ways, {clip: d.link(clip) for clip in drawn_ways})
-    return Figure("paths", "Paths of the root", note, body, kind="wide")
+    return Figure(
+        "paths", "Paths of the root", note, paths(drawn, {clip: d.link(clip) for clip in drawn}), kind="wide"
+    )
 
 
 def _contacts(d: Drawing) -> Figure:
-    this, other = d.find("movement", "contact")
-    named = {
-        name.replace("_", " "): {"": round(100 * (share or 0), 1)} for name, share in sorted(this.items(), key=_foot)
-    }
-    outline = (
-        None
-        if other is None
-        else {name.replace("_", " "): round(100 * (share or 0), 1) for name, share in other.items()}
-    )
-    rows = tuple((name, value[""], *([outline.get(name)] if outline else [])) for name, value in named.items())
-    head = ("foot joint", "% of frames", *([d.other["about"]["name"]] if d.other and outline else []))
-    return Figure("contact", "Feet in contact", "share of frames; left and right should be near each other",
-                  bars(named, "per cent of frames in contact", other=outline, unit=" %"), head, rows,
-                  other=d.other_name)  # fmt: skip
+    this, other = d.both(lambda n: n.movement.contact)
+    feet = sorted(this, key=lambda name: (name.split("_")[-1], name.startswith("right")))  # left before right
+    shares = _per_cent({name: this[name] for name in feet})
+    outline = None if other is None else _per_cent(other)
+    rows = tuple((name, share, *([outline.get(name)] if outline else [])) for name, share in shares.items())
+    head = ("foot joint", "% of frames", *(d.other_names if outline else ()))
+    body = bars({name: {"": share} for name, share in shares.items()}, "per cent of frames in contact",
+                other=outline, unit=" %")  # fmt: skip
+    note = "share of frames; left and right should be near each other"
+    return Figure("contact", "Feet in contact", note, body, head, rows, other=d.outline)
 
 
-def _foot(item: tuple[str, Any]) -> tuple[str, bool]:
-    """Order feet by joint, left before right."""
-    return item[0].split("_")[-1], item[0].startswith("right")
+def _per_cent(shares: Mapping[str, float | None]) -> dict[str, float]:
+    return {name.replace("_", " "): round(100 * (share or 0), 1) for name, share in shares.items()}
 
 
 def music_figures(d: Drawing) -> list[Figure]:
-    """Return how key motions and beats lie to each other, beside chance."""
-    this, other = d.find("music")
-    figures = []
-    hist, moved = this["offset_ms"], this["shifted_ms"]
-    if hist["n"]:
-        note = (
-            f"{number(this['mean_distance_ms'])} ms from the nearest beat on average, "
-            f"{number(this['mean_distance_shifted_ms'])} ms with the beats moved by half a period "
-            "(dotted: without alignment both look alike)"
-        )
-        counts = moved["counts"]["all"]
-        other_offsets = None if other is None or not other["offset_ms"]["n"] else other["offset_ms"]["counts"]["all"]
-        label = "milliseconds after the nearest beat"
-        body = histogram(hist["edges"], hist["counts"], label, other=other_offsets, chance=counts)
-        columns = [hist["counts"]["all"], counts, *([] if other_offsets is None else [other_offsets])]
-        rows = tuple(zip(hist["edges"], hist["edges"][1:], *columns, strict=False))
-        beside = () if other_offsets is None or d.other is None else (d.other["about"]["name"],)
-        figures.append(
-            Figure("key_beats", "Key motions and beats", note, body,
-                   ("from", "to", "key motions", "beats moved", *beside), rows,
-                   other=d.other_name if beside else "", chance="beats moved by half a period")
-        )  # fmt: skip
-    if this["bas"] is not None:
-        rows_of = {"this dataset": {"": this["bas"]}, "chance": {"": this["bas_chance"]}}
-        if other is not None and other["bas"] is not None:
-            name = d.other["about"]["name"] if d.other is not None else ""
-            rows_of |= {name: {"": other["bas"]}, f"{name}, chance": {"": other["bas_chance"]}}
-        table_rows = tuple((name, value[""]) for name, value in rows_of.items())
-        note = (
-            f"mean over clips, beats of {this['beats_from']}; "
-            "a score at its chance level means that dance and beats are unrelated"
-        )
-        figures.append(
-            Figure(
-                "bas", "Beat alignment score", note, bars(rows_of, "beat alignment score"), ("", "score"), table_rows
-            )
-        )
-    if this["tempo_bpm"]:
-        pairs = [(t["stated"], t["found"], t["clip"]) for t in this["tempo_bpm"]]
-        off = sum(abs(estimated / stated - 1) > 0.05 for stated, estimated, _ in pairs)
-        note = f"{off} of {len(pairs)} clips differ by more than 5 %; lines: equal, half and double"
-        other_offsets = [] if other is None else [(t["stated"], t["found"], t["clip"]) for t in other["tempo_bpm"]]
-        body = points(pairs, ("stated, beats per minute", "found in the beats"), other=other_offsets)
-        listed = tuple((d.link(clip), stated, estimated) for stated, estimated, clip in pairs)
-        head = ("clip", "stated", "found")
-        figures.append(
-            Figure("tempo_pairs", "Tempo, stated and found", note, body, head, listed,
-                   other=d.other_name if other_offsets else "")
-        )  # fmt: skip
-    return figures
+    """Return the figures of key motions and beats, with chance as a comparison."""
+    figures = [_key_beats(d), _alignment(d), _tempos(d)]
+    return [figure for figure in figures if figure is not None]
+
+
+def _key_beats(d: Drawing) -> Figure | None:
+    this, other = d.both(lambda n: n.music)
+    if not this.offset_ms.n:
+        return None
+    note = (
+        f"{number(this.mean_distance_ms)} ms from the nearest beat on average, "
+        f"{number(this.mean_distance_shifted_ms)} ms with the beats moved by half a period "
+        "(dotted: without alignment both look alike)"
+    )
+    edges, counts = this.offset_ms.edges, this.offset_ms.counts
+    chance = this.shifted_ms.counts["all"]
+    beside = None if other is None or not other.offset_ms.n else other.offset_ms.counts["all"]
+    body = histogram(edges, counts, "milliseconds after the nearest beat", other=beside, chance=chance)
+    columns = [counts["all"], chance, *([] if beside is None else [beside])]
+    rows = tuple(zip(edges, edges[1:], *columns, strict=False))
+    head = ("from", "to", "key motions", "beats moved", *(() if beside is None else d.other_names))
+    return Figure("key_beats", "Key motions and beats", note, body, head, rows,
+                  other="" if beside is None else d.outline, chance="beats moved by half a period")  # fmt: skip
+
+
+def _alignment(d: Drawing) -> Figure | None:
+    this, other = d.both(lambda n: n.music)
+    if this.bas is None:
+        return None
+    scores = {"this dataset": this.bas, "chance": this.bas_chance}
+    if other is not None and other.bas is not None:
+        scores |= {name: other.bas for name in d.other_names}
+        scores |= {f"{name}, chance": other.bas_chance for name in d.other_names}
+    note = (
+        f"mean over clips, beats of {this.beats_from}; "
+        "a score at its chance level means that dance and beats are unrelated"
+    )
+    body = bars({name: {"": score or 0.0} for name, score in scores.items()}, "beat alignment score")
+    return Figure("bas", "Beat alignment score", note, body, ("", "score"), tuple(scores.items()))
+
+
+def _tempos(d: Drawing) -> Figure | None:
+    this, other = d.both(lambda n: [(t.stated, t.found, t.clip) for t in n.music.tempo_bpm])
+    if not this:
+        return None
+    off = sum(abs(measured / stated - 1) > 0.05 for stated, measured, _ in this)
+    note = f"{off} of {len(this)} clips differ by more than 5 %; lines: equal, half and double"
+    body = points(this, ("stated, beats per minute", "found in the beats"), other=other or ())
+    rows = tuple((d.link(clip), stated, measured) for stated, measured, clip in this)
+    return Figure("tempo_pairs", "Tempo, stated and found", note, body, ("clip", "stated", "found"), rows,
+                  other=d.outline if other else "")  # fmt: skip
 
 
 def split_figures(d: Drawing) -> list[Figure]:
-    """Return what splits share; red only where train is involved, and a leak."""
-    shared = d.own["splits"]
-    if len(d.own["contents"]["splits"]) < 2:
+    """Return tables of names that splits share; red only where train is involved, and a leak."""
+    shared, splits = d.numbers.splits, d.numbers.contents.splits
+    if len(splits) < 2:
         return []
-    sound = "" if shared["compared_by_sound"] else "; compared by name and samples, not by sound"
-    notes = {
-        "songs": ("Songs that splits share", f"train must share none; val and test may, as in AIST++{sound}"),
-        "dancers": ("Dancers that splits share", "no leak by itself: many datasets split by song"),
-        "clips": ("Clips that splits share", "copies of augmentations count as their clip"),
-    }
-    if not d.own["totals"]["dancers"]:
-        del notes["dancers"]
-    return [_matrix(d, key, *notes[key], shared[key]) for key in notes]
+    sound = "" if shared.compared_by_sound else "; compared by name and samples, not by sound"
+    songs = f"train must share none; val and test may, as in AIST++{sound}"
+    figures = [_matrix(splits, "songs", "Songs that splits share", songs, shared.songs)]
+    if d.numbers.totals.dancers:
+        note = "no leak by itself: many datasets split by song"
+        figures.append(_matrix(splits, "dancers", "Dancers that splits share", note, shared.dancers))
+    note = "copies of augmentations count as their clip"
+    return [*figures, _matrix(splits, "clips", "Clips that splits share", note, shared.clips)]
 
 
-def _matrix(d: Drawing, key: str, title: str, note: str, shared: Mapping[str, Any]) -> Figure:
-    splits = d.own["contents"]["splits"]
-    rows = [[a, *(_shared_cell(key, a, b, shared["counts"][a][b]) for b in splits)] for a in splits]
-    names = tuple((pair, ", ".join(songs)) for pair, songs in shared["names"].items())
-    return Figure(f"shared_{key}", title, note, table(("", *splits), rows, "matrix"), ("splits", "names"), names)
+def _matrix(splits: Sequence[str], key: str, title: str, note: str, shared: Shared) -> Figure:
+    def cell(a: str, b: str) -> Markup:
+        n = shared.counts[a][b]
+        if a == b:
+            return Markup(f'<span class="own">{n:,}</span>')
+        leak = n and key != "dancers" and "train" in (a, b)
+        return Markup(f'<strong class="bad">{n:,} ⚠</strong>' if leak else f"{n:,}")
 
-
-def _shared_cell(key: str, a: str, b: str, n: int) -> Markup:
-    if a == b:
-        return Markup(f'<span class="own">{n:,}</span>')
-    leak = n and key != "dancers" and "train" in (a, b)
-    return Markup(f'<strong class="bad">{n:,} ⚠</strong>' if leak else f"{n:,}")
+    body = table(("", *splits), [[a, *(cell(a, b) for b in splits)] for a in splits], "matrix")
+    names = tuple((pair, ", ".join(shared_names)) for pair, shared_names in shared.names.items())
+    return Figure(f"shared_{key}", title, note, body, ("splits", "names"), names)

@@ -34,7 +34,7 @@ PROMINENT = 0.03
 
 @dataclass(frozen=True)
 class ClipNumbers:
-    """What was measured of one clip; None where it has no value.
+    """Numbers of one clip; None where it has no value.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class Measured:
 
 
 def measure(store: Store) -> Measured:
-    """Measure every clip of a dataset; copies that augmentations made are counted, but not measured again.
+    """Measure the clips of a dataset; copies that augmentations made are counted, but not measured.
 
     Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
 
@@ -188,6 +188,7 @@ class _Part:
         sliding, contact = _sliding(figure, first)
         times = _key_times(piece, first)
         beats = piece.beat_times
+        middles = None if beats is None else np.asarray((beats[:-1] + beats[1:]) / 2)  # the chance control
         return cls(
             piece=piece,
             root=joints[:, 0],
@@ -199,7 +200,7 @@ class _Part:
             facing=_facing(joints, names),
             key_motions=len(times),
             offsets=_offsets(times, beats),
-            shifted=_offsets(times, None if beats is None else _half_a_period_later(beats)),
+            shifted=_offsets(times, middles),
             alignment=_alignment(piece, first),
         )
 
@@ -228,11 +229,6 @@ def _key_times(piece: Piece, first: int) -> Float64Array:
     key = piece.key
     deep = (key.prominence > PROMINENT * key.curve.max(initial=0.0)) & (key.minima >= first)
     return np.asarray((key.minima[deep] + 0.5) / piece.rate, dtype=np.float64)
-
-
-def _half_a_period_later(beats: Float64Array) -> Float64Array:
-    """Return the midpoints between beats, the chance control."""
-    return np.asarray((beats[:-1] + beats[1:]) / 2)
 
 
 def _offsets(times: Float64Array, beats: Float64Array | None) -> Float64Array:
@@ -286,7 +282,9 @@ def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
     offsets = np.concatenate([part.offsets for part in parts])
     shifted = np.concatenate([part.shifted for part in parts])
     scores = [part.alignment for part in parts if part.alignment is not None]
-    periods = np.concatenate([_periods(part.piece) for part in parts])
+    steps = [np.diff(part.root[:, (0, 2)], axis=0) for part in parts]
+    beats = [part.piece.beats for part in parts if part.piece.beats is not None]
+    periods = np.concatenate([np.zeros(0), *(np.diff(b.frames) / float(b.grid.rate) for b in beats)])
     turns = [float(np.ptp(part.facing)) / (2 * np.pi) for part in parts if len(part.facing)]
     music = [part.piece.music_s for part in parts if part.piece.music_s is not None]
     return ClipNumbers(
@@ -295,7 +293,7 @@ def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
         speed_p95=float(np.quantile(speed, 0.95)),
         still=float((speed < STILL_M_S).mean()),
         root_extent_m=float(np.ptp(roots, axis=0).max()),
-        root_path_m=sum(_length(part.root[:, (0, 2)]) for part in parts),
+        root_path_m=sum(float(np.linalg.norm(step, axis=1).sum()) for step in steps),
         floor_m=min(part.heights[2] for part in parts),
         low_m=min(part.heights[0] for part in parts),
         high_m=max(part.heights[1] for part in parts),
@@ -310,16 +308,6 @@ def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
         music_s=music[0] if music and whole else None,
         path=_thinned(roots - roots[0]),
     )
-
-
-def _length(path: Float64Array) -> float:
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-
-
-def _periods(piece: Piece) -> Float64Array:
-    """Return the times between beats in whole rows, seconds."""
-    beats = piece.beats
-    return np.zeros(0) if beats is None else np.diff(beats.frames) / float(beats.grid.rate)
 
 
 def _thinned(path: Float64Array) -> tuple[tuple[float, float], ...]:

@@ -1,13 +1,12 @@
 """The page: one HTML file without a request, in which nothing from a dataset can become markup or script."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
 
 from dancedata.core.columns import Columns
 from dancedata.core.text import counted, listed
-from dancedata.report.document import Document
+from dancedata.report.document import Document, FieldNumbers, findings
 from dancedata.report.figures import (
     Drawing,
     contents_figures,
@@ -15,16 +14,16 @@ from dancedata.report.figures import (
     music_figures,
     split_figures,
 )
-from dancedata.report.findings import findings
 from dancedata.report.markup import Figure, Markup, escaped, number, table
-from dancedata.report.pictures import strips
 from dancedata.report.player import NO_PLAYER, Player
-from dancedata.report.svg import bars
+from dancedata.report.svg import bars, strips
 from dancedata.viewer.payload import link
 
 #: Rows of the list of clips to look at, and names of clips that were left out for a reason.
 _LOOK, _NAMED = 20, 12
-#: How values of the ranking are shown.
+#: Bars of a chart of flags.
+_FLAGS = 24
+#: Reasons of the ranking as they are shown.
 _WHY = {"flags": "flags per second", "sliding": "sliding feet", "still": "standing still"}
 
 Section = tuple[str, str, str]
@@ -61,18 +60,18 @@ def _grid(figures: Sequence[Figure]) -> str:
 
 
 def _look(d: Drawing) -> str:
-    ranking = d.own["ranking"][:_LOOK]
+    ranking = d.numbers.ranking[:_LOOK]
     if not ranking:
         return ""
-    clips = {row["clip"]: row for row in d.own["clips"]}
+    clips = {row.clip: row for row in d.numbers.clips}
     rows = []
-    for entry in ranking:
-        clip = clips[entry["clip"]]
-        shares = (_percent(clip["sliding"]), _percent(clip["still"]))
-        rows.append((d.link(clip["clip"]), Markup(_WHY[entry["why"]]), clip["split"], clip["flags"], *shares,
-                     clip["speed"], clip["seconds"]))  # fmt: skip
+    for suspect in ranking:
+        clip = clips[suspect.clip]
+        n = clip.numbers
+        rows.append((d.link(clip.clip), Markup(_WHY[suspect.why]), clip.split, clip.flags, _percent(n.sliding),
+                     _percent(n.still), n.speed, n.seconds))  # fmt: skip
     head = ("clip", "because of", "split", "flags", "sliding", "still", "speed m/s", "seconds")
-    left = len(d.own["ranking"]) - len(ranking)
+    left = len(d.numbers.ranking) - len(ranking)
     more = f"; {left:,} more in the numbers (--json)" if left > 0 else ""
     note = f"most flags per second, most sliding in contact, longest standing still take turns{more}"
     body = f'<div class="scroll">{table(head, rows, "list")}</div>'
@@ -80,91 +79,84 @@ def _look(d: Drawing) -> str:
 
 
 def _percent(share: float | None) -> Markup:
-    return Markup("–" if share is None else f"{100 * share:.0f} %")
+    return Markup("–" if share is None else f"{100 * share:.0f}\xa0%")
 
 
 def _field_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
     figures = []
-    for name, entry in d.own["fields"].items():
-        if entry["columns"]:
-            figures.append(_field(d, name, entry, columns[name]))
+    for name, field in d.numbers.fields.items():
+        if field.columns:
+            figures.append(_ranges(d, name, field, columns[name]))
         if name in heat_maps:
             figures.append(heat_maps[name])
     return figures
 
 
-def _field(d: Drawing, name: str, entry: Mapping[str, Any], columns: Columns) -> Figure:
-    constant = (
-        f"{len(entry['constant'])} never change (crosses): {listed(entry['constant'], 8)}"
-        if entry["constant"]
-        else ("no column is constant")
-    )
+def _ranges(d: Drawing, name: str, field: FieldNumbers, columns: Columns) -> Figure:
+    constant = "no column is constant"
+    if field.constant:
+        constant = f"{len(field.constant)} never change (crosses): {listed(field.constant, 8)}"
     text = (
-        f"{entry['width']} columns, {entry['rate']} per second, over {entry['rows']:,} rows of train windows; "
+        f"{field.width} columns, {field.rate} per second, over {field.rows:,} rows of train windows; "
         f"{constant}; line: range, box: 25 to 75 %, mark: median"
     )
-    other = None if d.other is None else d.other["fields"].get(name)
-    beside = {} if other is None else {row["label"]: row for row in other["columns"]}
-    names = ("min", "p5", "p25", "p50", "p75", "p95", "max")
-    extra = ("min, other", "p50, other", "max, other") if beside else ()
+    other = None if d.other is None else d.other.fields.get(name)
+    beside = {} if other is None else {row.label: row for row in other.columns}
+    extra = ("min", "p50", "max") if beside else ()
+    head = ("column", "min", "p5", "p25", "p50", "p75", "p95", "max", *(f"{q}, other" for q in extra))
     rows = tuple(
-        (row["label"], *(row[q] for q in names),
-         *((beside.get(row["label"], {}).get(q) for q in ("min", "p50", "max")) if beside else ()))
-        for row in entry["columns"]
-    )  # fmt: skip
-    return Figure(f"columns_{name}", f"Ranges of {name}", text, strips(columns, entry["columns"], beside),
-                  ("column", *names, *extra), rows, other=d.other_name if beside else "", kind="wide")  # fmt: skip
+        (*vars(row).values(), *(getattr(beside.get(row.label), q, None) for q in extra)) for row in field.columns
+    )
+    return Figure(f"columns_{name}", f"Ranges of {name}", text, strips(columns, field.columns, beside), head, rows,
+                  other=d.outline if beside else "", kind="wide")  # fmt: skip
 
 
 def _left_out(d: Drawing) -> list[Figure]:
-    document = d.own
     figures = []
-    if document["left_out"]:
+    if d.numbers.left_out:
         rows = [
-            (reason, entry["n"], Markup(f'<div class="text">{escaped(listed(entry["names"], _NAMED), 2000)}</div>'),
-             Markup(f'<div class="text">{escaped(entry["detail"], 300)}</div>'))
-            for reason, entry in document["left_out"].items()
-        ]  # fmt: skip
+            (reason, entry.n, _text(listed(entry.names, _NAMED), 2000), _text(entry.detail, 300))
+            for reason, entry in d.numbers.left_out.items()
+        ]
         head = ("reason", "number", "names", "message of the first")
         body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
         figures.append(Figure("left_out", "Left out, by reason", "all names are in rejects.jsonl", body, kind="wide"))
-    return figures + _flags(d)
+    by_kind = _flags(d, "flags", "Flags by kind", lambda n: n.flags.by_kind)
+    by_joint = _flags(d, "flags_joint", "Flags by joint", lambda n: n.flags.by_joint)
+    return [*figures, *by_kind, *by_joint]
 
 
-def _flags(d: Drawing) -> list[Figure]:
-    figures = []
-    for key, title in (("by_kind", "Flags by kind"), ("by_joint", "Flags by joint")):
-        this, other = d.find("flags", key)
-        names = [*this, *(name for name in other or {} if name not in this)]
-        if not names:
-            continue
-        counts = {name.replace("_", " "): {"": this.get(name, 0)} for name in names}
-        beside = None if other is None else {name.replace("_", " "): n for name, n in other.items()}
-        rows = tuple(
-            (name, value[""], *([beside.get(name, 0)] if beside is not None else []))
-            for name, value in counts.items()
-        )
-        head = ("", "flags", *([d.other["about"]["name"]] if d.other is not None else []))
-        body = bars(dict(list(counts.items())[:24]), title, other=beside)
-        figures.append(Figure("flags" if key == "by_kind" else "flags_joint", title, "marked, not repaired", body,
-                              head, rows, other=d.other_name))  # fmt: skip
-    return figures
+def _text(text: str, limit: int) -> Markup:
+    return Markup(f'<div class="text">{escaped(text, limit)}</div>')
+
+
+def _flags(d: Drawing, key: str, title: str, part: Callable[[Document], Mapping[str, int]]) -> list[Figure]:
+    this, other = d.both(part)
+    names = [*this, *(name for name in other or {} if name not in this)]
+    if not names:
+        return []
+    counts = {name.replace("_", " "): this.get(name, 0) for name in names}
+    beside = None if other is None else {name.replace("_", " "): n for name, n in other.items()}
+    rows = tuple((name, n, *([] if beside is None else [beside.get(name, 0)])) for name, n in counts.items())
+    shown_rows = {name: {"": n} for name, n in list(counts.items())[:_FLAGS]}
+    body = bars(shown_rows, title, other=beside)
+    return [Figure(key, title, "marked, not repaired", body, ("", "flags", *d.other_names), rows, other=d.outline)]
 
 
 def tiles(d: Drawing) -> str:
     """Return the numbers at the top of the page."""
-    totals = d.own["totals"]
-    other = None if d.other is None else d.other["totals"]
     names = {"clips": "clips", "copies": "copies", "windows": "windows", "minutes": "minutes", "songs": "songs",
              "dancers": "dancers", "genres": "genres", "left_out": "left out",
              "flagged_clips": "flagged clips"}  # fmt: skip
+    totals, beside_totals = vars(d.numbers.totals), {} if d.other is None else vars(d.other.totals)
     cells = ""
     for key, name in names.items():
-        if key in ("copies", "dancers", "genres") and not totals[key] and not (other and other[key]):
+        this, other = totals[key], beside_totals.get(key)
+        if key in ("copies", "dancers", "genres") and not this and not other:
             continue
-        value = f"{totals[key]:.1f}" if key == "minutes" else number(totals[key])
-        beside = "" if other is None else f" ({other[key]:.1f})" if key == "minutes" else f" ({number(other[key])})"
-        cells += f"<div><dt>{name}</dt><dd>{value}<small>{beside}</small></dd></div>"
+        show = "{:.1f}".format if key == "minutes" else number
+        beside = "" if other is None else f" ({show(other)})"
+        cells += f"<div><dt>{name}</dt><dd>{show(this)}<small>{beside}</small></dd></div>"
     return f'<dl class="tiles">{cells}</dl>'
 
 
@@ -175,7 +167,7 @@ _DIFFERENCES = 60
 
 @dataclass(frozen=True)
 class PageParts:
-    """What the page shows beside the document.
+    """Contents of the page that are not in the document.
 
     Attributes
     ----------
@@ -203,7 +195,7 @@ def page(d: Drawing, parts: PageParts) -> str:
     chapters = sections(d, parts.chosen, parts.columns, parts.heat_maps)
     if d.other is not None:
         chapters.append(("differences", "Differences", _differences(d.other, parts.differences)))
-    chapters.append(("about", "Source and terms", _terms(d.own)))
+    chapters.append(("about", "Source and terms", _terms(d.numbers)))
     links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in chapters) + _play(parts.player)
     body = "".join(
         f'<section><h2 id="r-s-{key}">{escaped(title)}</h2>{html}</section>' for key, title, html in chapters
@@ -218,10 +210,10 @@ def page(d: Drawing, parts: PageParts) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         '<meta name="referrer" content="no-referrer"><link rel="icon" href="data:,">'
-        f"<title>{escaped(d.own['about']['name'])}: dataset report</title>"
+        f"<title>{escaped(d.numbers.about.name)}: dataset report</title>"
         f'<style>{parts.player.css}{style}</style></head><body data-page="report">'
         f'<main id="r-report">{_header(d)}{tiles(d)}<nav aria-label="Sections">{links}</nav>'
-        f"{_findings(d.own)}{body}</main>{parts.player.body}</body></html>\n"
+        f"{_findings(d.numbers)}{body}</main>{parts.player.body}</body></html>\n"
     )
 
 
@@ -233,15 +225,14 @@ def _play(player: Player) -> str:
 
 
 def _header(d: Drawing) -> str:
-    record = d.own["about"]
-    windows = record["windows"]
-    other = "" if d.other is None else f" <small>against {escaped(d.other['about']['name'])}</small>"
+    about = d.numbers.about
+    other = "" if d.other is None else f" <small>against {escaped(d.other.about.name)}</small>"
     facts = (
-        f"{record['scope']} scope, {record['fps']} frames per second, windows of {windows['length']} frames every "
-        f"{windows['stride']}, skeleton {record['skeleton']['name']}"
+        f"{about.scope} scope, {about.fps} frames per second, windows of {about.windows['length']} frames every "
+        f"{about.windows['stride']}, skeleton {about.skeleton['name']}"
     )
     return (
-        f"<header><h1>{escaped(record['name'])}{other}</h1><p>{escaped(record['description'], 600)}</p>"
+        f"<header><h1>{escaped(about.name)}{other}</h1><p>{escaped(about.description, 600)}</p>"
         f'<p class="sub">{escaped(facts)}</p></header>'
     )
 
@@ -260,23 +251,23 @@ def _differences(other: Document, differences: Sequence[tuple[str, str]]) -> str
     more = len(differences) - len(entries)
     if more > 0:
         entries.append(f"<li>{number(more)} more (dancedata diff)</li>")
-    name = escaped(other["about"]["name"])
+    name = escaped(other.about.name)
     what = f'<ul class="terms">{"".join(entries)}</ul>' if entries else "<p>None: the same data.</p>"
     return f"<p>This dataset first, {name} second. Outlines in the figures are those of {name}.</p>{what}"
 
 
 def _terms(document: Document) -> str:
-    record = document["about"]
+    about = document.about
     rows = [
-        ("licence", record["licence"] or "unknown"),
-        *((f"weights of {name}", text) for name, text in record["weights"].items()),
-        ("cite", record["citation"] or "unknown"),
-        ("dataset", record["dataset"]),
-        ("recipe", record["recipe_sha256"]),
-        ("made by", f"dancedata {record['dancedata']}"),
+        ("licence", about.licence or "unknown"),
+        *((f"weights of {name}", text) for name, text in about.weights.items()),
+        ("cite", about.citation or "unknown"),
+        ("dataset", about.dataset),
+        ("recipe", about.recipe_sha256),
+        ("made by", f"dancedata {about.dancedata}"),
     ]
     lines = [f"<li><b>{escaped(name)}</b>: {escaped(value, 2000)}</li>" for name, value in rows]
-    lines += [f"<li>{escaped(note, 2000)}</li>" for note in record["notes"]]
-    if document["about"]["scope"] == "window":
+    lines += [f"<li>{escaped(note, 2000)}</li>" for note in about.notes]
+    if about.scope == "window":
         lines.append("<li>Window scope: movement was measured in windows that do not overlap.</li>")
     return f'<ul class="terms" id="r-about">{"".join(lines)}</ul>'

@@ -1,4 +1,4 @@
-"""Clips of a dataset as what a report measures: joints, contacts, key motions and beats, in both scopes."""
+"""Joints, contacts, key motions and beats of clips, in both scopes: the input of a report's measurements."""
 
 from __future__ import annotations
 
@@ -85,16 +85,16 @@ class ClipReader:
     def of(cls, store: Store) -> ClipReader:
         """Choose the fields: motion with contacts before other motion, and the first of the others that fit."""
         readers = drawable_fields(store)
-        motion = min(readers, key=lambda name: not _has_contacts(readers[name]), default=None)
-        keys = [
-            f for f in map(store.field, store.fields) if f.kind == "keymotion" and f.columns.names == _KEY_COLUMNS
-        ]
+        with_contacts = (n for n in readers if set(_CONTACTS) & set(readers[n].representation.columns.names))
+        motion = next(with_contacts, next(iter(readers), None))
+        fields = [store.field(name) for name in store.fields]
+        keys = (f for f in fields if f.kind == "keymotion" and f.columns.names == _KEY_COLUMNS)
         music = rhythm_fields(store)
         return cls(
             store,
             None if motion is None else store.field(motion),
             None if motion is None else readers[motion],
-            keys[0] if keys else None,
+            next(keys, None),
             store.field(music[0]) if music else None,
         )
 
@@ -141,7 +141,3 @@ class ClipReader:
             return None, None
         rows = clip.read_song(field.name) if window is None else self.store.read(window, field.name)
         return field_beats(rows, field), float(field.grid.seconds(len(rows)))
-
-
-def _has_contacts(reader: ColumnsReader) -> bool:
-    return any(name in reader.representation.columns.names for name in _CONTACTS)

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -22,7 +23,8 @@ from dancedata.viewer.page import PageSound, data_script, page_data, page_parts,
 from dancedata.viewer.payload import link, page_json, scene_payload
 from dancedata.viewer.source import ClipSource
 
-_POLYNOMIAL = 0x04C11DB7
+#: Bytes with their bits in reverse order.
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 #: Places in the header of a page: serial number, checksum, number of lacing values, these.
 _SERIAL, _CHECKSUM, _SEGMENTS, _LACING = 14, 22, 26, 27
 
@@ -36,33 +38,19 @@ def without_serial(data: bytes) -> bytes:
         end = place + _LACING + len(lacing) + sum(lacing)
         pages[place + _SERIAL : place + _SERIAL + 4] = struct.pack("<I", 1)
         pages[place + _CHECKSUM : place + _CHECKSUM + 4] = bytes(4)
-        checksum = _crc(pages[place:end])
+        checksum = _crc(bytes(pages[place:end]))
         pages[place + _CHECKSUM : place + _CHECKSUM + 4] = struct.pack("<I", checksum)
         place = end
     return bytes(pages)
 
 
-def _table() -> list[int]:
-    table = []
-    for byte in range(256):
-        value = byte << 24
-        for _ in range(8):
-            value = (value << 1) ^ (_POLYNOMIAL if value & 0x80000000 else 0)
-        table.append(value & 0xFFFFFFFF)
-    return table
+def _crc(data: bytes) -> int:
+    """Return the checksum of RFC 3533: zlib's polynomial, with the bits of each byte the other way round."""
+    value = zlib.crc32(data.translate(_REVERSED), 0xFFFFFFFF) ^ 0xFFFFFFFF
+    return int(f"{value:032b}"[::-1], 2)
 
 
-_TABLE = _table()
-
-
-def _crc(data: bytearray) -> int:
-    value = 0
-    for byte in data:
-        value = ((value << 8) & 0xFFFFFFFF) ^ _TABLE[(value >> 24) ^ byte]
-    return value
-
-
-#: Clips inside the page; those after them are files of their own.
+#: Clips inside the page; further clips are separate files.
 INLINE = 12
 #: Sample rate of the music in a page, of those that Opus has.
 _OPUS_RATE = 24_000
@@ -79,7 +67,7 @@ class Player:
     css, body, scripts
         Texts for the page: style, HTML after the report, and the scripts that its policy allows.
     side
-        Names of the files beside the page and the number of the clip in each; read one at a time.
+        Names of the files next to the page and the number of the clip in each; read one at a time.
     """
 
     links: Mapping[str, Markup] = field(default_factory=dict)
@@ -92,7 +80,7 @@ class Player:
 
     @property
     def script_sources(self) -> str:
-        """What the content security policy allows to run."""
+        """Script sources that the content security policy allows."""
         hashes = " ".join(f"'{source_hash(script)}'" for script in self.scripts)
         return f"{hashes} 'self'" if self.side else hashes or "'none'"
 
@@ -108,14 +96,14 @@ NO_PLAYER = Player()
 
 
 def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
-    """Return the player of some clips; in window scope of the first window of each.
+    """Return the player of clips; in window scope of the first window of each.
 
     Parameters
     ----------
     clips
         Ids; the first INLINE of them are inside the page.
     folder
-        Name of the folder with the others, beside the page.
+        Name of the folder with the others, next to the page.
     sound
         Music by the number of the clip in `clips`.
     """
@@ -133,16 +121,15 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSoun
         f'<template id="r-clips">{parts.html}{data_script(document)}</template>'
         f'<script type="text/plain" id="r-script">{parts.script}</script><script>{script}</script>'
     )
-    links = {item.clip.id: _link(item) for item in items}
+    links = {
+        item.clip.id: Markup(f'<a href="{escape(link(item), quote=True)}">{escaped(item.clip.id)}</a>')
+        for item in items
+    }
     return Player(links, parts.css, body, (script, parts.script), side, scenes, items)
 
 
 def _payload(scenes: Scenes, item: Item, number: int) -> dict[str, Any]:
     return {**scene_payload(scenes.scene(item)), "number": number}
-
-
-def _link(item: Item) -> Markup:
-    return Markup(f'<a href="{escape(link(item), quote=True)}">{escaped(item.clip.id)}</a>')
 
 
 def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, may_share: bool) -> PageSound:

@@ -1,10 +1,10 @@
-"""Counts of values in fine bins, so that a dataset of any size is summarised in constant memory; and histograms."""
+"""Counts in fine bins, which summarise a dataset of any size in constant memory, and histograms."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +14,14 @@ IntArray = npt.NDArray[np.int64]
 
 #: Steps of axes: these times a power of ten.
 _STEPS = (1.0, 2.0, 2.5, 5.0)
-#: Slack in units of a bin, so that a value on a border is not put below it by rounding.
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: Slack in units of a bin: rounding does not put a value on a border below it.
 _SLACK = 1e-9
 
 
 @dataclass
 class Tally:
-    """Values counted in bins of equal width; what lies outside is counted in the first or the last bin.
+    """Values counted in bins of equal width; values outside count in the first or the last bin.
 
     Attributes
     ----------
@@ -101,7 +102,7 @@ def nice_edges(low: float, high: float, n: int = 24, least: float = 0.0) -> tupl
     least
         Smallest width of a bin.
     """
-    if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, with a bin of its own and some room
+    if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, in one bin with room around it
         step = least or nice_step(max(abs(low), 1.0), 10)
         first = int(np.floor(low / step + _SLACK)) - 2
         return tuple(round(k * step, 10) for k in range(first, first + 6))
@@ -116,19 +117,47 @@ def fine_edges(
 ) -> tuple[float, ...]:
     """Return borders of bins for tallies of equal bins, up to the quantile `keep` of the widest of them.
 
-    The last bin also counts what lies beyond it. The borders reach further than `beyond`, if it is given.
+    The last bin also counts larger values. The borders reach past `beyond`.
     """
     low, width = tallies[0].low, tallies[0].width
     high = max((t.quantile(keep) or low + width for t in tallies), default=low + width)
     high = high if beyond is None else max(high, beyond + width)
     bins = max(1, int(np.ceil((high - low) / width - _SLACK)))
-    group = next(g for g in _groups() if bins / g <= n)
+    group = next(g for p in range(8) for g in (10**p, 2 * 10**p, 5 * 10**p) if bins / g <= n)
     last = int(np.ceil(bins / group))
     return tuple(round(low + width * group * k, 10) for k in range(last + 1))
 
 
-def _groups() -> Any:
-    return (int(s * 10**p) for p in range(8) for s in (1, 2, 5))
+@dataclass(frozen=True)
+class FiveNumbers:
+    """Least, quartiles, median and largest of values; None without values."""
+
+    min: float | None
+    p25: float | None
+    p50: float | None
+    p75: float | None
+    max: float | None
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> FiveNumbers:
+        """Summarise values."""
+        return FiveNumbers(*_five(values))
+
+
+@dataclass(frozen=True)
+class Quantiles:
+    """Quantiles of the values of a tally; None without values."""
+
+    p5: float | None
+    p25: float | None
+    p50: float | None
+    p75: float | None
+    p95: float | None
+
+    @classmethod
+    def of(cls, tally: Tally) -> Quantiles:
+        """Summarise a tally."""
+        return Quantiles(*map(tally.quantile, _QUANTILES))
 
 
 @dataclass(frozen=True)
@@ -141,41 +170,50 @@ class Histogram:
         (B + 1,) borders.
     counts
         (B,) counts of each group.
-    numbers
-        Further numbers, such as the median; None where there are no values.
+    n
+        Number of values.
     """
 
     edges: tuple[float, ...]
-    counts: Mapping[str, Sequence[int]]
-    numbers: Mapping[str, float | int | None] = field(default_factory=dict)
+    counts: Mapping[str, list[int]]
+    n: int
+
+
+@dataclass(frozen=True)
+class ClipHistogram(FiveNumbers, Histogram):
+    """Histogram of one value per clip, with their five numbers."""
 
     @classmethod
-    def of_values(cls, groups: Mapping[str, Sequence[float]], edges: Sequence[float]) -> Histogram:
-        """Count single values; each is within the edges."""
+    def of_groups(cls, groups: Mapping[str, Sequence[float]], edges: Sequence[float], **more: Any) -> Self:
+        """Count values; each is within the edges."""
         counts = {
             name: np.histogram(np.asarray(values, dtype=np.float64), edges)[0].tolist()
             for name, values in groups.items()
         }
-        all_values = [v for values in groups.values() for v in values]
-        middle = {"n": len(all_values), **five_numbers(all_values)}
-        return cls(tuple(edges), counts, middle)
+        values = [v for values in groups.values() for v in values]
+        return cls(tuple(edges), counts, len(values), *_five(values), **more)
+
+
+@dataclass(frozen=True)
+class FrameHistogram(Histogram):
+    """Histogram of the values of a tally, with mean and quantiles; None without values."""
+
+    mean: float | None
+    p5: float | None
+    p25: float | None
+    p50: float | None
+    p75: float | None
+    p95: float | None
 
     @classmethod
-    def of_tally(cls, tally: Tally, edges: Sequence[float]) -> Histogram:
-        """Count the values of a tally."""
-        quantiles = {f"p{round(100 * q)}": tally.quantile(q) for q in (0.05, 0.25, 0.5, 0.75, 0.95)}
-        numbers = {"n": tally.n, "mean": tally.mean, **quantiles}
-        return cls(tuple(edges), {"all": tally.histogram(edges).tolist()}, numbers)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain JSON data."""
-        counts = {name: list(values) for name, values in self.counts.items()}
-        return {"edges": list(self.edges), "counts": counts, **self.numbers}
+    def of(cls, tally: Tally, edges: Sequence[float], **more: Any) -> Self:
+        """Count the values of a tally in wider bins."""
+        counts = {"all": tally.histogram(edges).tolist()}
+        return cls(tuple(edges), counts, tally.n, tally.mean, *map(tally.quantile, _QUANTILES), **more)
 
 
-def five_numbers(values: Sequence[float]) -> dict[str, float | None]:
-    """Return min, p25, p50, p75 and max of values; None without values."""
-    names = ("min", "p25", "p50", "p75", "max")
+def _five(values: Sequence[float]) -> Sequence[float | None]:
     if not len(values):
-        return dict.fromkeys(names)
-    return dict(zip(names, np.quantile(np.asarray(values), (0, 0.25, 0.5, 0.75, 1)).tolist(), strict=True))
+        return (None,) * 5
+    numbers: list[float | None] = np.quantile(np.asarray(values), (0, 0.25, 0.5, 0.75, 1)).tolist()
+    return numbers

@@ -1,26 +1,37 @@
-"""write_report: a dataset as a page and as numbers."""
+"""write_report: a dataset as a page and as numbers, and the files of the page."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import shown
+from dancedata.core.version import __version__
+from dancedata.exports.base.folder import ExportFolder
+from dancedata.exports.base.place import (
+    foreign_files,
+    read_about,
+    remove_export,
+    replaced_export,
+    write_about,
+)
+from dancedata.files import atomic, publish
+from dancedata.files.atomic import require_free
 from dancedata.pipeline.diff import Difference, diff
-from dancedata.report.document import SCHEMA, Document, document
+from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing
-from dancedata.report.left_out import spread
 from dancedata.report.markup import Figure, number
 from dancedata.report.measure import measure
+from dancedata.report.numbers import Scales, document
 from dancedata.report.page import PageParts, page
-from dancedata.report.pictures import heat_map
 from dancedata.report.player import Player, clip_player, embedded_sound
-from dancedata.report.scales import Scales
-from dancedata.report.target import Target
+from dancedata.report.svg import heat_map
 from dancedata.store import Store, open_store
 
-#: How many clips a page has.
+#: Number of clips of a page.
 Clips = int | Literal["all", "none"]
 #: Clips whose paths are drawn.
 _PATHS = 12
@@ -32,9 +43,9 @@ class Report:
 
     Attributes
     ----------
-    document
-        Every number of the page; docs/report.md says what they are.
-    other
+    numbers
+        Every number of the page.
+    other_numbers
         Those of the dataset it is compared with.
     differences
         Between both datasets.
@@ -42,15 +53,25 @@ class Report:
         The page; None if none was written.
     """
 
-    document: Document
-    other: Document | None = None
+    numbers: Document
+    other_numbers: Document | None = None
     differences: tuple[Difference, ...] = ()
     path: Path | None = None
 
+    @property
+    def document(self) -> dict[str, Any]:
+        """Every number of the page as plain JSON data; docs/report.md says what they are."""
+        return self.numbers.to_json()
+
+    @property
+    def other(self) -> dict[str, Any] | None:
+        """The same of the dataset it is compared with."""
+        return None if self.other_numbers is None else self.other_numbers.to_json()
+
     def __repr__(self) -> str:
-        record, totals = self.document["about"], self.document["totals"]
+        name, totals = shown(self.numbers.about.name), self.numbers.totals
         page_of = "" if self.path is None else f", {str(self.path)!r}"
-        return f"Report({shown(record['name'])}: {totals['clips']} clips, {totals['windows']} windows{page_of})"
+        return f"Report({name}: {totals.clips} clips, {totals.windows} windows{page_of})"
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
@@ -64,10 +85,10 @@ class Report:
 
 
 @dataclass(frozen=True)
-class _Page:
+class _PageOptions:
     """Options of the page."""
 
-    target: Target
+    target: "Target"
     clips: Clips
     embed_audio: bool
     source: Path | None
@@ -96,7 +117,7 @@ def write_report(
         HTML file to write; None: numbers alone.
     clips
         Number of clips that the page plays, "all" or "none": half of them the most suspicious, the others spread over
-        the genres. The first 12 are inside the page, the others in a folder beside it.
+        the genres. The first 12 are inside the page, the others in a folder next to it.
     audio
         "embed": with the music of the clips inside the page.
     source
@@ -104,11 +125,11 @@ def write_report(
     may_share
         The caller states to have the right to pass the music on, where the dataset's licence does not allow it.
     against
-        Another dataset, whose numbers stand beside those of this one.
+        Another dataset to compare with.
     max_mb
         Largest page, megabytes.
     overwrite
-        Replace a page that is there.
+        Replace an existing page.
 
     Returns
     -------
@@ -118,28 +139,29 @@ def write_report(
     Raises
     ------
     UsageError
-        If the file is there, lies inside a dataset, or would be larger than `max_mb`; if the licence does not allow
+        If the file exists, is inside a dataset, or would be larger than `max_mb`; if the licence does not allow
         the music to be passed on.
     DataError, StoreError
         If a dataset is damaged, or the page cannot be written.
     """
-    wanted = None
+    options = None
     if to is not None:
         stores = [Path(path) for path in (store, against) if path is not None]
         target = Target.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
         folder = None if source is None else Path(source)
-        wanted = _Page(target, _checked(clips), _embeds(audio), folder, may_share)
+        options = _PageOptions(target, _checked(clips), _embeds(audio), folder, may_share)
     with open_store(store) as opened_store:
         opened_store.require_intact()
         measured = measure(opened_store)
         if against is None:
-            return _made(opened_store, document(measured, Scales.of([measured])), None, (), wanted)
+            return _report(opened_store, document(measured, Scales.of([measured])), None, (), options)
         with open_store(against) as other:
             other.require_intact()
             beside = measure(other)
             scales = Scales.of([measured, beside])
             differences = tuple(diff(opened_store.path, other.path))
-            return _made(opened_store, document(measured, scales), document(beside, scales), differences, wanted)
+            numbers, other_numbers = document(measured, scales), document(beside, scales)
+            return _report(opened_store, numbers, other_numbers, differences, options)
 
 
 def _checked(clips: Clips) -> Clips:
@@ -154,39 +176,47 @@ def _embeds(audio: str) -> bool:
     return audio == "embed"
 
 
-def _made(
-    store: Store, this: Document, other: Document | None, differences: tuple[Difference, ...], wanted: _Page | None
+def _report(
+    store: Store,
+    numbers: Document,
+    other: Document | None,
+    differences: tuple[Difference, ...],
+    options: _PageOptions | None,
 ) -> Report:
-    if wanted is None:
-        return Report(this, other, differences)
-    player = _player(store, this, wanted)
-    html = _page(store, this, other, differences, player)
-    wanted.target.write(html.encode(), player)
-    return Report(this, other, differences, wanted.target.path)
-
-
-def _player(store: Store, this: Document, wanted: _Page) -> Player:
-    n = {"all": len(this["clips"]), "none": 0}.get(str(wanted.clips), wanted.clips)
-    clips = spread(this, int(n))
-    sound = None
-    if wanted.embed_audio:
-        sound = embedded_sound(store, clips, wanted.source, may_share=wanted.may_share)
-    return clip_player(store, clips, wanted.target.folder.name, sound)
-
-
-def _page(
-    store: Store, this: Document, other: Document | None, differences: Sequence[Difference], player: Player
-) -> str:
+    if options is None:
+        return Report(numbers, other, differences)
+    player = _player(store, numbers, options)
     texts = [(d.kind, str(d).partition(": ")[2]) for d in differences]
-    parts = PageParts(spread(this, _PATHS), store.fields, _heat_maps(store, this), texts, player)
-    return page(Drawing(this, other, player.links), parts)
+    parts = PageParts(_spread(numbers, _PATHS), store.fields, _heat_maps(store, numbers), texts, player)
+    options.target.write(page(Drawing(numbers, other, player.links), parts).encode(), player)
+    return Report(numbers, other, differences, options.target.path)
 
 
-def _heat_maps(store: Store, this: Document) -> dict[str, Figure]:
+def _player(store: Store, numbers: Document, options: _PageOptions) -> Player:
+    n = {"all": len(numbers.clips), "none": 0}.get(str(options.clips), options.clips)
+    clips = _spread(numbers, int(n))
+    sound = None
+    if options.embed_audio:
+        sound = embedded_sound(store, clips, options.source, may_share=options.may_share)
+    return clip_player(store, clips, options.target.folder.name, sound)
+
+
+def _spread(numbers: Document, n: int) -> list[str]:
+    """Return up to `n` clips to show: half of them the first of the ranking, the others spread over the genres."""
+    first = [suspect.clip for suspect in numbers.ranking[: (n + 1) // 2]]
+    by_genre: dict[str, list[str]] = {}
+    for row in numbers.clips:
+        if row.clip not in first:
+            by_genre.setdefault(row.genre, []).append(row.clip)
+    turns = zip_longest(*(by_genre[genre] for genre in sorted(by_genre)))
+    return [*first, *(clip for turn in turns for clip in turn if clip is not None)][:n]
+
+
+def _heat_maps(store: Store, numbers: Document) -> dict[str, Figure]:
     """Return the heat map of each field, of the longest clip."""
-    if not this["clips"]:
+    if not numbers.clips:
         return {}
-    clip = max(this["clips"], key=lambda row: (row["frames"], row["clip"]))["clip"]
+    clip = max(numbers.clips, key=lambda row: (row.frames, row.clip)).clip
     windows = store.windows_of(clip)
     if store.scope == "window" and not windows:
         return {}
@@ -212,3 +242,106 @@ def default_path(store: str | Path) -> Path:
             c if c.isascii() and (c.isalnum() or c in "._+-") else "_" for c in opened_store.meta.get("name", "")
         )
     return Path(f"{name.lstrip('.') or 'dataset'}-report.html")
+
+
+#: Bytes of a megabyte, as file managers count.
+_MB = 1_000_000
+
+
+@dataclass(frozen=True)
+class Target:
+    """Destination of a report.
+
+    Attributes
+    ----------
+    path
+        The page.
+    max_mb
+        Largest page, megabytes.
+    """
+
+    path: Path
+    max_mb: float
+
+    @classmethod
+    def of(cls, to: Path, stores: Sequence[Path], *, max_mb: float, overwrite: bool) -> Self:
+        """Check the destination.
+
+        Raises
+        ------
+        UsageError
+            If the file exists and is not to be replaced, or is inside one of the datasets; if the folder holds files
+            that no report of this name wrote, or that were changed since.
+        """
+        target = cls(require_free(to, stores, "report", overwrite=overwrite), max_mb)
+        if not overwrite and os.path.lexists(target.folder):
+            fix = "choose another --to, or add --overwrite"
+            raise UsageError("the file is already there", where=target.folder, fix=fix)
+        target._require_own_folder()
+        return target
+
+    @property
+    def folder(self) -> Path:
+        """Folder with further clips: "report.html" has "report_files". Its export.json lists its files."""
+        return self.path.with_name(f"{self.path.stem}_files")
+
+    def write(self, html: bytes, player: Player) -> None:
+        """Write the page last, so that it never names missing files.
+
+        Raises
+        ------
+        UsageError
+            If the page is too large; then nothing is written.
+        StoreError
+            If a file cannot be written.
+        """
+        self._require_size(len(html))
+        try:
+            with atomic.atomic_file(self.path) as page:
+                page.write_bytes(html)
+                if player.side:
+                    self._write_folder(player)
+            if not player.side and self._listing() is not None:
+                remove_export(self.folder)  # of an earlier page
+        except OSError as error:
+            raise StoreError("the report cannot be written", where=self.path, found=str(error)) from error
+
+    def _require_size(self, n_bytes: int) -> None:
+        if n_bytes > self.max_mb * _MB:
+            raise UsageError(
+                "the page is too large",
+                where=self.path,
+                found=f"{n_bytes / _MB:.1f} MB",
+                allowed=f"{self.max_mb:g} MB (--max-mb)",
+                fix="show fewer clips: --clips 4, or --clips none; music takes most of it: --audio none",
+            )
+
+    def _write_folder(self, player: Player) -> None:
+        with replaced_export(self.folder, overwrite=True) as new:
+            folder = ExportFolder(new, self.folder)
+            for name, number in player.side.items():
+                folder.write_text(name, player.side_file(number))
+            write_about(folder, {"dancedata": __version__, "report": self.path.name})
+
+    def _listing(self) -> dict[str, Any] | None:
+        """Return the files of the folder as a report of this name lists them; None if none wrote it."""
+        record = None if self.folder.is_symlink() else read_about(self.folder)
+        return record["files"] if record is not None and record.get("report") == self.path.name else None
+
+    def _require_own_folder(self) -> None:
+        if not os.path.lexists(self.folder):
+            return
+        foreign = ["a file or a link"]
+        if self.folder.is_dir() and not self.folder.is_symlink():
+            files = self._listing()
+            names = sorted(p.name for p in self.folder.iterdir())
+            foreign = names if files is None else foreign_files(self.folder, files)
+        if foreign:
+            raise publish.foreign_files(
+                self.folder,
+                foreign,
+                problem="the folder for further clips has other files in it",
+                allowed="the files of a report of this name, as they were written",
+                choose="another --to",
+                error=UsageError,
+            )

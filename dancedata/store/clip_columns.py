@@ -1,7 +1,6 @@
 """CLIP_COLUMNS: the columns of the table /clips, which writer, reader, check, diff and reports loop over.
 
-Another attribute of clips takes two entries, both in this file: a field of `ClipRecord` and a row of `CLIP_COLUMNS`.
-It changes the layout of shards, so `FORMAT` goes up with it (docs/store-format.md).
+Another attribute takes a field of `ClipRecord` and a row of `CLIP_COLUMNS`; `FORMAT` goes up with it.
 """
 
 import math
@@ -123,25 +122,22 @@ def _list_problem(value: Any) -> str:
     return next(filter(None, map(_name_problem, value)), "")
 
 
-def _number_problem(value: Any) -> str:
-    return "" if value is None or isinstance(value, Real) else "not a number"
-
-
 def _whole_problem(value: Any, minimum: int) -> str:
     return "" if isinstance(value, Integral) and int(value) >= minimum else f"not a whole number >= {minimum}"
-
-
-def _list_of(text: str) -> tuple[str, ...]:
-    return tuple(filter(None, text.split(LIST_SEPARATOR)))
 
 
 _INT64, _FLOAT64 = np.dtype("<i8"), np.dtype("<f8")
 TEXT = ColumnType(None, _text_problem, str, str)
 NAME = ColumnType(None, _name_problem, str, str)
-TEXT_LIST = ColumnType(None, _list_problem, LIST_SEPARATOR.join, _list_of)
+TEXT_LIST = ColumnType(
+    None, _list_problem, LIST_SEPARATOR.join, lambda v: tuple(filter(None, v.split(LIST_SEPARATOR)))
+)
 #: A number or None, which is stored as NaN; an infinite value in a file is read as None too.
 NUMBER = ColumnType(
-    _FLOAT64, _number_problem, lambda v: math.nan if v is None else v, lambda v: v if math.isfinite(v) else None
+    _FLOAT64,
+    lambda v: "" if v is None or isinstance(v, Real) else "not a number",
+    lambda v: math.nan if v is None else v,
+    lambda v: v if math.isfinite(v) else None,
 )
 COUNT = ColumnType(_INT64, lambda v: _whole_problem(v, 0), int, int)
 POSITIVE = ColumnType(_INT64, lambda v: _whole_problem(v, 1), int, int)

@@ -5,19 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import Any, Protocol, Self, overload
 
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import ClipRecord
 
-if TYPE_CHECKING:
-    from dancedata.store.dataset import Store
-
 #: Ids that the text of a list of clips shows.
 _SHOWN = 3
+
+
+class ClipReader(Protocol):
+    """The part of a `Store` that reads clips."""
+
+    grid: FrameGrid
+
+    def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
+        """Read all rows of a field that belong to a clip."""
+        ...
+
+    def read_song(self, clip_id: str, field: str) -> npt.NDArray[Any]:
+        """Read an audio field to the end of a clip's music."""
+        ...
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -27,13 +39,13 @@ class ClipView(ClipRecord):
     Attributes
     ----------
     store
-        The store that it is read from.
+        The `Store` that it is read from.
     """
 
-    store: Store
+    store: ClipReader
 
     @classmethod
-    def of(cls, store: Store, record: ClipRecord) -> Self:
+    def of(cls, store: ClipReader, record: ClipRecord) -> Self:
         """Make the view of a row of the table /clips."""
         # Not through __init__, which sets field by field: lists of clips are made for whole splits.
         view = object.__new__(cls)
@@ -46,18 +58,9 @@ class ClipView(ClipRecord):
         return ClipRecord(**{f.name: getattr(self, f.name) for f in fields(ClipRecord)})
 
     def read(self, field: str) -> npt.NDArray[Any]:
-        """Read all rows of a field that belong to the clip.
+        """Read all rows of a field that belong to the clip, (T, D), a new array.
 
-        Parameters
-        ----------
-        field
-            Name of a field.
-
-        Returns
-        -------
-        ndarray
-            (T, D), a new array. Motion: every stored row. Audio: rows that begin within the clip, as far as the
-            music goes.
+        Motion: every stored row. Audio: rows that begin within the clip, as far as the music goes.
 
         Raises
         ------
@@ -67,17 +70,7 @@ class ClipView(ClipRecord):
         return self.store.read_clip(self.id, field)
 
     def read_song(self, field: str) -> npt.NDArray[Any]:
-        """Read the rows of an audio field from the clip's first frame to the end of its music.
-
-        Parameters
-        ----------
-        field
-            Name of an audio field.
-
-        Returns
-        -------
-        ndarray
-            (T, D), a new array: `read`, and the rows after the clip's last frame.
+        """Read the rows of an audio field from the clip's first frame to the end of its music, (T, D), a new array.
 
         Raises
         ------
@@ -91,7 +84,7 @@ class ClipView(ClipRecord):
     def _repr_html_(self) -> str:
         """Show the clip in a notebook: the player of `dancedata view`, complete in itself."""
         # By name: a store is read without what draws it.
-        html: str = import_module("dancedata.viewer.notebook").clip_html(self)
+        html: str = import_module("dancedata.viewer.page").clip_html(self.store, self)
         return html
 
     def __repr__(self) -> str:
@@ -104,7 +97,7 @@ class ClipView(ClipRecord):
 class Clips(Sequence[ClipView]):
     """The clips of a store, in stored order; each view is made on access."""
 
-    def __init__(self, store: Store, records: tuple[ClipRecord, ...]) -> None:
+    def __init__(self, store: ClipReader, records: tuple[ClipRecord, ...]) -> None:
         self._store = store
         self._records = records
 

@@ -1,8 +1,4 @@
-"""Statistics of the values of one column, in little memory besides the column.
-
-Values are sorted first, so that every number is independent of the order in which rows were stored. Sums are numpy's
-to the last bit, but computed by pieces that fit into a core's cache.
-"""
+"""Statistics of one column: independent of the order of its rows, and numpy's to the last bit, in little memory."""
 
 from __future__ import annotations
 
@@ -60,11 +56,8 @@ class CountedRows:
         return self.counts[self.counts > 0]
 
     def read_into(self, columns: slice, out: npt.NDArray[np.float32]) -> None:
-        """Read some columns of all rows that count, each once, into `out`, (columns, n), in the order of the rows.
-
-        Reads from mapped pieces of the file, so that each of many passes, for a few columns each, reads the bytes of
-        its columns instead of whole rows.
-        """
+        """Read some columns of all rows that count, each once, into `out`, (columns, n), in the order of the rows."""
+        # From mapped pieces of the file: each of many passes then reads the bytes of its few columns, not whole rows.
         filled = 0
         step = max(1, _MAPPED_BYTES // self._row_bytes)
         with open(self.path, "rb") as file:
@@ -146,15 +139,7 @@ class Workspace:
 
 
 def column_stats(column: Float32Array, space: Workspace) -> ColumnStats:
-    """Return the statistics of a column.
-
-    Parameters
-    ----------
-    column
-        (n,) values, n > 0, without NaN and -0.0; sorted in place.
-    space
-        With the column's weights.
-    """
+    """Return the statistics of a column (n,), n > 0, without NaN and -0.0, which is sorted in place."""
     values = _Sorted.of(column, space)
     n = len(values)
     low, high = values.at(0), values.at(n - 1)
@@ -186,11 +171,8 @@ class _Sorted:
 
     @classmethod
     def of(cls, column: Float32Array, space: Workspace) -> Self:
-        """Sort a column.
-
-        A float32 leaves the last 29 bits of a float64 free. A value is sorted with its weight there, which changes
-        only the order of equal values.
-        """
+        """Sort a column."""
+        # Each value as a float64, with its weight in the last 29 bits, which a float32 leaves free.
         if space.weights is None:
             column.sort()
             return cls(column, None, space)

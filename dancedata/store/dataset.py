@@ -24,7 +24,7 @@ from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.normalize import MinMax
-from dancedata.store.schema import Field, sort_splits
+from dancedata.store.schema import Field, Kind, sort_splits
 from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.window_list import WindowList
 from dancedata.store.windowing import (
@@ -248,20 +248,16 @@ class Store:
         table = shard.windows
         return tuple(Window(clip_id, int(table.start[k]), int(table.length[k])) for k in table.positions_of(number))
 
-    def fields_with(self, *groups: str) -> tuple[Field, ...]:
-        """Return the audio fields that have these groups of columns, such as "beat", in the dataset's order."""
-        audio = (f for f in self._fields.values() if f.kind == "audio")
-        return tuple(f for f in audio if set(groups) <= set(f.columns.names))
+    def fields_with(self, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
+        """Return the fields of a kind that have these groups of columns, such as "beat", in the dataset's order."""
+        return tuple(f for f in self._fields.values() if f.kind == kind and set(groups) <= set(f.columns.names))
 
     def starts(
         self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
     ) -> range:
         """Return every first frame that a window of `length` frames can have in a clip (track scope only).
 
-        Parameters
-        ----------
-        fields, trim
-            As for `windows`: fields in which it has to begin and end at whole rows; default: all.
+        `fields` and `trim` are those of `windows`.
 
         Raises
         ------
@@ -284,8 +280,6 @@ class Store:
         ----------
         window
             One of `windows`; in track scope any window within its clip.
-        field
-            Name of a field.
 
         Returns
         -------
@@ -420,14 +414,7 @@ class Store:
         return self._side_files.quality
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
-        """Return EDGE's min-max scaler of a field, fitted on train.
-
-        Parameters
-        ----------
-        field
-            Name of a field.
-        mirror
-            Whether its range covers mirrored motion too.
+        """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.
 
         Raises
         ------

@@ -69,13 +69,7 @@ class Description:
 
 
 def load_description(folder: Path) -> Description:
-    """Read ``folder / dataset.json``.
-
-    Raises
-    ------
-    StoreError
-        If it is missing, damaged, or of another format version.
-    """
+    """Read ``folder / dataset.json``; StoreError if it is missing, damaged, or of another format version."""
     path = folder / DATASET_FILE
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8")
@@ -200,10 +194,7 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         return description
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, DanceDataError) as error:
         raise StoreError(
-            "dataset.json is incomplete or has a wrong value",
-            where=str(path),
-            found=shown(error),
-            fix=REBUILD,
+            "dataset.json is incomplete or has a wrong value", where=str(path), found=shown(error), fix=REBUILD
         ) from error
 
 

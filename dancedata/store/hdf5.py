@@ -113,15 +113,8 @@ def create_file(target: SparseFile) -> Iterator[Any]:
 def open_file(path: Path, require: Callable[[int], None] | None = None) -> Iterator[Any]:
     """Open a shard for reading, without file locks (network file systems).
 
-    Parameters
-    ----------
-    require
-        Called with the descriptor of the open file; raises StoreError for a wrong file.
-
-    Raises
-    ------
-    StoreError
-        If it is not a valid HDF5 file, or lacks a requested object.
+    `require` is called with the descriptor of the open file. StoreError for a file that is not valid HDF5, or lacks a
+    requested object.
     """
     try:
         with h5py.File(path, "r", locking=False) as file:
@@ -142,11 +135,8 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
 def find_dataset(file: Any, name: str) -> Any:
     """Return a dataset of a shard, if its size is plausible for the size of the file.
 
-    Raises
-    ------
-    StoreError
-        If it is missing or not a dataset, is a link or in another file, holds anything except numbers and
-        fixed-length text, or is larger than the file.
+    StoreError if it is missing or not a dataset, is a link or in another file, holds anything except numbers and
+    fixed-length text, or is larger than the file.
     """
     where = f"{file.filename}, /{name.strip('/')}"
     at = file
@@ -184,9 +174,9 @@ def _check_size(dataset: Any, where: str) -> None:
         )
 
 
-def _refused(problem: str, where: str, found: object, allowed: str) -> StoreError:
+def _refused(problem: str, where: str, actual: object, allowed: str) -> StoreError:
     return StoreError(
-        problem, where=where, found=str(found), allowed=allowed, fix="get the dataset again from its source"
+        problem, where=where, found=str(actual), allowed=allowed, fix="get the dataset again from its source"
     )
 
 

@@ -1,16 +1,9 @@
 """Whether music may be copied into a page or a video: its licence decides, not the person at the keyboard."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import quoted, shown
-
-if TYPE_CHECKING:
-    from dancedata.store.dataset import Store
-
+from dancedata.store.dataset import Store
 
 #: The option by which a user states the right to share music.
 OVERRIDE = "--i-may-share-this-music"
@@ -25,22 +18,9 @@ def may_share_audio(store: Store) -> bool:
 
 
 def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
-    """Return the notice that goes with a copy of the music.
+    """Return the notice that goes with a copy of the music: one sentence with the licence as the dataset states it.
 
-    Parameters
-    ----------
-    allowed_by_caller
-        The caller states to have the right to pass the music on.
-
-    Returns
-    -------
-    str
-        One sentence with the licence as the dataset states it.
-
-    Raises
-    ------
-    UsageError
-        If the licence does not allow it, and the caller does not state the right.
+    UsageError if the licence does not allow to pass the music on, and the caller does not state the right to do so.
     """
     licence = shown(store.meta.get("licence", "unknown"), _LICENCE)
     if may_share_audio(store):

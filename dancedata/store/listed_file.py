@@ -1,8 +1,4 @@
-"""Files that dataset.json lists, recognised when they are opened later.
-
-A reader opens shards late, by path, and uses tables and offsets that it has read before. In the meantime the dataset
-may have been built again in the same place; then opening a file is an error.
-"""
+"""Files that dataset.json lists, recognised when they are opened later: a dataset may be built again meanwhile."""
 
 from __future__ import annotations
 
@@ -100,10 +96,7 @@ _TRIES = 3
 
 @dataclass(frozen=True)
 class FileId:
-    """Identity of a file and its content.
-
-    Times of change are a part of it: the system may reuse the inode of a removed file.
-    """
+    """Identity of a file and its content; with times of change, as the inode of a removed file may be reused."""
 
     device: int
     inode: int
@@ -122,13 +115,7 @@ class FileId:
 
 
 class ListedFile:
-    """A file that dataset.json lists, as it was when the dataset was opened.
-
-    Attributes
-    ----------
-    path
-        Where it is.
-    """
+    """A file that dataset.json lists, as it was when the dataset was opened."""
 
     def __init__(self, path: Path, size: int, sha256: str, status: os.stat_result) -> None:
         self.path = path
@@ -206,13 +193,8 @@ def lists_file(description: Description, name: str, size: int, sha256: str) -> b
 def read_listed(folder: Path, description: Description, name: str, limit: int) -> str:
     """Read a side file of an open dataset, such as stats.json, of at most `limit` bytes.
 
-    Raises
-    ------
-    StoreError
-        If its bytes are not those that the build wrote, or the dataset was built again, so that the file belongs to
-        another one.
-    OSError, UnicodeDecodeError
-        If it cannot be read.
+    StoreError if its bytes are not those that the build wrote, or the dataset was built again, so that the file
+    belongs to another one. OSError or UnicodeDecodeError if it cannot be read.
     """
     entry = description.files.get(name)
     try:
@@ -248,11 +230,8 @@ def rebuilt_error(folder: Path, detail: str) -> StoreError:
 def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
     """Read dataset.json and find the shards, by name, all of the same dataset.
 
-    Raises
-    ------
-    StoreError
-        If there is no finished dataset, its dataset.json was changed after the build, or a shard is missing or of
-        another size.
+    StoreError if there is no finished dataset, its dataset.json was changed after the build, or a shard is missing or
+    of another size.
     """
     for _ in range(_TRIES):
         before = _identity(folder / DATASET_FILE)
@@ -288,32 +267,20 @@ def _shard(path: Path, size: int, sha256: str) -> ListedFile:
     return ListedFile(path, size, sha256, status)
 
 
+def _damaged(problem: str, path: Path, actual: str, expected: str) -> StoreError:
+    return StoreError(problem, where=str(path), found=actual, allowed=expected, fix=_DAMAGED)
+
+
 def other_bytes(path: Path, actual: str, expected: str) -> StoreError:
     """Return the error of a file whose SHA-256 is not that of dataset.json."""
-    return StoreError(
-        f"the bytes of {path.name} are not those that the build wrote",
-        where=str(path),
-        found=f"sha256 {actual[:12]}...",
-        allowed=f"{expected[:12]}..., as in dataset.json",
-        fix=_DAMAGED,
-    )
+    problem = f"the bytes of {path.name} are not those that the build wrote"
+    return _damaged(problem, path, f"sha256 {actual[:12]}...", f"{expected[:12]}..., as in dataset.json")
 
 
 def _missing(path: Path, size: int) -> StoreError:
-    return StoreError(
-        "a shard is missing",
-        where=str(path),
-        found="not a regular file" if path.exists() else "no such file",
-        allowed=f"{size} bytes",
-        fix=_DAMAGED,
-    )
+    actual = "not a regular file" if path.exists() else "no such file"
+    return _damaged("a shard is missing", path, actual, f"{size} bytes")
 
 
 def _another_size(path: Path, actual: int, size: int) -> StoreError:
-    return StoreError(
-        "the size of a shard differs from dataset.json",
-        where=str(path),
-        found=f"{actual} bytes",
-        allowed=f"{size} bytes",
-        fix=_DAMAGED,
-    )
+    return _damaged("the size of a shard differs from dataset.json", path, f"{actual} bytes", f"{size} bytes")

@@ -29,17 +29,8 @@ class RowSpan:
 def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid: FrameGrid) -> RowSpan:
     """Find a window's rows in track scope, where any window within its clip is allowed.
 
-    Parameters
-    ----------
-    shard, number
-        The clip's shard, and its row in /clips there.
-    f, grid
-        The field, and the grid of the store's frames.
-
-    Raises
-    ------
-    UsageError
-        For a window that extends beyond its clip or the field's rows, or is not a whole number of rows.
+    `number` is the clip's row in /clips of the shard, `grid` that of the store's frames. UsageError for a window that
+    extends beyond its clip or the field's rows, or is not a whole number of rows.
     """
     table = shard.clips
     n_frames = table.records[number].n_frames
@@ -70,13 +61,7 @@ def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid:
 
 
 def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, grid: FrameGrid) -> RowSpan:
-    """Find a window's rows in window scope, where each stored window has its own rows.
-
-    Raises
-    ------
-    StoreError
-        For a window that is not stored.
-    """
+    """Find a window's rows in window scope, where each has its own rows; StoreError for one that is not stored."""
     windows = shard.windows
     position = windows.find(number, window.start)
     if position is None or window.length != windows.length[position]:
@@ -102,17 +87,12 @@ def locate_windows(
         All of one length.
     places
         Where each of ``windows.clip_ids`` is; those without windows are not read.
-    f, grid
-        The field, and the grid of the store's frames.
 
     Returns
     -------
-    shards
-        The shards with at least one of the windows.
-    shard, first
-        (W,) number in `shards` and first row of each window.
-    bad
-        (W,) windows that the store does not have; their first row is undefined.
+    shards, shard, first, bad
+        The shards with one of the windows; (W,) each window's number in `shards`, its first row, and whether the
+        store does not have it.
     """
     if len(windows) and (windows.length != windows.length[0]).any():
         lengths = sorted({int(n) for n in windows.length})

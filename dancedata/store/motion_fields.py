@@ -1,12 +1,9 @@
-"""Columns of a dataset's motion fields back to poses, by the plug-ins that made them.
-
-The recipe that a dataset records names the plug-in and the parameters of each field. This is the one place that reads
-them: evaluation, drawing, exports and augmentations of samples all see stored columns through it.
-"""
+"""Columns of a dataset's motion fields back to poses, by the plug-ins that its recipe names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +22,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.store.dataset import Store
 from dancedata.store.scaling import Scaling
+from dancedata.store.schema import Field
 
 _POSITION = "position"
 _AS_STORED = Scaling()
@@ -42,58 +40,36 @@ BODIES: dict[str, tuple[tuple[str, ...], bool]] = {
 BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
 
 
-@dataclass(frozen=True, eq=False)
-class StoredMotion:
-    """The plug-ins that made a motion field.
-
-    Attributes
-    ----------
-    representation
-        Plug-in of the columns, with the parameters of the dataset's recipe.
-    contacts
-        Rule of the contact columns; None where the recipe names none, or none that is installed.
-    """
-
-    representation: Representation
-    contacts: ContactRule | None = None
-
-
-def stored_motion(recipe: object, field: str, columns: Columns) -> StoredMotion:
-    """Return the plug-ins that made a motion field.
-
-    Parameters
-    ----------
-    recipe
-        JSON data of the recipe that the dataset records. Without an entry for the field, the plug-in of the field's
-        name is taken with its default parameters.
-    field
-        Name of the field, PLUGIN or PLUGIN.NAME.
-    columns
-        Columns that are stored: a dataset may come from elsewhere, and what it names has to have made them.
-
-    Raises
-    ------
-    UsageError
-        If no installed plug-in makes these columns, with the reason.
-    """
+def _entry(recipe: object, field: str) -> dict[str, Any]:
+    """Return what a recipe states of a motion field; empty for anything else."""
     motion = recipe.get("motion") if isinstance(recipe, Mapping) else None
     entry = motion.get(field) if isinstance(motion, Mapping) else None
-    parameters = dict(entry) if isinstance(entry, Mapping) else {}
-    rules = parameters.pop("contacts", None)
-    plugin, _ = REPRESENTATIONS.split(field)
+    return dict(entry) if isinstance(entry, Mapping) else {}
+
+
+def stored_representation(recipe: object, field: str, columns: Columns) -> Representation:
+    """Return the plug-in that made the columns of a motion field, with the parameters of the dataset's recipe.
+
+    Without an entry for the field, PLUGIN or PLUGIN.NAME, the plug-in has its default parameters. `columns` are those
+    that are stored: a dataset may come from elsewhere. UsageError if no installed plug-in makes them, with the
+    reason.
+    """
+    parameters = {key: value for key, value in _entry(recipe, field).items() if key != "contacts"}
     try:
-        representation = REPRESENTATIONS.make(plugin, parameters)
+        representation = REPRESENTATIONS.make(REPRESENTATIONS.split(field)[0], parameters)
         if representation.columns.to_json() != columns.to_json():
-            raise UsageError(f"the installed {plugin} makes other columns")
+            raise UsageError(f"the installed {representation.name} makes other columns")
     except (DanceDataError, TypeError, ValueError, LookupError, ArithmeticError, AttributeError) as error:
         raise UsageError(
             f"the columns of {field} cannot be read", found=str(error),
             fix="install the version of the plug-in that the dataset was built with",
         ) from error  # fmt: skip
-    return StoredMotion(representation, _contact_rule(rules))
+    return representation
 
 
-def _contact_rule(rules: object) -> ContactRule | None:
+def stored_contacts(recipe: object, field: str) -> ContactRule | None:
+    """Return the rule of a field's contact columns; None where the recipe names none, or none that is installed."""
+    rules = _entry(recipe, field).get("contacts")
     if not isinstance(rules, Mapping) or len(rules) != 1:
         return None
     ((name, parameters),) = rules.items()
@@ -142,10 +118,7 @@ class Pose:
     def of_joints(cls, joints: npt.ArrayLike, grid: FrameGrid, body: str | None = None) -> Pose:
         """Make the pose of joint positions (T, J, 3), metres, +Y up.
 
-        Raises
-        ------
-        DataError
-            "bad_shape", "empty", "nan" or "missing_joints".
+        DataError "bad_shape", "empty", "nan" or "missing_joints".
         """
         positions = checked_joints(joints)
         name = body or BODY_OF.get(positions.shape[1], "")
@@ -202,19 +175,18 @@ class ColumnsReader:
 
 
 def motion_reader(store: Store, name: str) -> ColumnsReader:
-    """Return the reader of a motion field; UsageError as `stored_motion`."""
-    field = store.field(name)
-    return ColumnsReader(stored_motion(store.meta.get("recipe"), name, field.columns).representation, field.grid)
+    """Return the reader of a motion field; UsageError as `stored_representation`."""
+    return _reader(store, store.field(name))
+
+
+def _reader(store: Store, field: Field) -> ColumnsReader:
+    return ColumnsReader(stored_representation(store.meta.get("recipe"), field.name, field.columns), field.grid)
 
 
 def motion_readers(store: Store) -> dict[str, ColumnsReader]:
     """Return a reader of each motion field whose plug-in is installed, in the order of the dataset."""
     readers = {}
-    for name in store.fields:
-        if store.field(name).kind != "motion":
-            continue
-        try:
-            readers[name] = motion_reader(store, name)
-        except UsageError:
-            continue  # `motion_reader` of this field raises the reason
+    for field in store.fields_with(kind="motion"):
+        with suppress(UsageError):  # `motion_reader` of this field raises the reason
+            readers[field.name] = _reader(store, field)
     return readers

@@ -78,10 +78,7 @@ def store_of(like: Like) -> Store:
 def stated_in(arrays: ArrayFile) -> bool | None:
     """Return what the entry "normalized" of a file states of its columns; None if it has none.
 
-    Raises
-    ------
-    DataError
-        "undeclared" if the entry is neither True nor False.
+    DataError "undeclared" if the entry is neither True nor False.
     """
     if _ENTRY not in arrays.names:
         return None
@@ -149,7 +146,8 @@ class Scaling:
                 )
             read = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
             stored = None if store is None else _stored(store, field)
-            return cls(read.require(field=field, columns=columns, dataset=_hash(stored)), True, clip)
+            dataset = "" if stored is None else stored.sha256
+            return cls(read.require(field=field, columns=columns, dataset=dataset), True, clip)
         if like is None or store is None:
             if normalized:
                 raise UsageError(
@@ -223,10 +221,6 @@ class Scaling:
 
 def _stored(store: Store, field: str) -> MinMax | None:
     return store.normalizer(field) if field in store.fields and field in store.stats["fields"] else None
-
-
-def _hash(stored: MinMax | None) -> str:
-    return "" if stored is None else stored.sha256
 
 
 def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

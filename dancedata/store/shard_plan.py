@@ -7,21 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
-from dancedata.store.schema import (
-    Field,
-    StoreHeader,
-    check_name,
-    shard_name,
-    slice_name,
-    sort_splits,
-)
+from dancedata.store.schema import Field, StoreHeader, check_name, shard_name, slice_name, sort_splits
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip, check_clip
-from dancedata.store.window_list import window_order
-
-IntArray = npt.NDArray[np.int64]
+from dancedata.store.window_list import IntArray, window_order
 
 
 @dataclass(frozen=True)
@@ -151,31 +141,19 @@ class WindowTable:
 
 
 def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: int) -> list[ShardPlan]:
-    """Distribute the clips among shards; loads no array.
+    """Distribute the clips among shards: splits in their fixed order, clips in the store's order; loads no array.
 
-    Parameters
-    ----------
-    header
-        Of the store.
-    clips
-        In any order.
-    shard_bytes
-        A shard takes clips, in order, while its rows stay within this many bytes; it has at least one clip.
-
-    Returns
-    -------
-    list of ShardPlan
-        Splits in their fixed order; within one, clips in the store's order.
-
-    Raises
-    ------
-    StoreError
-        For clips that format 1 cannot hold, and if there are no windows.
+    A shard takes clips while its rows stay within `shard_bytes`; it has at least one. StoreError for clips that
+    format 1 cannot hold, and if there are no windows.
     """
     header.check()
     if shard_bytes < 1:
         raise StoreError("the size of a shard is not a positive number of bytes", found=shard_bytes)
-    _check_ids(clips)
+    seen: dict[str, str] = {}
+    for clip in clips:
+        if clip.id in seen:
+            raise StoreError("two clips share an id", where=clip.id, found=f"splits {seen[clip.id]} and {clip.split}")
+        seen[clip.id] = clip.split
     for clip in clips:
         check_clip(header, clip)
     if not any(clip.starts for clip in clips):
@@ -203,14 +181,6 @@ def _plan_split(header: StoreHeader, split: str, clips: list[StoredClip], limit:
     for number, plan in enumerate(plans):
         plan.file = shard_name(split, number, len(plans))
     return plans
-
-
-def _check_ids(clips: Sequence[StoredClip]) -> None:
-    seen: dict[str, str] = {}
-    for clip in clips:
-        if clip.id in seen:
-            raise StoreError("two clips share an id", where=clip.id, found=f"splits {seen[clip.id]} and {clip.split}")
-        seen[clip.id] = clip.split
 
 
 def _n_rows(array: Any) -> int:

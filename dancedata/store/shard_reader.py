@@ -1,9 +1,7 @@
-"""Reads one shard: its tables once, through h5py; its rows directly from the file, by position.
+"""Reads one shard: its tables once, through h5py; its rows by position, or from the mapped file.
 
-Fields are contiguous and uncompressed, so rows [a, b) are one piece of the file. Reading that piece by
-position, or from the mapped file, needs no HDF5 handle in the process, shares no file offset between
-processes, and allows threads to read at the same time. A field that another tool has chunked or compressed is
-read through h5py, which opens the file for every read.
+Rows of a field are one piece of the file: threads and processes read them at the same time, without an HDF5 handle.
+A field that another tool has chunked or compressed is read through h5py, which opens the file for every read.
 """
 
 from __future__ import annotations
@@ -27,6 +25,8 @@ from dancedata.store.schema import Field
 from dancedata.store.shard_tables import ClipTable, ShardTables, StoredWindows
 from dancedata.store.window_list import IntArray
 
+_CHECK = "run dancedata check on the dataset"
+
 
 class WindowRows:
     """Rows of a field for the windows of a list; any number of threads may read. Made by `Store.window_rows`.
@@ -42,19 +42,9 @@ class WindowRows:
     def __init__(
         self, field: str, shards: Sequence[ShardReader], shard: IntArray, first: IntArray, n_rows: int, mapped: bool
     ) -> None:
-        """Map the shards.
+        """Map the shards, or read by position; `shard` (W,) are the numbers of the windows' shards in `shards`.
 
-        Parameters
-        ----------
-        shard, first
-            (W,) number of each window's shard in `shards`, and its first row there.
-        mapped
-            False: read by position.
-
-        Raises
-        ------
-        StoreError
-            If a window's rows lie outside its shard.
+        StoreError if a window's rows lie outside its shard.
         """
         self._field, self._shards = field, shards
         self._shard, self._first, self._n_rows = shard, first, n_rows
@@ -76,12 +66,8 @@ class WindowRows:
         bad = np.flatnonzero((self._first < 0) | (self._first > n_rows - self._n_rows))
         if len(bad):
             first, place = int(self._first[bad[0]]), int(bad[0])
-            raise StoreError(
-                "rows lie outside the shard",
-                where=f"{self._shards[self._shard[place]].path}, field {self._field}",
-                found=f"rows {first} to {first + self._n_rows} of {n_rows[place]}",
-                fix="run dancedata check on the dataset",
-            )
+            path = self._shards[self._shard[place]].path
+            raise _outside(path, self._field, first, first + self._n_rows, n_rows[place])
 
     def view(self, place: int, shift: int = 0) -> npt.NDArray[Any] | None:
         """Return a window's rows in the mapped file, read-only; None if the shard is not mapped.
@@ -104,10 +90,7 @@ class WindowRows:
             np.copyto(out, rows, casting="same_kind")
 
     def read_ahead(self, places: Sequence[int]) -> None:
-        """Ask the system to read windows from the disk that will be used next, all at once instead of page by page.
-
-        Windows that this process has read before are skipped if the field fits into memory twice.
-        """
+        """Ask the system to read the next windows from the disk; once, if the field fits into memory twice."""
         for place in places:
             number = self._shard[place]
             if self._maps[number] is None or (self._fits and self._seen[place]):
@@ -182,12 +165,7 @@ class ShardReader:
         """Read rows [first, first + len(out)) of a field into `out`, (rows, D), converting to its dtype."""
         layout = self.layout(field)
         if first < 0 or first + len(out) > layout.n_rows:
-            raise StoreError(
-                "rows lie outside the shard",
-                where=f"{self.path}, field {field}",
-                found=f"rows {first} to {first + len(out)} of {layout.n_rows}",
-                fix="run dancedata check on the dataset",
-            )
+            raise _outside(self.path, field, first, first + len(out), layout.n_rows)
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
         if target.size and layout.offset is None:
@@ -199,11 +177,7 @@ class ShardReader:
             out[...] = target
 
     def mapped_rows(self, field: str) -> npt.NDArray[Any] | str:
-        """Return all rows of a field, (n_rows, D), as a view of the mapped file that cannot be written to.
-
-        Where that is impossible, return why: rows that are not one piece of the file, or a file system that
-        cannot map files. `read_rows` works in either case.
-        """
+        """Return all rows of a field, (n_rows, D), as a read-only view of the mapped file; else why it cannot be."""
         layout = self.layout(field)
         if layout.offset is None:
             return f"{layout.name} of {self.path.name} is chunked or compressed"
@@ -259,12 +233,7 @@ class _File:
         while view.nbytes:
             n = os.preadv(self._descriptor, [view], position)
             if n == 0:
-                raise StoreError(
-                    "a shard ends too early",
-                    where=str(self.path),
-                    found=f"{view.nbytes} bytes missing at byte {position}",
-                    fix="run dancedata check on the dataset",
-                )
+                raise _too_short(self.path, view.nbytes, position)
             view, position = view[n:], position + n
 
     def __del__(self) -> None:
@@ -287,18 +256,23 @@ class _Map:
         offset, count = layout.offset or 0, layout.n_rows * layout.width
         missing = offset + layout.n_rows * layout.row_bytes - len(self._memory)
         if missing > 0:
-            raise StoreError(
-                "a shard ends too early",
-                where=str(self.path),
-                found=f"{missing} bytes missing at byte {len(self._memory)}",
-                fix="run dancedata check on the dataset",
-            )
+            raise _too_short(self.path, missing, len(self._memory))
         rows = np.frombuffer(self._memory, dtype=layout.dtype, count=count, offset=offset)
         return rows.reshape(layout.n_rows, layout.width)
 
     def read_ahead(self, position: int, n_bytes: int) -> None:
         page = position - position % mmap.PAGESIZE
         self._memory.madvise(mmap.MADV_WILLNEED, page, position + n_bytes - page)
+
+
+def _too_short(path: Path, missing: int, position: int) -> StoreError:
+    actual = f"{missing} bytes missing at byte {position}"
+    return StoreError("a shard ends too early", where=str(path), found=actual, fix=_CHECK)
+
+
+def _outside(path: Path, field: str, first: int, stop: int, n_rows: int) -> StoreError:
+    where, actual = f"{path}, field {field}", f"rows {first} to {stop} of {n_rows}"
+    return StoreError("rows lie outside the shard", where=where, found=actual, fix=_CHECK)
 
 
 def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:

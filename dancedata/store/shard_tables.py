@@ -62,32 +62,16 @@ class StoredWindows:
 
 
 class ShardTables:
-    """The tables of an open shard. Every column has to hold one value per row, and all of a table the same number.
-
-    Parameters
-    ----------
-    file
-        The shard, opened through h5py.
-    path
-        Its path, for messages.
-    """
+    """The tables of a shard that h5py has opened. All columns of a table hold equally many values."""
 
     def __init__(self, file: Any, path: Path) -> None:
         self._file, self._path = file, path
         self._n_rows: dict[str, int] = {}
 
     def clips(self, split: str, fields: tuple[Field, ...], scope: str, n_rows: Mapping[str, int]) -> ClipTable:
-        """Read the table /clips.
+        """Read the table /clips; `n_rows` are the rows of each field in the shard.
 
-        Parameters
-        ----------
-        n_rows
-            Rows of each field in the shard.
-
-        Raises
-        ------
-        StoreError
-            For columns that are missing or of another type, and clips whose rows lie outside their field.
+        StoreError for columns that are missing or of another type, and clips whose rows lie outside their field.
         """
         columns = {column.name: self._values(column) for column in CLIP_COLUMNS}
         for name in ("n_frames", "trim_start"):

@@ -1,7 +1,4 @@
-"""Writes one shard: clip by clip, so that memory holds two clips or timelines at a time.
-
-A thread loads the next array while one is checked and written.
-"""
+"""Writes one shard, clip by clip; a thread loads the next array while one is checked and written."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -36,32 +33,15 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
     """Write the shard that `plan` describes, and put it at ``out / plan.file`` at the end of the context.
 
     Leaving the context flushes it to the disk and renames it, which another thread may do. On any exception nothing
-    of the shard is left.
-
-    Parameters
-    ----------
-    out
-        Folder, which exists.
-    plan
-        What goes where.
-    progress
-        Called after each clip.
-
-    Returns
-    -------
-    context manager of SameColumns
-        Of all clips together; empty in track scope.
-
-    Raises
-    ------
-    StoreError
-        For values that are not finite or do not fit the field's dtype, naming clip and field.
-    OSError
-        Where the disk is full or cannot be written.
+    of the shard is left. `progress` is called after each clip; the context's value is empty in track scope.
+    StoreError for values that are not finite or do not fit the field's dtype, naming clip and field. OSError if the
+    disk is full or cannot be written.
     """
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
-        _write_attributes(file, plan)
+        file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
+        for name, text in (("split", plan.split), ("scope", plan.header.scope), ("fps", str(plan.header.fps))):
+            hdf5.write_text_attribute(file, name, text)
         _write_clips(file.create_group("clips"), plan)
         _write_windows(file.create_group("windows"), plan)
         offsets = {f.name: _make_field(file, plan, f) for f in plan.header.fields}
@@ -71,13 +51,6 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
             target.flush()
             same = _write_fields(target.fileno(), plan, offsets, progress)
         yield same
-
-
-def _write_attributes(file: Any, plan: ShardPlan) -> None:
-    file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
-    hdf5.write_text_attribute(file, "split", plan.split)
-    hdf5.write_text_attribute(file, "scope", plan.header.scope)
-    hdf5.write_text_attribute(file, "fps", str(plan.header.fps))
 
 
 def _write_clips(group: Any, plan: ShardPlan) -> None:
@@ -162,19 +135,7 @@ def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
 
 
 def same_columns(windows: npt.NDArray[Any], starts: npt.NDArray[np.int64]) -> BoolArray:
-    """Return which columns have the same values where consecutive windows overlap, in every pair of them.
-
-    Parameters
-    ----------
-    windows
-        (W, L, D), by start.
-    starts
-        (W,) row at which each window begins, ascending.
-
-    Returns
-    -------
-    (D,) bool
-    """
+    """Return which columns (D,) of windows (W, L, D), by start, are equal where consecutive windows overlap."""
     length = windows.shape[1]
     same = np.ones(windows.shape[2], dtype=np.bool_)
     for (window, start), (next_window, later) in pairwise(zip(windows, starts.tolist(), strict=True)):

@@ -1,9 +1,9 @@
 """Songs that clips of a dataset share: by name, by samples, and by features of their sound."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 
+T = TypeVar("T")
 Rows = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
@@ -38,40 +39,33 @@ def music_hashes(meta: Mapping[str, Any]) -> dict[str, str]:
 
 
 def songs_of(clips: Sequence[ClipRecord], meta: Mapping[str, Any]) -> dict[str, str]:
-    """Return the song of each clip with music, by the clip's id.
+    """Return the name of the song of each clip with music, by the clip's id.
 
-    Clips have one song if its names or its samples are equal. Copies of a clip have the clip's song, at any speed.
-
-    Parameters
-    ----------
-    meta
-        dataset.json, with the hashes of the samples.
-
-    Returns
-    -------
-    dict
-        The song's name; of several names of one song the first by the alphabet, with the others: "blue (also sky)".
+    Clips have one song if its names or its samples, whose hashes dataset.json (`meta`) has, are equal. Copies of a
+    clip have the clip's song, at any speed. Of several names the first by the alphabet leads: "blue (also sky)".
     """
-    from scipy.cluster.hierarchy import DisjointSet
-
     records, hashes = {clip.id: clip for clip in clips}, music_hashes(meta)
-    same = DisjointSet()
-    keys: dict[str, tuple[str, str]] = {}
+    keys: dict[str, list[tuple[str, str]]] = {}
     for clip in clips:
         origin = records.get(clip.source, clip)
-        keys_of_clip = [
-            (kind, value) for kind, value in (("name", origin.music), ("", hashes.get(origin.id, ""))) if value
-        ]
-        for key in keys_of_clip:
-            same.add(key)
-            same.merge(key, keys_of_clip[0])
-        keys |= {clip.id: keys_of_clip[0]} if keys_of_clip else {}
+        pairs = (("name", origin.music), ("", hashes.get(origin.id, "")))
+        keys[clip.id] = [(kind, value) for kind, value in pairs if value]
     names: dict[tuple[str, str], str] = {}
-    for group in same.subsets():
+    for group in joined_sets(keys.values()):
         first, *others = sorted(value for kind, value in group if kind) or sorted(value for _, value in group)
         label = f"{first} (also {listed(others, 3)})" if others else first
         names |= dict.fromkeys(group, label)
-    return {clip: names[key] for clip, key in keys.items()}
+    return {clip: names[of_clip[0]] for clip, of_clip in keys.items() if of_clip}
+
+
+def joined_sets(groups: Iterable[Iterable[T]]) -> list[set[T]]:
+    """Join groups that share a member; scipy's DisjointSet takes half a second to import."""
+    joined: dict[T, set[T]] = {}
+    for group in groups:
+        members = set(group)
+        members.update(*(joined[member] for member in members & joined.keys()))
+        joined |= dict.fromkeys(members, members)
+    return list({id(members): members for members in joined.values()}.values())
 
 
 class AlikeSongs(NamedTuple):
@@ -133,8 +127,7 @@ class _Recording:
 
 def sound_field(store: Store) -> Field | None:
     """Return the audio field whose columns show how a song sounds, MFCC and chroma; None without one."""
-    fields = [store.field(name) for name in store.fields if store.field(name).kind == "audio"]
-    return next((f for f in fields if len(_sound_columns(f)) > 12), None)
+    return next((f for f in store.fields_with() if len(_sound_columns(f)) > 12), None)
 
 
 def _sound_columns(field: Field) -> list[int]:
@@ -243,7 +236,12 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
         n = fft.next_fast_len(2 * len(block[-1].rows), real=True)
         spectra = np.stack([r.spectrum(n) for r in block])
         for place, one in enumerate(ordered[: end - 1]):
-            others = [k for k, r in enumerate(block) if begin + k > place and _are_compared(one, r)]
+            # Recordings of different songs that are not both in one split alone.
+            others = [
+                k
+                for k, r in enumerate(block)
+                if begin + k > place and one.song != r.song and len(one.splits | r.splits) > 1
+            ]
             if others:
                 x, y = one.spectrum(n).conj(), spectra[others]
                 both = np.einsum("fd,bfd->bf", x[:, :-2], y[..., :-2])
@@ -254,11 +252,6 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
                         turned = place_of[id(one)] > place_of[id(block[k])]
                         a, b, shift = (block[k], one, -shift) if turned else (one, block[k], shift)
                         yield AlikeSongs((a.song, b.song), (a.splits, b.splits), likeness, shift / rate)
-
-
-def _are_compared(one: _Recording, other: _Recording) -> bool:
-    """Whether two recordings are of different songs and not both in one split alone."""
-    return one.song != other.song and len(one.splits | other.splits) > 1
 
 
 def _likeness(a: _Recording, b: _Recording, sums: npt.NDArray[Any], rate: float) -> tuple[float, int]:

@@ -54,22 +54,16 @@ def compute_stats(
 
     Parameters
     ----------
-    out
-        Folder with the shards, written.
-    header, plans
-        Of the store.
     same
-        What writing each shard found out. It saves reading the rows that windows have in common more than once, and
-        changes no number.
+        Equal columns by shard: rows that windows have in common are then read once. Changes no number.
     block_values
         Values held in memory at a time.
 
     Returns
     -------
     dict
-        stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear
-        interpolation) and EDGE's min-max scaler. Without train windows: no fields, and a
-        note.
+        stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear interpolation) and
+        EDGE's min-max scaler. Without train windows: no fields, and a note.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     result: dict[str, Any] = {
@@ -115,18 +109,9 @@ def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Fi
 
 
 def rows_once(starts: npt.NDArray[np.int64], length: int) -> Counts:
-    """Count the windows of a clip that cover each row, at the first window that does; 0 at the others.
+    """Count the windows that cover each row, (W, L) int32, at the first window that does; 0 at the others.
 
-    Parameters
-    ----------
-    starts
-        (W,) row at which each window begins, ascending.
-    length
-        Rows L of a window.
-
-    Returns
-    -------
-    (W, L) int32
+    `starts` (W,) are the rows at which the windows of a clip begin, ascending; `length` is the number of rows L.
     """
     numbers = np.arange(len(starts))[:, None]
     rows = starts[:, None] + np.arange(length)
@@ -200,17 +185,7 @@ def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: 
 def _summary(n: int, stats: Sequence[ColumnStats]) -> dict[str, Any]:
     summary = {name: [getattr(column, name) for column in stats] for name in ("mean", "std", "min", "max")}
     quantiles = {str(q): [column.quantiles[k] for column in stats] for k, q in enumerate(QUANTILES)}
-    minimum, maximum = (np.asarray(summary[k], dtype=np.float32) for k in ("min", "max"))
-    return {"n": n, **summary, "quantiles": quantiles, "scaler": _scaler(minimum, maximum)}
-
-
-def _scaler(minimum: npt.NDArray[np.float32], maximum: npt.NDArray[np.float32]) -> dict[str, list[float]]:
-    scaler = MinMax(minimum, maximum)
-    values = {
-        "data_min": scaler.data_min,
-        "data_max": scaler.data_max,
-        "data_range": scaler.data_range,
-        "scale": scaler.scale,
-        "offset": scaler.offset,
-    }
-    return {name: [float(v) for v in np.asarray(array)] for name, array in values.items()}
+    scaler = MinMax(*(np.asarray(summary[k], dtype=np.float32) for k in ("min", "max")))
+    names = ("data_min", "data_max", "data_range", "scale", "offset")
+    scaler_values = {name: getattr(scaler, name).tolist() for name in names}
+    return {"n": n, **summary, "quantiles": quantiles, "scaler": scaler_values}

@@ -95,10 +95,7 @@ def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, blocks: tuple[
             raise StoreError("an audio offset is negative", where=where, found=block.offset)
         if header.scope == "window" and block.offset + rows > shape[0]:
             raise StoreError(
-                "an audio block is shorter than a window",
-                where=where,
-                found=shape[0],
-                allowed=block.offset + rows,
+                "an audio block is shorter than a window", where=where, found=shape[0], allowed=block.offset + rows
             )
     if header.scope == "track":
         _check_end(header, clip, f, blocks[0].array.shape[0] - blocks[0].offset, where)

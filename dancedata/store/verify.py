@@ -12,14 +12,7 @@ from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import open_store
-from dancedata.store.dataset_json import (
-    MAX_BYTES,
-    Description,
-    ShardEntry,
-    json_stats,
-    load_description,
-    require_sealed,
-)
+from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
@@ -70,7 +63,12 @@ def verify_store(path: str | Path) -> list[Problem]:
     problems = [*_check_document(folder, description), *_check_side_files(folder, description)]
     records: list[ClipRecord] = []
     for entry in description.shards:
-        shard_problems, clips = _check_shard(folder, description, entry)
+        shard = folder / entry.file
+        message = _compare_file(shard, {"size": entry.size, "sha256": entry.sha256})
+        if message:
+            problems.append(Problem("error", str(shard), message))
+            continue
+        shard_problems, clips = verify_shard(shard, description, entry)
         problems += shard_problems
         records += clips
     # In a damaged dataset, counts would only repeat the same problems.
@@ -99,9 +97,7 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
         names = [shard_name(split, i, len(files)) for i in range(len(files))]
         if files != names:
             yield Problem(
-                "error",
-                where,
-                f"shards of {split} are not {_list(names)}, in this order, but {_list(files)}",
+                "error", where, f"shards of {split} are not {_list(names)}, in this order, but {_list(files)}"
             )
     counts = description.meta.get("counts")
     if not isinstance(counts, dict) or set(counts) != set(by_split):
@@ -151,16 +147,6 @@ def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
     return ""
 
 
-def _check_shard(
-    folder: Path, description: Description, entry: ShardEntry
-) -> tuple[list[Problem], Sequence[ClipRecord]]:
-    path = folder / entry.file
-    message = _compare_file(path, {"size": entry.size, "sha256": entry.sha256})
-    if message:
-        return [Problem("error", str(path), message)], ()
-    return verify_shard(path, description, entry)
-
-
 def _check_counts(folder: Path, description: Description, records: Sequence[ClipRecord]) -> Iterator[Problem]:
     where = str(folder / DATASET_FILE)
     songs = songs_of(records, description.meta)
@@ -193,9 +179,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
         origin = split_of.get(record.source, record.split)
         if origin != record.split:
             yield Problem(
-                "error",
-                str(folder),
-                f"clip {record.id} of {record.split} is a copy of {record.source} of {origin}",
+                "error", str(folder), f"clip {record.id} of {record.split} is a copy of {record.source} of {origin}"
             )
     song_of = songs_of(records, description.meta)
     songs: dict[str, set[str]] = defaultdict(set)
@@ -203,10 +187,10 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
         # A copy of a clip of another split is reported above.
         if record.id in song_of and split_of.get(record.source, record.split) == record.split:
             songs[record.split].add(song_of[record.id])
-    for other in ("val", "test"):
-        shared = sorted(songs["train"] & songs[other])
+    for split in ("val", "test"):
+        shared = sorted(songs["train"] & songs[split])
         if shared:
-            yield Problem("error", str(folder), f"train and {other} share songs: {_list(shared)}")
+            yield Problem("error", str(folder), f"train and {split} share songs: {_list(shared)}")
     shared = sorted(songs["val"] & songs["test"])
     if shared:
         yield Problem("note", str(folder), f"val and test share songs: {_list(shared)}")

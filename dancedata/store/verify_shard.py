@@ -54,13 +54,7 @@ _SHOWN = 5
 def verify_shard(
     path: Path, description: Description, entry: ShardEntry
 ) -> tuple[list[Problem], Sequence[ClipRecord]]:
-    """Check a shard.
-
-    Returns
-    -------
-    problems, records
-        The problems found, and the clips as far as they could be read.
-    """
+    """Return the problems of a shard, and its clips as far as they can be read."""
     try:
         with hdf5.open_file(path) as file:
             messages = list(_check_layout(file, description, entry))
@@ -127,7 +121,7 @@ def _check_clips(clips: ClipTable) -> Iterator[str]:
 
 
 def _check_spans(path: Path, description: Description) -> Iterator[str]:
-    """Check that motion spans follow one another and fill the field, and audio spans lie within it."""
+    """Check that motion spans follow one another and fill the field, and audio spans are within it."""
     with hdf5.open_file(path) as file:
         for f in description.fields:
             if f.kind == "audio" and description.scope == "window":
@@ -143,21 +137,17 @@ def _check_spans(path: Path, description: Description) -> Iterator[str]:
             offset = file[f"{name}/offset"][...]
             bad = (start < 0) | (length < 0) | (start + length > n_rows) | (offset < 0) | (offset > length)
             if bad.any():
-                yield f"{name}: spans outside the {n_rows} rows, for clips {_some(bad)}"
+                yield f"{name}: spans outside the {n_rows} rows, for clips {_places(bad)}"
 
 
 def _check_windows(
     reader: ShardReader, clips: ClipTable, windows: StoredWindows, description: Description
 ) -> Iterator[str]:
-    bad = (windows.clip < 0) | (windows.clip >= len(clips.records))
-    if bad.any():
-        yield f"/windows/clip: clips that do not exist, in windows {_some(bad)}"
-        return
     n_frames = np.asarray([r.n_frames for r in clips.records], dtype=np.int64)[windows.clip]
     bad = (windows.start < 0) | (windows.start + windows.length > n_frames)
     bad |= windows.length != description.length
     if bad.any():
-        yield f"/windows: of another length, or outside their clip: windows {_some(bad)}"
+        yield f"/windows: of another length, or outside their clip: windows {_places(bad)}"
     clip, start = windows.clip[windows.by_start], windows.start[windows.by_start]
     if ((clip[1:] == clip[:-1]) & (start[1:] == start[:-1])).any():
         yield "/windows: a clip has two windows that begin at one frame"
@@ -186,7 +176,7 @@ def _check_rows(
     else:
         bad = rows != clips.first[f.name][windows.clip] + windows.index * length
         bad |= (windows.index + 1) * length > clips.available[f.name][windows.clip]
-    return f"/windows/rows/{f.name}: wrong or outside the field, in windows {_some(bad)}" if bad.any() else ""
+    return f"/windows/rows/{f.name}: wrong or outside the field, in windows {_places(bad)}" if bad.any() else ""
 
 
 def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[str]:
@@ -199,19 +189,16 @@ def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[s
         finite = np.isfinite(rows)
         if not finite.all():
             row, column = (int(i) for i in np.argwhere(~finite)[0])
+            clip = ""
+            if f.per_clip:
+                number = int(np.searchsorted(clips.first[f.name], begin + row, side="right")) - 1
+                clip = f" (clip {clips.records[number].id})"
             yield (
                 f"/{f.path}: {int((~finite).sum())} values are not finite, first row {begin + row}"
-                f"{_clip_of(clips, f, begin + row)}, column {f.columns.labels[column]}"
+                f"{clip}, column {f.columns.labels[column]}"
             )
             return
 
 
-def _clip_of(clips: ClipTable, f: Field, row: int) -> str:
-    if f.kind == "audio":
-        return ""
-    number = int(np.searchsorted(clips.first[f.name], row, side="right")) - 1
-    return f" (clip {clips.records[number].id})"
-
-
-def _some(bad: Any) -> str:
+def _places(bad: Any) -> str:
     return listed(np.flatnonzero(bad), _SHOWN)

@@ -16,22 +16,10 @@ from dancedata.store.schema import slice_name
 def window_order(
     clip_ids: Sequence[str], clip: npt.NDArray[np.int64], index: npt.NDArray[np.int64], order: str
 ) -> npt.NDArray[np.int64]:
-    """Return the positions that sort windows into the store's order.
+    """Return the positions (W,) that sort windows into the store's order.
 
-    Parameters
-    ----------
-    clip_ids
-        Ids by clip number.
-    clip, index
-        (W,) clip number of each window and its number in its clip; clip by clip, ascending.
-    order
-        "time" keeps their order. "name" is EDGE's: a plain string sort of ``<clip>_slice<k>``, so slice10 before
-        slice2.
-
-    Returns
-    -------
-    ndarray
-        (W,) int64.
+    `clip` and `index` (W,) are each window's clip number and its number in its clip. "time" keeps their order; "name"
+    is EDGE's, a plain string sort of ``<clip>_slice<k>``, so slice10 before slice2.
     """
     if order == "time":
         return np.arange(len(clip), dtype=np.int64)
@@ -98,12 +86,7 @@ class WindowList(Sequence[Window]):
         if places.dtype != np.bool_:
             places = places.astype(np.int64)
         return WindowList(
-            self.split,
-            self.clip_ids,
-            self.clip[places],
-            self.start[places],
-            self.length[places],
-            self.number[places],
+            self.split, self.clip_ids, self.clip[places], self.start[places], self.length[places], self.number[places]
         )
 
     def __eq__(self, other: object) -> bool:

@@ -59,11 +59,7 @@ def cut_windows(
     """Return windows of any length and stride, which end where the clip ends, or the first of `fields`.
 
     With `trim` they begin at the clip's trim_start, or at the next frame that is a whole row of every field.
-
-    Raises
-    ------
-    UsageError
-        If length or stride is not a whole number of rows of a field.
+    UsageError if length or stride is not a whole number of rows of a field.
     """
     for f in fields:
         for what, frames in (("length", windows.length), ("stride", windows.stride)):
@@ -91,12 +87,7 @@ def cut_windows(
 
 
 def window_starts(
-    table: ClipTable,
-    number: int,
-    description: Description,
-    windows: WindowGrid,
-    fields: Sequence[Field],
-    trim: bool,
+    table: ClipTable, number: int, description: Description, windows: WindowGrid, fields: Sequence[Field], trim: bool
 ) -> range:
     """Return the first frames of a clip's windows; arguments as for `cut_windows`, `number` is that of the clip."""
     begin, end = _span(table, number, description, fields, trim)
@@ -136,9 +127,7 @@ def whole_period(description: Description, fields: Sequence[Field]) -> int:
 
 
 def _join(
-    split: str,
-    shards: Sequence[ShardReader],
-    parts: Sequence[tuple[IntArray, IntArray, IntArray, IntArray]],
+    split: str, shards: Sequence[ShardReader], parts: Sequence[tuple[IntArray, IntArray, IntArray, IntArray]]
 ) -> WindowList:
     sizes = [len(s.clips.records) for s in shards]
     before = np.cumsum([0, *sizes])[:-1]

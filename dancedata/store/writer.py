@@ -98,7 +98,10 @@ def write_store(
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
         write_text(out / QUALITY_FILE, dump_lines(quality))
         write_text(out / CARD_FILE, card)
-        _write_document(out, document)
+        side_files = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
+        document["files"] = {name: _describe_file(out / name) for name in side_files}
+        document["self_sha256"] = json_sha256(document)
+        write_text(out / DATASET_FILE, dump_json(document))
     except OSError as error:
         raise StoreError(
             "the dataset cannot be written",
@@ -117,14 +120,6 @@ def _check_folder(out: Path) -> None:
             where=str(out),
             fix="write to another folder, or remove it first",
         )
-
-
-def _write_document(out: Path, document: dict[str, Any]) -> None:
-    """Write dataset.json, with sizes and hashes of all other files."""
-    side_files = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
-    document["files"] = {name: _describe_file(out / name) for name in side_files}
-    document["self_sha256"] = json_sha256(document)
-    write_text(out / DATASET_FILE, dump_json(document))
 
 
 def dump_json(obj: Any) -> str:

@@ -1,4 +1,4 @@
-"""Other motions of a dataset's clips, drawn over or beside them."""
+"""Other motions of a dataset's clips, to compare with."""
 
 from abc import ABC, abstractmethod
 from contextlib import suppress
@@ -133,7 +133,7 @@ def file_format(
     clip
         Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     fps
-        Frames per second of files that do not state them. Default: the representation's own rate, else the store's.
+        Frames per second of files that do not state them. Default: the representation's rate, else the store's.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def comparison_of(path: Path, store: Store, form: FileFormat) -> Comparison:
     Raises
     ------
     UsageError
-        If there is nothing that can be compared, or nothing states whether columns are normalised.
+        If nothing can be compared, or it is unknown whether columns are normalised.
     StoreError
         If the dataset cannot be opened.
     """
@@ -195,7 +195,7 @@ def _require_stated(path: Path, form: FileFormat) -> None:
 
 
 def comparison_payload(comparison: Comparison, scene: Scene) -> Json:
-    """Return a comparison for the page: its figure and the distance, or a note that says why there is none."""
+    """Return a comparison for the page: its figure and the distance, or a note with the reason."""
     if scene.figure is None:
         return {"note": f"{comparison.name}: this clip has no figure to compare with"}
     try:

@@ -1,4 +1,4 @@
-"""Figure: the joints of a dancer over time, and all that is needed to draw them."""
+"""The joints of a dancer over time, with the data for drawing them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader
 
 BoolArray = npt.NDArray[np.bool_]
-#: Share of the feet's heights that lie below the floor: a foot that sinks in for some frames does not lower it.
+#: Quantile of the heights of the feet that is the floor: a foot that sinks in for a few frames does not lower it.
 _FLOOR_SHARE = 0.02
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
 _BODY = 22
@@ -26,7 +26,7 @@ _BODY = 22
 
 @dataclass(frozen=True, eq=False)
 class Movement:
-    """How fast a dancer moves, and the key motions.
+    """Speed and key motions of a dancer.
 
     Attributes
     ----------

@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.text import shown
+from dancedata.store import ClipView, Store
 from dancedata.viewer.payload import Json, about_store, item_rows, page_json, scene_payload
 from dancedata.viewer.scenes import Item, Scenes
 
-__all__ = ["PageSound", "Parts", "clip_page", "data_script", "page_data", "page_parts", "source_hash", "whole_page"]
-
 _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
+#: Height of the output of a notebook cell, CSS pixels.
+_CELL_HEIGHT = 640
+#: Most windows of a clip of window scope that one output holds.
+_CELL_WINDOWS = 24
 
 
 @dataclass(frozen=True)
@@ -127,19 +130,33 @@ def page_data(
 
 
 def data_script(document: Json) -> str:
-    """Return the script element with the data, which stands before the viewer's script."""
+    """Return the script element with the data, which precedes the viewer's script."""
     return f'<script type="application/json" id="dd-data">{page_json(document)}</script>'
 
 
 def clip_page(scenes: Scenes, items: Sequence[Item], *, sound: PageSound | None = None, single: bool = False) -> str:
-    """Return one self-contained HTML page that plays some items; it works from a file, offline."""
+    """Return one self-contained HTML page that plays items; it works from a file, offline."""
     clips = {k: {**scene_payload(scenes.scene(item)), "number": k} for k, item in enumerate(items)}
     document = page_data(scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1)
     return whole_page(document, str(document["head"]["name"]), meta_policy=True)
 
 
+def clip_html(store: Store, clip: ClipView) -> str:
+    """Return an element for a notebook cell that plays a clip, in window scope its first windows, without a network.
+
+    The page is in a frame without access to the notebook; names in the dataset are text.
+    """
+    scenes = Scenes(store)
+    items = [item for item in scenes.items if item.clip.id == clip.id][:_CELL_WINDOWS]
+    page = clip_page(scenes, items)
+    return (
+        f'<iframe srcdoc="{html.escape(page)}" sandbox="allow-scripts" title="{html.escape(repr(clip))}" '
+        f'style="width:100%;height:{_CELL_HEIGHT}px;border:0"></iframe>'
+    )
+
+
 def whole_page(document: Json, title: str, *, meta_policy: bool) -> str:
-    """Return the page of some data; with `meta_policy` its content security policy is inside it."""
+    """Return the page of a document; with `meta_policy` its content security policy is inside it."""
     parts = page_parts()
     policy = (
         f'<meta http-equiv="Content-Security-Policy" content="{html.escape(parts.policy)}">' if meta_policy else ""

@@ -19,8 +19,6 @@ from dancedata.store import Store
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scenes import Flag, Item, Scene
 
-__all__ = ["about_store", "figure_payload", "item_rows", "link", "page_json", "scene_payload"]
-
 Json: TypeAlias = dict[str, Any]
 #: Most characters of a name on the page; ids of clips are never shortened, as links need them.
 _NAME = 120

@@ -56,7 +56,7 @@ class Rhythm:
 def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
     """Return the motion fields that have joint positions, those first that give back the motion as it was.
 
-    A field whose plug-in is not installed is left out: `Scenes` names the reason for one that is asked for.
+    Fields whose plug-ins are not installed are left out; `Scenes` gives the reason for a field by name.
     """
     kept = {
         name: reader
@@ -133,7 +133,7 @@ class Flag:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All that is drawn of one item. All times are in seconds from its first frame.
+    """The drawing of one item. Times are in seconds from its first frame.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class Scene:
 
 
 class Scenes:
-    """The items of a dataset; the arrays of one are read when it is asked for.
+    """The items of a dataset; arrays are read item by item.
 
     Parameters
     ----------

@@ -186,7 +186,7 @@ class Site:
 
     @property
     def policy(self) -> str:
-        """Content security policy of the page: it may fetch from its own server, and nothing frames it."""
+        """Content security policy of the page: it may fetch from its server, and no other page frames it."""
         return f"{page_parts().policy}; connect-src 'self'; frame-ancestors 'none'"
 
     def answer(self, path: str, name: str | None) -> Answer:

@@ -7,24 +7,20 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dancedata.audio.signal import load_audio, resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import carried_over, has_body
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.source_music import SourceMusic, dataset_of
 from dancedata.recipes.parse import parse_recipe
+from dancedata.store import Store
 from dancedata.viewer.figure import Figure
-
-if TYPE_CHECKING:
-    from dancedata.core.clip import ClipRef
-    from dancedata.store import Store
-    from dancedata.viewer.scenes import Item, Scene
-
+from dancedata.viewer.scenes import Item, Scene
 
 #: Highest sample rate that a page gets, and most seconds.
 MAX_RATE, MAX_SECONDS = 48_000, 600.0
@@ -59,7 +55,7 @@ class ClipSource:
     Raises
     ------
     SourceError
-        If there is no such folder.
+        If the folder does not exist.
     """
 
     def __init__(self, store: Store, folder: Path) -> None:
@@ -94,7 +90,7 @@ class ClipSource:
         return ClipSound(cut(signal, begin, seconds), tuple(notes))
 
     def original(self, scene: Scene, item: Item) -> Figure:
-        """Read the motion that an item was made from, on the body and at the rate of the figure of its scene.
+        """Read the motion of an item from the source, on the body and at the rate of the figure of its scene.
 
         Raises
         ------
@@ -149,7 +145,7 @@ def cut(signal: AudioSignal, begin: Fraction, seconds: Fraction) -> AudioSignal:
 
 
 def flac(signal: AudioSignal) -> bytes:
-    """Encode a signal as FLAC, 16 bits, at most 48 kHz: decoding it gives every sample back at its own instant."""
+    """Encode a signal as FLAC, 16 bits, at most 48 kHz: decoding returns each sample at its instant."""
     import soundfile
 
     rate = min(signal.sample_rate, MAX_RATE)

@@ -11,12 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
-from dancedata.store import open_store
+from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Item, Scenes
 from dancedata.viewer.comparisons import Comparison, OriginalComparison, comparison_of, file_format
@@ -24,11 +23,6 @@ from dancedata.viewer.page import PageSound, clip_page
 from dancedata.viewer.payload import link
 from dancedata.viewer.server import Site, ViewServer
 from dancedata.viewer.source import ClipSource, flac
-
-if TYPE_CHECKING:
-    from dancedata.store import Store
-
-__all__ = ["ViewRequest", "export_page", "serve"]
 
 
 @dataclass(frozen=True)
@@ -76,7 +70,7 @@ class ViewRequest:
         return scenes
 
     def comparisons(self, store: Store, source: ClipSource | None) -> tuple[Comparison, ...]:
-        """Return all that clips are compared with; names that two of them share get a number."""
+        """Return the comparisons; equal names get a number."""
         if (self.normalized is not None or self.scaler is not None) and self.compare_as is None:
             named = "--scaler" if self.normalized is None else "--normalized"
             raise UsageError(f"{named} goes with --compare-as", fix="name the columns of the files")
@@ -130,7 +124,7 @@ def serve(
     port
         0 for a free one.
     browser
-        Whether to open a browser, where there is a display.
+        Whether to open a browser, if there is a display.
     say
         Takes lines for the user; the first one is the address.
     until
@@ -155,7 +149,7 @@ def serve(
             say(line)
         thread = threading.Thread(target=server.serve_forever, name="server", daemon=True)
         thread.start()
-        # While a browser starts, what the first clip needs is loaded.
+        # While a browser starts, the data of the first clip is loaded.
         threading.Thread(target=_warm_up, args=(site, item, request.field), name="warm-up", daemon=True).start()
         if browser and _has_display():
             webbrowser.open(address)
@@ -167,7 +161,7 @@ def serve(
 def export_page(
     request: ViewRequest, to: Path, *, audio: bool = False, shared: bool = False, overwrite: bool = False
 ) -> Path:
-    """Write one clip as a page of its own, which works from a file, without a network.
+    """Write one clip as a separate page, which works from a file, without a network.
 
     Parameters
     ----------
@@ -179,7 +173,7 @@ def export_page(
     Raises
     ------
     UsageError
-        If the file is there or lies inside the dataset, the licence does not allow the music, or the request has
+        If the file exists or is inside the dataset, the licence does not allow the music, or the request has
         motion to compare with or a window to loop, which such a page does not show.
     StoreError
         If it cannot be written.

@@ -20,7 +20,7 @@ def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPat
     compute = plain._compute
     held = []
     # A lock of this test alone: another process of the test run may hold the user's while it compiles.
-    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
     def watched(*args: Any) -> Any:
         # Another open file, as another process would have.

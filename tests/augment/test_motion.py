@@ -290,10 +290,11 @@ def test_parameters_are_checked(make) -> None:
         make()
 
 
-def test_a_speed_that_is_not_possible_is_refused() -> None:
+@pytest.mark.parametrize("of_copy", [Fraction(401, 100), Fraction(24, 100)])
+def test_a_speed_that_is_not_possible_is_refused(of_copy: Fraction) -> None:
     class Odd(Tempo):
         def speed(self, clip: str) -> Fraction:
-            return Fraction(5)
+            return of_copy
 
     with raises_message(UsageError):
         CopySpec("odd", Odd()).motion_of(MOTION, "clip")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.cli import errors
+from dancedata.cli import options
 from dancedata.cli.app import app, only_named
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import SignalId, extract_track, identify_audio
@@ -51,7 +51,7 @@ def test_reading_is_light():
 
 def test_listing_is_light():
     """It shows the fields of plug-ins' classes: these need numpy, and nothing that reads, computes or writes."""
-    code = "from dancedata.cli.catalogue import *; assert 'edge151' in describe_catalogue(catalogue())"
+    code = "from dancedata.cli.plugins import *; assert 'edge151' in describe_catalogue(catalogue())"
     names = modules("-c", code)
     assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "loky", "pydantic", "typer", "tqdm"}) == set()
     rooms = {name.split(".")[1] for name in names if name.startswith("dancedata.")}
@@ -89,7 +89,7 @@ def test_every_command_chooses_how_results_are_computed():
     """Before it begins: see `errors_to_exit_codes`."""
     groups = [app, *(group.typer_instance for group in app.registered_groups)]
     for command in (command for group in groups for command in group.registered_commands):  # type: ignore[union-attr]
-        assert command.callback.__code__.co_filename == errors.__file__, command.name  # type: ignore[union-attr]
+        assert command.callback.__code__.co_filename == options.__file__, command.name  # type: ignore[union-attr]
 
 
 def test_a_worker_that_encodes_motion_loads_no_feature(corpus: Path, tmp_path: Path):
@@ -149,7 +149,7 @@ def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, tmp_path
     subprocess.run([sys.executable, "-c", code, *command], check=True)
 
 
-@pytest.mark.parametrize("closed", [(2,), (1, 2), (0, 1, 2)])
+@pytest.mark.parametrize("closed", [(2,), (0, 1, 2)])
 def test_a_command_runs_without_standard_streams(corpus: Path, cache: Path, tmp_path: Path, closed: tuple[int, ...]):
     """As under some schedulers. A file of the dataset must not get a stream's number."""
     command = [sys.executable, "-m", "dancedata", "build", "aist++", "--set", "audio={}", "--jobs", "1"]

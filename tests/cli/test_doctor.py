@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from dancedata.cli import doctor
-from dancedata.cli.app import app
 from dancedata.cli.doctor import Finding
 from dancedata.execution import reference_process
 from dancedata.pipeline import commands as api
+from tests.commands import as_json, run
 
 
 def one(findings: Iterator[Finding]) -> Finding:
@@ -50,21 +49,16 @@ def test_a_working_installation(tmp_path: Path) -> None:
 def test_notes_are_no_failure(monkeypatch: pytest.MonkeyPatch, notes: int) -> None:
     findings = [Finding("a", "ok", "b"), *[Finding("c", "note", "d", "e")] * notes]
     monkeypatch.setattr(doctor, "diagnose", lambda: iter(findings))
-    done = CliRunner().invoke(app, ["doctor"])
-    assert done.exit_code == 0
-    assert done.stdout.splitlines()[0] == "ok      a: b"
-    assert done.stdout.splitlines()[-1] == f"this installation works ({notes} note{'s' * (notes != 1)})"
+    lines = run("doctor").stdout.splitlines()
+    assert lines[0] == "ok      a: b"
+    assert lines[-1] == f"this installation works ({notes} note{'s' * (notes != 1)})"
 
 
 def test_a_failure_is_exit_code_1(monkeypatch: pytest.MonkeyPatch) -> None:
     findings = [Finding("a", "ok", "b"), Finding("c", "failed", "d", "do e")]
     monkeypatch.setattr(doctor, "diagnose", lambda: iter(findings))
-    done = CliRunner().invoke(app, ["doctor"])
-    assert done.exit_code == 1
-    assert done.stdout.splitlines()[1:] == ["FAILED  c: d; do e", "1 check failed"]
-    as_json = CliRunner().invoke(app, ["doctor", "--json"])
-    assert as_json.exit_code == 1
-    assert json.loads(as_json.stdout)["checks"][1] == {"check": "c", "status": "failed", "found": "d", "fix": "do e"}
+    assert run("doctor", code=1).stdout.splitlines()[1:] == ["FAILED  c: d; do e", "1 check failed"]
+    assert as_json("doctor", code=1)["checks"][1] == {"check": "c", "status": "failed", "found": "d", "fix": "do e"}
 
 
 def test_a_check_that_raises_has_failed_and_the_others_run(monkeypatch: pytest.MonkeyPatch) -> None:

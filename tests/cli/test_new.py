@@ -6,29 +6,24 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from dancedata.cli.app import app
-from dancedata.cli.new import KINDS, write_plugin
+from dancedata.cli.plugins import KINDS, write_plugin
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REGISTRIES
 from dancedata.exports.base.job import EXPORTS
 from dancedata.recipes.yaml import load_yaml
 from dancedata.testing.conformance import check
-
-
-def _run(*arguments: str) -> Any:
-    return CliRunner().invoke(app, ["new", *arguments])
+from tests.commands import as_json, run
+from tests.messages import raises_message, same_text
 
 
 def test_there_is_a_template_of_every_kind() -> None:
     assert {id(kind.registry) for kind in KINDS.values()} == {
         id(registry) for registry in (*REGISTRIES.values(), EXPORTS)
     }
-    text = " ".join(_run("--help").stdout.split())
+    text = " ".join(run("new", "--help").stdout.split())
     assert all(kind in text for kind in KINDS)
 
 
@@ -60,8 +55,7 @@ def test_the_test_that_is_written_passes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_to_do_next(kind: str, tmp_path: Path) -> None:
-    done = _run(kind, "shake", "--out", str(tmp_path / "a folder"))
-    assert done.exit_code == 0, done.output
+    done = run("new", kind, "shake", "--out", tmp_path / "a folder")
     assert sorted(p.name for p in (tmp_path / "a folder").iterdir()) == ["shake.py", "test_shake.py"]
     group = KINDS[kind].registry.package
     assert f'[project.entry-points."{group}"]\nshake = "shake"\n' in done.stdout
@@ -77,7 +71,7 @@ def test_what_to_do_next(kind: str, tmp_path: Path) -> None:
 
 
 def test_as_json(tmp_path: Path) -> None:
-    about = json.loads(_run("filter", "shake", "--out", str(tmp_path), "--json").stdout)
+    about = as_json("new", "filter", "shake", "--out", tmp_path)
     assert about == {
         "name": "shake",
         "group": "dancedata.filters",
@@ -87,34 +81,37 @@ def test_as_json(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "message"),
+    "plugin",
     [
-        ("augmentatoin", "shake", "unknown kind of plug-in 'augmentatoin'. Did you mean 'augmentation'"),
-        ("augmentation", "mirror", "the augmentation 'mirror' exists already. Choose another name; known: crop"),
-        ("filter", "two-words", "not a valid name for a plug-in; found 'two-words'"),
-        ("filter", "class", "not a valid name for a plug-in"),
-        ("filter", "_hidden", "not a valid name for a plug-in"),
-        ("filter", "../up", "not a valid name for a plug-in"),
-        ("filter", "random", "random is the name of an installed Python module"),
-        ("dataset", "numpy", "numpy is the name of an installed Python module"),
+        "augmentatoin shake",
+        "augmentation mirror",
+        "filter two-words",
+        "filter class",
+        "filter _hidden",
+        "filter ../up",
     ],
 )
-def test_bad_names(kind: str, name: str, message: str, tmp_path: Path) -> None:
-    done = _run(kind, name, "--out", str(tmp_path / "out"))
-    assert done.exit_code == 2
-    assert message in done.stderr
+def test_bad_names(plugin: str, tmp_path: Path) -> None:
+    same_text(run("new", *plugin.split(), "--out", tmp_path / "out", code=2).stderr)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["random", "numpy"])
+def test_names_of_installed_modules(name: str, tmp_path: Path) -> None:
+    said = run("new", "filter", name, "--out", tmp_path / "out", code=2).stderr
+    assert f"{name} is the name of an installed Python module" in said
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("taken", ["shake.py", "test_shake.py"])
 def test_nothing_is_overwritten(taken: str, tmp_path: Path) -> None:
     (tmp_path / taken).write_text("mine")
-    with pytest.raises(UsageError, match=f"{taken}: the file exists already"):
+    with raises_message(UsageError):
         write_plugin("filter", "shake", tmp_path)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(taken, "mine")]
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(UsageError, match="the plug-in cannot be written"):
+    with raises_message(UsageError):
         write_plugin("filter", "shake", tmp_path / "file" / "out")

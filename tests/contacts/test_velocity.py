@@ -27,6 +27,11 @@ def test_limit_is_a_speed_and_the_last_frame_counts_as_still(rate: int) -> None:
     np.testing.assert_array_equal(Velocity(max_speed_m_s=0.4)(slide(0.301, rate), grid, SMPL24), np.ones((5, 4)))
 
 
+def test_the_limit_itself_is_no_contact() -> None:
+    joints = np.tile(np.arange(3.0)[:, None, None] * (0.5, 0, 0), (1, 24, 1))
+    assert not Velocity(max_speed_m_s=15)(joints, FrameGrid.of(30), SMPL24)[:2].any()
+
+
 def test_order_of_the_feet_and_direction_of_time() -> None:
     joints = np.zeros((6, 24, 3))
     for column, foot in enumerate((7, 8, 10, 11)):

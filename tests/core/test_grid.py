@@ -51,6 +51,11 @@ def test_frames_are_exact_or_refused() -> None:
         FrameGrid.of("30000/1001").frames(1)
 
 
+def test_frames_up_rounds_up() -> None:
+    grid = FrameGrid.of(30)
+    assert [grid.frames_up(Fraction(n, 60)) for n in range(4)] == [0, 1, 1, 2]
+
+
 @given(rates, st.integers(0, 10**6))
 def test_frames_and_seconds_undo_each_other(grid: FrameGrid, frames: int) -> None:
     assert grid.frames(grid.seconds(frames)) == frames

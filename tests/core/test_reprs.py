@@ -17,8 +17,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.keymotion import KeyMotion, primitives
+from dancedata.pipeline.build import BuildResult
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.summary import BuildResult
 from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store

@@ -10,14 +10,38 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL
+
 SEED = 7
 
 
-class AistCopy:
-    """A folder in AIST++'s official layout, built file by file."""
+class Copy:
+    """A folder that is built file by file."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
+
+    def write(self, file: str, data: bytes) -> Path:
+        """Write any file below the root."""
+        path = self.root / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        return path
+
+    def song(self, file: str, seconds: float = 3.0) -> Path:
+        """Write an audio file: a real wav, or a stand-in, which a scan cannot open."""
+        path = self.write(file, b"stand-in")
+        if path.suffix.lower() == ".wav":
+            with wave.open(str(path), "wb") as out:
+                out.setnchannels(1)
+                out.setsampwidth(2)
+                out.setframerate(8_000)
+                out.writeframes(bytes(2 * round(8_000 * seconds)))
+        return path
+
+
+class AistCopy(Copy):
+    """AIST++'s official layout."""
 
     def content(self, n_frames: int = 90, **changes: Any) -> dict[str, Any]:
         """What a motion pickle holds; a change to None takes the key away."""
@@ -35,40 +59,15 @@ class AistCopy:
         """Write one motion pickle."""
         return self.write(f"{folder}/{name}.pkl", pickle.dumps(self.content(**changes)))
 
-    def song(self, file: str) -> Path:
-        """Write an audio file: a real wav of 0.1 s, or a stand-in, since a scan does not open it."""
-        path = self.write(file, b"stand-in")
-        if path.suffix == ".wav":
-            with wave.open(str(path), "wb") as out:
-                out.setnchannels(1)
-                out.setsampwidth(2)
-                out.setframerate(48_000)
-                out.writeframes(bytes(2 * 4800))
-        return path
-
     def names(self, file: str, *names: str) -> Path:
         """Write a list of names."""
         return self.write(file, "".join(f"{name}\n" for name in names).encode())
-
-    def write(self, file: str, data: bytes) -> Path:
-        """Write any file below the root."""
-        path = self.root / file
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-        return path
 
 
 @pytest.fixture
 def empty_copy(tmp_path: Path) -> AistCopy:
     """Nothing there yet; the path has a space and letters beyond ASCII."""
     return AistCopy(tmp_path / "мой dänce 舞")
-
-
-TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
-VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
-TEST = "gJS_sBM_cAll_d03_mJS3_ch02"
-UNASSIGNED = "gBR_sBM_cAll_d04_mBR2_ch01"
-IGNORED = "gJB_sBM_cAll_d07_mJB2_ch06"
 
 
 @pytest.fixture
@@ -95,11 +94,8 @@ def unpickled_marker(tmp_path: Path) -> tuple[Path, Callable[[], bytes]]:
     return marker, lambda: pickle.dumps({"smpl_poses": Attack()})
 
 
-class FineCopy:
-    """A folder in FineDance's layout, built file by file."""
-
-    def __init__(self, root: Path) -> None:
-        self.root = root
+class FineCopy(Copy):
+    """FineDance's layout."""
 
     def columns(self, n_frames: int = 90) -> np.ndarray[Any, Any]:
         """What a motion file holds: (T, 315) float32, random rotations."""
@@ -116,17 +112,6 @@ class FineCopy:
         np.save(path, self.columns() if array is None else array, allow_pickle=True)
         return path
 
-    def song(self, file: str, seconds: float = 3.0) -> Path:
-        """Write an audio file below the root: a real wav, or a stand-in, which a scan cannot open."""
-        path = self.write(file, b"stand-in")
-        if path.suffix.lower() == ".wav":
-            with wave.open(str(path), "wb") as out:
-                out.setnchannels(1)
-                out.setsampwidth(2)
-                out.setframerate(8_000)
-                out.writeframes(bytes(2 * round(8_000 * seconds)))
-        return path
-
     def label(self, clip: str, content: Any) -> Path:
         """Write one label: JSON of anything, or bytes as they are."""
         data = content if isinstance(content, bytes) else json.dumps(content).encode()
@@ -137,13 +122,6 @@ class FineCopy:
         self.motion(clip)
         self.song(f"music_wav/{clip}.wav")
         self.label(clip, {"name": "a song", "style1": "Street", "style2": style})
-
-    def write(self, file: str, data: bytes) -> Path:
-        """Write any file below the root."""
-        path = self.root / file
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-        return path
 
 
 @pytest.fixture

@@ -6,39 +6,14 @@ from typing import Any
 
 import pytest
 
-from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError
-from dancedata.core.registry import DATASETS
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name, tempo_bpm
+from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL, notes, rejects, splits
 from tests.messages import raises_message
 
-TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
-VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
-TEST = "gJS_sBM_cAll_d03_mJS3_ch02"
-UNASSIGNED = "gBR_sBM_cAll_d04_mBR2_ch01"
-IGNORED = "gJB_sBM_cAll_d07_mJB2_ch06"
-
-
-def splits(scan: Scan) -> dict[str, str]:
-    return {clip.id: clip.split for clip in scan.clips}
-
-
-def rejects(scan: Scan, reason: str) -> list[str]:
-    return sorted(r.clip or r.file for r in scan.rejects if r.reason == reason)
-
-
-def notes(scan: Scan) -> str:
-    return "\n".join(scan.notes)
-
-
 # ---- layouts
-
-
-def test_registered_and_described() -> None:
-    assert DATASETS.get("aist++") is AistPP
-    assert AistPP.licence == facts().licence
-    assert AistPP.citation == facts().citation
 
 
 def test_official_layout(official: Any) -> None:
@@ -262,33 +237,19 @@ def test_rule_and_lists_against_all_real_names(shared: Path) -> None:
 # ---- wrong folders
 
 
-def test_folders_that_are_no_source(tmp_path: Path) -> None:
-    with raises_message(SourceError):
-        AistPP().scan(tmp_path / "no where")
-    (tmp_path / "file").write_text("x")
-    with raises_message(SourceError):
-        AistPP().scan(tmp_path / "file")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "empty" / ".DS_Store").write_text("x")
-    with raises_message(SourceError):
-        AistPP().scan(tmp_path / "empty")
-
-
 @pytest.mark.parametrize(
-    ("file", "advice"),
+    "file",
     [
-        (f"{TRAIN}.pkl", "the motions folder itself"),
-        ("motion/001.npy", "FineDance"),
-        ("aist_plusplus_final.zip", "Unpack"),
-        ("holiday.jpg", "motions/"),
+        f"{TRAIN}.pkl",
+        "motion/001.npy",
+        "aist_plusplus_final.zip",
+        "holiday.jpg",
     ],
 )
-def test_wrong_folder_says_what_is_there(empty_copy: Any, file: str, advice: str) -> None:
+def test_wrong_folder_says_what_is_there(empty_copy: Any, file: str) -> None:
     empty_copy.write(file, b"x")
-    with raises_message(SourceError) as error:
+    with raises_message(SourceError):
         AistPP().scan(empty_copy.root)
-    for word in (advice, file.split("/")[0], "motions/*.pkl", str(empty_copy.root)):
-        assert word in str(error.value)
 
 
 def test_motion_folder_without_sequences(empty_copy: Any) -> None:

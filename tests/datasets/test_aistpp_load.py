@@ -11,9 +11,8 @@ import pytest
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.datasets.aistpp import AistPP
+from tests.datasets.scans import TRAIN
 from tests.messages import raises_message
-
-TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
 
 
 def load(path: Path) -> Any:
@@ -45,39 +44,33 @@ NAN = np.full((90, 72), np.nan, np.float32)
 
 
 @pytest.mark.parametrize(
-    ("changes", "reason", "words"),
+    ("changes", "reason"),
     [
-        ({"smpl_scaling": None}, "missing_key", ["smpl_scaling", "'smpl_poses', 'smpl_trans'"]),
-        ({"smpl_poses": np.zeros((90, 69))}, "bad_shape", ["(90, 69)", "(N, 72)"]),
-        ({"smpl_poses": np.zeros((90, 23, 3))}, "bad_shape", ["(90, 23, 3)"]),
-        ({"smpl_poses": np.zeros(72)}, "bad_shape", ["(72,)"]),
-        ({"smpl_poses": np.float32(1)}, "bad_shape", ["()"]),
-        ({"smpl_poses": "text"}, "bad_shape", ["str"]),
-        ({"smpl_poses": [[1.0], [1.0, 2.0]]}, "bad_shape", ["list"]),
-        ({"smpl_poses": np.zeros((90, 72), complex)}, "bad_shape", ["complex"]),
-        ({"smpl_trans": np.zeros((90, 2))}, "bad_shape", ["(90, 2)", "(N, 3)"]),
-        ({"smpl_trans": np.zeros((89, 3))}, "length_mismatch", ["90 and 89 frames"]),
-        ({"smpl_poses": np.zeros((0, 72)), "smpl_trans": np.zeros((0, 3))}, "empty", ["no frames"]),
-        ({"smpl_poses": NAN}, "nan", ["frame 0", "90 of 90"]),
-        (
-            {"smpl_trans": np.where(np.arange(270).reshape(90, 3) == 30, np.inf, 0)},
-            "nan",
-            ["frame 10", "1 of 90"],
-        ),
-        ({"smpl_scaling": np.zeros(1)}, "bad_scaling", ["0.0"]),
-        ({"smpl_scaling": np.array([-90.0])}, "bad_scaling", ["-90.0"]),
-        ({"smpl_scaling": np.array([np.nan])}, "bad_scaling", ["nan"]),
-        ({"smpl_scaling": np.array([1e-320])}, "bad_scaling", ["e-320"]),
-        ({"smpl_scaling": np.ones(2)}, "bad_shape", ["(2,)"]),
+        ({"smpl_scaling": None}, "missing_key"),
+        ({"smpl_poses": np.zeros((90, 69))}, "bad_shape"),
+        ({"smpl_poses": np.zeros((90, 23, 3))}, "bad_shape"),
+        ({"smpl_poses": np.zeros(72)}, "bad_shape"),
+        ({"smpl_poses": np.float32(1)}, "bad_shape"),
+        ({"smpl_poses": "text"}, "bad_shape"),
+        ({"smpl_poses": [[1.0], [1.0, 2.0]]}, "bad_shape"),
+        ({"smpl_poses": np.zeros((90, 72), complex)}, "bad_shape"),
+        ({"smpl_trans": np.zeros((90, 2))}, "bad_shape"),
+        ({"smpl_trans": np.zeros((89, 3))}, "length_mismatch"),
+        ({"smpl_poses": np.zeros((0, 72)), "smpl_trans": np.zeros((0, 3))}, "empty"),
+        ({"smpl_poses": NAN}, "nan"),
+        ({"smpl_trans": np.where(np.arange(270).reshape(90, 3) == 30, np.inf, 0)}, "nan"),
+        ({"smpl_scaling": np.zeros(1)}, "bad_scaling"),
+        ({"smpl_scaling": np.array([-90.0])}, "bad_scaling"),
+        ({"smpl_scaling": np.array([np.nan])}, "bad_scaling"),
+        ({"smpl_scaling": np.array([1e-320])}, "bad_scaling"),
+        ({"smpl_scaling": np.ones(2)}, "bad_shape"),
     ],
 )
-def test_bad_content(official: Any, changes: dict[str, Any], reason: str, words: list[str]) -> None:
+def test_bad_content(official: Any, changes: dict[str, Any], reason: str) -> None:
     path = official.motion("bad one ü", **changes)
     with raises_message(DataError) as error:
         load(path)
     assert error.value.reason == reason
-    for word in ("bad one ü.pkl", *words):
-        assert word in str(error.value)
 
 
 @pytest.mark.parametrize("keep", [0, 1, 20, 0.5, 0.999])

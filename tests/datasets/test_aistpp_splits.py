@@ -4,28 +4,10 @@ from typing import Any
 
 import pytest
 
-from dancedata.core.clip import Scan
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.datasets.aistpp import AistPP
+from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL, notes, rejects, splits
 from tests.messages import raises_message
-
-TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
-VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
-TEST = "gJS_sBM_cAll_d03_mJS3_ch02"
-UNASSIGNED = "gBR_sBM_cAll_d04_mBR2_ch01"
-IGNORED = "gJB_sBM_cAll_d07_mJB2_ch06"
-
-
-def splits(scan: Scan) -> dict[str, str]:
-    return {clip.id: clip.split for clip in scan.clips}
-
-
-def rejects(scan: Scan, reason: str) -> list[str]:
-    return sorted(r.clip or r.file for r in scan.rejects if r.reason == reason)
-
-
-def notes(scan: Scan) -> str:
-    return "\n".join(scan.notes)
 
 
 def test_split_files_alone_decide(official: Any) -> None:
@@ -68,10 +50,8 @@ def test_split_dir_in_the_folder_below(empty_copy: Any) -> None:
 
 def test_no_such_split(official: Any) -> None:
     official.names("splits/mine_train.txt", TEST)
-    with raises_message(SourceError) as error:
+    with raises_message(SourceError):
         AistPP(split="min").scan(official.root)
-    for word in ("'min'", "min_train.txt, min_val.txt, min_test.txt", "crossmodal, mine, all"):
-        assert word in str(error.value)
 
 
 def test_no_split_folder(official: Any) -> None:
@@ -87,10 +67,8 @@ def test_no_split_folder(official: Any) -> None:
 def test_clip_in_two_splits(official: Any) -> None:
     official.names("splits/crossmodal_train.txt", TRAIN, TEST)
     official.names("splits/crossmodal_test.txt", TEST)
-    with raises_message(SourceError) as error:
+    with raises_message(SourceError):
         AistPP().scan(official.root)
-    for word in (TEST, "crossmodal_train.txt", "crossmodal_test.txt"):
-        assert word in str(error.value)
 
 
 def test_split_file_that_is_no_text(official: Any) -> None:

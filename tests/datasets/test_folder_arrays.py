@@ -19,9 +19,10 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.bodies import SMPLH52, SMPLX52, SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder import Folder, same_rate
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.formats import arrays as _folder_arrays
@@ -236,37 +237,33 @@ NAN = np.where(np.arange(N)[:, None] == 7, np.nan, TRANS)
 
 
 @pytest.mark.parametrize(
-    ("content", "reason", "words"),
+    ("content", "reason"),
     [
-        ({"poses": POSES}, "missing_key", ["'poses'", "poses and trans"]),
-        ({"dance": POSES}, "missing_key", ["'dance'"]),
-        ({}, "missing_key", ["none"]),
-        ({**GOOD, "poses": POSES[:, :69]}, "bad_shape", ["(50, 69)", "(T, 72)"]),
-        ({**GOOD, "poses": POSES[0]}, "bad_shape", ["(72,)"]),
-        ({**GOOD, "poses": np.float64(1)}, "bad_shape", ["()"]),
-        ({**GOOD, "poses": POSES.astype(complex)}, "bad_shape", ["complex"]),
-        ({**GOOD, "poses": POSES.astype(str)}, "bad_shape", ["<U"]),
-        ({**GOOD, "trans": TRANS[:, :2]}, "bad_shape", ["(50, 2)"]),
-        ({**GOOD, "trans": TRANS[:-1]}, "length_mismatch", ["50 and 49"]),
-        ({"poses": POSES[:0], "trans": TRANS[:0]}, "empty", ["(0, 3)"]),
-        ({**GOOD, "trans": NAN}, "nan", ["frame 7", "1 of 50"]),
-        ({**GOOD, "trans": TRANS * 1e200}, "out_of_range", ["trans", "1e+07"]),
-        ({**GOOD, "fps": np.array(0)}, "bad_rate", ["fps", "[0.0]"]),
-        ({**GOOD, "mocap_framerate": np.array(np.nan)}, "bad_rate", ["mocap_framerate"]),
-        ({**GOOD, "mocap_framerate": np.array([30, 60])}, "bad_rate", ["60"]),
-        ({**GOOD, "mocap_framerate": np.array("fast")}, "bad_rate", ["mocap_framerate", "fast"]),
-        ({**GOOD, "mocap_framerate": np.array("")}, "bad_rate", ["mocap_framerate=numpy.array(120.0)"]),
-        ({**GOOD, "mocap_framerate": np.array(["120", "60"])}, "bad_rate", ["<U3", "fps for this file"]),
-        (
-            {**GOOD, "mocap_framerate": np.array(True)},
-            "bad_rate",
-            ["found True", "=numpy.array(120.0)"],
-        ),
-        ({"smpl_poses": POSES, "smpl_trans": TRANS, "smpl_scaling": np.zeros(1)}, "bad_scaling", ["[0.0]"]),
+        ({"poses": POSES}, "missing_key"),
+        ({"dance": POSES}, "missing_key"),
+        ({}, "missing_key"),
+        ({**GOOD, "poses": POSES[:, :69]}, "bad_shape"),
+        ({**GOOD, "poses": POSES[0]}, "bad_shape"),
+        ({**GOOD, "poses": np.float64(1)}, "bad_shape"),
+        ({**GOOD, "poses": POSES.astype(complex)}, "bad_shape"),
+        ({**GOOD, "poses": POSES.astype(str)}, "bad_shape"),
+        ({**GOOD, "trans": TRANS[:, :2]}, "bad_shape"),
+        ({**GOOD, "trans": TRANS[:-1]}, "length_mismatch"),
+        ({"poses": POSES[:0], "trans": TRANS[:0]}, "empty"),
+        ({**GOOD, "trans": NAN}, "nan"),
+        ({**GOOD, "trans": TRANS * 1e200}, "out_of_range"),
+        ({**GOOD, "fps": np.array(0)}, "bad_rate"),
+        ({**GOOD, "mocap_framerate": np.array(np.nan)}, "bad_rate"),
+        ({**GOOD, "mocap_framerate": np.array([30, 60])}, "bad_rate"),
+        ({**GOOD, "mocap_framerate": np.array("fast")}, "bad_rate"),
+        ({**GOOD, "mocap_framerate": np.array("")}, "bad_rate"),
+        ({**GOOD, "mocap_framerate": np.array(["120", "60"])}, "bad_rate"),
+        ({**GOOD, "mocap_framerate": np.array(True)}, "bad_rate"),
+        ({"smpl_poses": POSES, "smpl_trans": TRANS, "smpl_scaling": np.zeros(1)}, "bad_scaling"),
     ],
 )
 @pytest.mark.parametrize("suffix", [".npz", ".pkl"])
-def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, words: list[str], suffix: str) -> None:
+def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, suffix: str) -> None:
     path = tmp_path / f"bad ü{suffix}"
     if suffix == ".npz":
         np.savez(path, **content)
@@ -276,8 +273,13 @@ def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, words
     with raises_message(DataError) as error:
         load(path, declared)
     assert error.value.reason == reason
-    for word in ("bad ü", *words):
-        assert word in str(error.value)
+
+
+def test_rounded_rates_are_the_same_and_others_are_not() -> None:
+    exact = FrameGrid.of("30000/1001")
+    assert same_rate(FrameGrid.of("29.97"), exact)
+    assert same_rate(None, exact)
+    assert not same_rate(FrameGrid.of(30), exact)
 
 
 @pytest.mark.parametrize(
@@ -318,7 +320,6 @@ def test_plain_arrays_of_other_widths(tmp_path: Path, width: int) -> None:
     with raises_message(DataError) as error:
         load(tmp_path / "a.npy", fps=30)
     assert error.value.reason == "bad_shape"
-    assert str((5, width)) in str(error.value)
 
 
 def test_columns_that_are_no_rotations(tmp_path: Path) -> None:

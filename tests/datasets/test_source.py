@@ -4,13 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import dancedata
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, SourceError, UsageError
-from dancedata.datasets.files import audio_files, files_by_stem, require_choice
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.core.resources import resource
+from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.files import Layout, audio_files, files_by_stem, require_choice
+from dancedata.datasets.finedance import FineDance
 from dancedata.datasets.finedance.load import load_motion, motion_length
-from dancedata.datasets.published import Layout
+from dancedata.datasets.folder import Folder
 from dancedata.formats import arrays
 from tests.messages import raises_message
 
@@ -24,6 +30,25 @@ def test_all_readers_have_the_same_files(name: str) -> None:
     text = (PACKAGE / "datasets" / name / "__init__.py").read_text()
     assert ".. code-block:: text" in text
     assert "    SOURCE/\n" in text
+
+
+@pytest.mark.parametrize(("name", "reader"), [("aist++", AistPP), ("finedance", FineDance), ("folder", Folder)])
+def test_registered_and_described(name: str, reader: type[Dataset]) -> None:
+    assert DATASETS.get(name) is reader
+    if reader is not Folder:
+        text = resource("manifests", f"{name.replace('+', 'p')}.yaml").read_text(encoding="utf-8")
+        manifest = yaml.safe_load(text)
+        assert (reader.licence, reader.citation) == (manifest["licence"], manifest["citation"])
+
+
+@pytest.mark.parametrize("reader", [AistPP, FineDance, Folder])
+def test_folders_that_are_no_source(tmp_path: Path, reader: type[Dataset]) -> None:
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / ".DS_Store").write_text("x")
+    for name in ("no where", "file", "empty"):
+        with raises_message(SourceError):
+            reader().scan(tmp_path / name)
 
 
 def test_one_parser_of_npy_headers() -> None:

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dancedata.cli.new import write_plugin
+from dancedata.cli.plugins import write_plugin
 from dancedata.exports.base.job import EXPORTS
-from dancedata.pipeline.summary import describe_built
+from dancedata.pipeline.describe import describe_built
 from dancedata.readers.presets import PRESETS
-from dancedata.store import open_store
+from dancedata.store import open_store, verify_store
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
@@ -136,13 +136,11 @@ def _build_and_check(environment: dict[str, str], folder: Path) -> None:
     (folder / "recipe.yaml").write_text(_RECIPE, encoding="utf-8")
     planned = json.loads(_dancedata(environment, folder, "plan", "recipe.yaml", "--out", "out", "--json"))
     _dancedata(environment, folder, "build", "recipe.yaml", "--out", "out", "--jobs", "2")
-    about = json.loads(_dancedata(environment, folder, "info", "out", "--json"))
-    assert {name: about["fields"][name]["columns"] for name in ("pelvis", "peaks", "speeds")} == {
-        "pelvis": 3, "peaks": 1, "speeds": 1,
-    }  # fmt: skip
-    assert about["counts"]["train"]["clips"] == planned["splits"]["train"]["clips"]
-    assert json.loads(_dancedata(environment, folder, "check", "out", "--json"))["ok"]
+    assert [problem for problem in verify_store(folder / "out") if problem.severity == "error"] == []
     with open_store(folder / "out") as store:
+        widths = {name: store.field(name).columns.width for name in ("pelvis", "peaks", "speeds")}
+        assert widths == {"pelvis": 3, "peaks": 1, "speeds": 1}
+        assert sum(c.split == "train" for c in store.clips) == planned["splits"]["train"]["clips"]
         clip = next(c for c in store.clips if c.split == "train" and not c.source)
         copy = store.clip(f"{clip.id}__aside")
         assert copy.source == store.clip(f"{clip.id}__mirror").source == clip.id

@@ -41,7 +41,7 @@ def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     folder = tmp_path_factory.mktemp("demo")
     overrides = SMALL if request.param == "small" else {}
     out = folder / "data" / "demo"
-    dancedata.build("demo", out=out, overrides=overrides, jobs=1, cache=folder / "cache", progress=False)
+    dancedata.build("demo", out=out, overrides=overrides, jobs=1, progress=False)
     return Demo(folder, CLIP if not overrides else dancedata.open(out).clips[0].id)
 
 

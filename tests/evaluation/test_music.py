@@ -18,6 +18,7 @@ from dancedata.evaluation.music import named_songs, read_songs, song_name
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store
+from tests.messages import raises_message
 
 
 def test_beats_of_a_piece_are_counted_from_its_first_frame() -> None:
@@ -78,12 +79,12 @@ def test_beats_of_windows_where_a_protocol_takes_those_of_songs(store: Store, tm
     assert told == [False, *[scope == "window"] * 2]
 
 
-@pytest.mark.parametrize(("text", "found"), [("a,b,c\n", 3), ("clip,song\na,b\nc\n", 1)])
-def test_broken_lists_of_songs(tmp_path: Path, text: str, found: int) -> None:
+@pytest.mark.parametrize("text", ["a,b,c\n", "clip,song\na,b\nc\n"])
+def test_broken_lists_of_songs(tmp_path: Path, text: str) -> None:
     (tmp_path / "songs.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(UsageError, match=f"does not have two columns; found {found}"):
+    with raises_message(UsageError):
         read_songs(tmp_path / "songs.csv")
-    with pytest.raises(UsageError, match="cannot be read"):
+    with raises_message(UsageError):
         read_songs(tmp_path / "missing.csv")
 
 
@@ -103,9 +104,9 @@ def test_songs_that_are_not_there_are_named(store: Store, tmp_path: Path) -> Non
     songs = {"sample0": store.clips[0].music, "sample1": "nosong"}
     report = dancedata.evaluate(tmp_path, music_of=songs, **options)
     assert "no beats of songs that --music-of names: nosong" in report.warnings
-    with pytest.raises(UsageError, match=r"could be measured; found no beats of songs .*: nosong, other; no b"):
+    with raises_message(UsageError):
         dancedata.evaluate(tmp_path, music_of={"sample0": "other", "sample1": "nosong"}, **options)
-    with pytest.raises(UsageError, match=r"could be measured; found no beats of music: .* --music-of FILE.csv"):
+    with raises_message(UsageError):
         dancedata.evaluate(tmp_path, **options)
 
 
@@ -168,10 +169,10 @@ def test_songs_may_be_given_with_suffix_in_memory(store: Store, motions: Mapping
 
 
 @pytest.mark.parametrize(
-    ("lines", "message"),
-    [("x,a\nx,b\n", "line 2: a clip has two songs; found a, b"), ("x, \n", "line 1: a line without")],
+    "lines",
+    ["x,a\nx,b\n", "x, \n"],
 )
-def test_lists_of_songs_that_contradict_themselves(lines: str, message: str, tmp_path: Path) -> None:
+def test_lists_of_songs_that_contradict_themselves(lines: str, tmp_path: Path) -> None:
     (tmp_path / "songs.csv").write_text(lines, encoding="utf-8")
-    with pytest.raises(UsageError, match=message):
+    with raises_message(UsageError):
         read_songs(tmp_path / "songs.csv")

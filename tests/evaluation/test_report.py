@@ -20,6 +20,7 @@ from dancedata.evaluation.scores import MetricRows, scores_of
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
 from dancedata.store import Store
+from tests.messages import raises_message
 
 
 def dance(seed: int = 0, n_frames: int = 200) -> np.ndarray:
@@ -142,7 +143,7 @@ def test_only_the_metrics_that_are_asked_for(store: Store, tmp_path: Path) -> No
 
 
 def test_only_beats_without_music(store: Store) -> None:
-    with pytest.raises(UsageError, match="no clip could be measured"):
+    with raises_message(UsageError):
         dancedata.evaluate(dances(), fps=30, metrics=["bas"])
     some = dancedata.evaluate(dances(), fps=30, metrics=["bas"], beats={"d0": _beats(store)}, bootstrap=0)
     assert [s.undefined for s in some.scores] == [{"no_music": ("d1", "d2")}]
@@ -192,14 +193,14 @@ def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeyp
     path, protocol = tmp_path / "pool.npz", BailandoAistpp()
     dancedata.evaluate(dances(), protocol=protocol, fps=60, pool=dances(4), save_pool=path, bootstrap=0)
     monkeypatch.setattr(Kinetic, "version", Kinetic.version + 1)
-    with pytest.raises(UsageError, match=r"measured by other metrics, or .*save-pool"):
+    with raises_message(UsageError):
         load_pool(path, protocol)
     monkeypatch.undo()
     with np.load(path) as file:
         arrays = dict(file)
     arrays["rows_0"][1, 2] = np.nan
     np.savez(path, allow_pickle=False, **arrays)
-    with pytest.raises(UsageError, match=r"pool\.npz: not a pool; found the features hold NaN.*row 1"):
+    with raises_message(UsageError):
         load_pool(path, protocol)
 
 

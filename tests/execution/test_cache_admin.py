@@ -12,11 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
-from dancedata.cli.cache_text import describe_pruned
+from dancedata.cli.cache import describe_pruned
 from dancedata.core.errors import UsageError
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import parse_age, parse_size, prune
+from tests.messages import raises_message
 
 HOUR, DAY = 3600.0, 86400.0
 #: Blocks of a file system are counted in full.
@@ -179,9 +180,9 @@ def test_ages_and_sizes():
         0, 500, 10**4, 1_500_000, 2 * 10**9, 10**12,
     ]  # fmt: skip
     for text in ("", "-1", "x", "1y", "inf", "500bb", "9" * 400 + "T"):
-        with pytest.raises(UsageError):
+        with raises_message(UsageError):
             parse_age(text)
-        with pytest.raises(UsageError):
+        with raises_message(UsageError):
             parse_size(text)
 
 

@@ -15,6 +15,7 @@ from dancedata.execution import progress as progress_module
 from dancedata.execution import units
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
+from tests.messages import raises_message
 
 
 class Terminal(io.StringIO):
@@ -116,7 +117,7 @@ def test_no_unit_prints_nothing():
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_error_of_a_unit_arrives_whole(jobs: int):
-    with pytest.raises(DataError) as caught:
+    with raises_message(DataError) as caught:
         run_units(square, [(1,), (-2,), (3,)], jobs=jobs, label="squaring", progress=Progress(quiet=True))
     assert (caught.value.reason, caught.value.where, caught.value.found) == ("negative", "unit 3", -2)
 

@@ -12,6 +12,7 @@ import yaml
 import dancedata
 from dancedata.core.errors import StoreError
 from dancedata.exports.base.run import ExportResult
+from tests.messages import raises_message
 
 
 def test_tracks_begin_at_the_trim_and_decode_again(export: Callable[..., ExportResult], built) -> None:
@@ -82,7 +83,7 @@ def test_a_normaliser_of_train_needs_train(built, tmp_path) -> None:
                 path.unlink()
     recipe = made.store.meta["recipe"]
     dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=tmp_path / "cache", progress=False)
-    with pytest.raises(StoreError, match="no split train to fit the normaliser on\n  fix: --scaler all"):
+    with raises_message(StoreError):
         dancedata.export(tmp_path / "store", "lodge", tmp_path / "out", scaler="train", progress=False)
     assert dancedata.export(tmp_path / "store", "lodge", tmp_path / "out", progress=False).path.is_dir()
 

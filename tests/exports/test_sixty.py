@@ -17,6 +17,7 @@ from dancedata.exports.base.run import ExportResult
 from dancedata.exports.fact import crc32c, example, record
 from tests.exports.conftest import cut
 from tests.features import bailando438_rows
+from tests.messages import raises_message
 
 #: The clips of both songs.
 BREAK = ["gBR_sBM_cAll_d04_mBR0_ch01", "gBR_sBM_cAll_d05_mBR0_ch02"]
@@ -87,7 +88,7 @@ def test_files_of_one_song(built, aist, tmp_path: Path) -> None:
         return {HOUSE[0]: cut(sound, 6), HOUSE[1]: sound}
 
     dataset = built("bailando", aist(songs=songs))
-    with pytest.raises(StoreError) as caught:
+    with raises_message(StoreError) as caught:
         dancedata.export(dataset.path, "bailando", tmp_path / "out", source=dataset.source, progress=False)
     problem = "one file per song is read, and the music mBR0 of gBR_sBM_cAll_d0{}_mBR0_ch0{} is not the beginning of"
     assert any(problem.format(*numbers) in str(caught.value) for numbers in ((4, 1), (5, 2)))
@@ -236,7 +237,7 @@ def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
 
 def test_unpaired_motion_needs_another_song(export) -> None:
     """All test clips of the fixture are danced to one song: every pair would be the motion's own."""
-    with pytest.raises(StoreError, match=r"all sequences of test have one song: mBR0"):
+    with raises_message(StoreError):
         export("sixty", "fact", unpaired=1)
 
 
@@ -286,12 +287,12 @@ def test_ignored_clips(built, aist, tmp_path: Path, to: str, ignore: str) -> Non
     if ignore == "none":
         assert list(run("kept", keep_ignored=True).path.rglob(f"{IGNORED}.json"))
         return
-    with pytest.raises(StoreError, match=rf"not in the dataset: {IGNORED}\n.*fix: .*\{{ignore: none\}}"):
+    with raises_message(StoreError):
         run("kept", keep_ignored=True)
 
 
 def test_other_music_is_refused(built, aist, tmp_path: Path) -> None:
     source = aist(songs=lambda name, sound: {name: sound[:-1000] + bytes(1000)})
-    with pytest.raises(DataError, match="this music does not match the dataset"):
+    with raises_message(DataError):
         dancedata.export(built("bailando").path, "bailando", tmp_path / "out", source=source, progress=False)
     assert not (tmp_path / "out").exists()

@@ -153,9 +153,10 @@ class Slow:
 
 
 @pytest.fixture(scope="session")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def corpus(once: Callable[..., Path]) -> Path:
     """Eight clips of 6 s to four songs. Not to be written into."""
-    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=SONGS, clips_per_song=2, clip_s=6)
+    sizes = {"songs": SONGS, "clips_per_song": 2, "clip_s": 6}
+    return once("fault-corpus", lambda folder: write_synthetic(folder / "source", **sizes)) / "source"
 
 
 @pytest.fixture(scope="session")
@@ -197,14 +198,16 @@ def hashes() -> Callable[[Path], dict[str, str]]:
 
 @pytest.fixture(scope="session")
 def undisturbed(
-    make_slow: Callable[[Path], Slow], corpus: Path, tmp_path_factory: pytest.TempPathFactory, hashes: Callable
+    make_slow: Callable[[Path], Slow], corpus: Path, once: Callable[..., Path], hashes: Callable
 ) -> dict[str, str]:
     """Hashes of a dataset that one process built without being disturbed."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    slow = make_slow(folder)
-    slow.build(corpus, folder / "out", "--jobs", 1)
-    assert len(slow.calls()) == SONGS
-    return hashes(folder / "out")
+
+    def fill(folder: Path) -> None:
+        slow = make_slow(folder)
+        slow.build(corpus, folder / "out", "--jobs", 1)
+        assert len(slow.calls()) == SONGS
+
+    return hashes(once("undisturbed", fill) / "out")
 
 
 @pytest.fixture

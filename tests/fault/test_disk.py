@@ -48,11 +48,12 @@ def run(corpus: Path, out: Path, tmp_path: Path) -> Build:
     return lambda **options: build(RECIPE, corpus, out, **{"cache": tmp_path / "cache", **options})
 
 
-@pytest.fixture
-def whole(corpus: Path, tmp_path: Path, hashes: Any) -> dict[str, str]:
+@pytest.fixture(scope="module")
+def whole(corpus: Path, tmp_path_factory: pytest.TempPathFactory, hashes: Any) -> dict[str, str]:
     """Hashes of an undisturbed build of the same."""
-    build(RECIPE, corpus, tmp_path / "whole", cache=tmp_path / "cache-of-whole")
-    return dict(hashes(tmp_path / "whole"))
+    folder = tmp_path_factory.mktemp("whole")
+    build(RECIPE, corpus, folder / "whole", cache=folder / "cache")
+    return dict(hashes(folder / "whole"))
 
 
 def strays(cache: Path) -> list[Path]:

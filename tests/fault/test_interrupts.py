@@ -65,7 +65,7 @@ def test_ctrl_c_while_workers_start(
         if number < tries - 1:
             shutil.rmtree(slow.cache, ignore_errors=True)  # so that workers start again
     slow.sleep(0)
-    slow.build(corpus, out, "--jobs", 2)
+    slow.build(corpus, out, "--jobs", 1)
     assert hashes(out) == undisturbed
     assert slow.strays() == []
 

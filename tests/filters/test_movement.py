@@ -55,6 +55,10 @@ def test_a_still_stretch_is_left_out_and_the_dance_around_it_kept() -> None:
     assert 0 < len(kept) < len(range(0, len(rows) - 255, 32))
 
 
+def test_the_limit_itself_is_rejected() -> None:
+    assert not _keeps(_rows(0.5), min_std=0.5)
+
+
 def test_another_limit_and_the_reject() -> None:
     assert not _keeps(_rows(0.09), min_std=0.1)
     reject = Movement().reject(_rows(0.01), COLUMNS, FrameGrid.of(30))

@@ -192,9 +192,8 @@ def test_a_model_of_another_body(tmp_path: Path) -> None:
     ],
 )
 def test_files_that_are_no_model(tmp_path: Path, changes: dict[str, Any]) -> None:
-    with raises_message(UsageError) as error:
+    with raises_message(UsageError):
         body_model_skeleton(model(tmp_path / "m.npz", SMPLX55, **changes))
-    assert "m.npz" in str(error.value)
 
 
 def model_arrays(tmp_path: Path, skeleton: Skeleton) -> dict[str, Any]:

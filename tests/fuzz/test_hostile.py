@@ -1,6 +1,5 @@
 """Files made up to hurt: each is refused by name within a second and 200 MB, and a build with all of them goes on."""
 
-import importlib.util
 import json
 import os
 import resource
@@ -12,7 +11,6 @@ from typing import Any
 
 import pytest
 
-TOOLS = Path(__file__).resolve().parents[2] / "benchmarks" / "fuzz"
 RECIPE = """recipe: 1
 name: hostile
 dataset: {folder: {unit: m, up: y, fps: 30}}
@@ -22,21 +20,6 @@ audio: {librosa35: {}}
 """
 #: Far above what a build of one clip takes, far below what the files ask for. Processor time, not time.
 CPU_S, ADDRESS_SPACE = 120, 6 << 30
-
-
-@pytest.fixture(scope="module")
-def hostile() -> ModuleType:
-    """hostile.py, which lies beside this file."""
-    sys.path.insert(0, str(TOOLS))
-    try:
-        spec = importlib.util.spec_from_file_location("fuzz_hostile", TOOLS / "hostile.py")
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    finally:
-        sys.path.remove(str(TOOLS))
-    return module
 
 
 @pytest.mark.parametrize(("target", "kind"), [("pickle", "PICKLES"), ("wav", "SOUNDS")])

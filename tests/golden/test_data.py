@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "golden" / "data"
@@ -36,9 +37,8 @@ def test_what_stays_outside_is_one_line(tmp_path: Path) -> None:
     assert re.search(r"[1-9]\d* passed", result.stdout)  # EDGE's joints are compared all the same
 
 
+@pytest.mark.parametrize("peers", ["compact"], indirect=True)
 def test_arrays_are_the_references_own(shared: Path, peers: Any) -> None:
-    if peers.whole:
-        return
     files = sorted(peers.folder.glob("*.npz"))
     assert len(files) >= 12
     for path in files:
@@ -51,13 +51,14 @@ def test_arrays_are_the_references_own(shared: Path, peers: Any) -> None:
                     assert part.shape(key) == whole[key].shape
 
 
+@pytest.mark.parametrize("peers", ["compact"], indirect=True)
 def test_inputs_are_the_references_own(shared: Path, peers: Any) -> None:
     inputs = shared / "golden" / "peers" / "inputs"
     for path in sorted((peers / "inputs").rglob("*")):
         other = inputs / path.relative_to(peers / "inputs")
         if path.suffix == ".npy":
             columns, wanted = np.load(path), np.load(other)
-            body = slice(None) if peers.whole or path.stem == "001" else slice(3 + 22 * 6)
+            body = slice(None) if path.stem == "001" else slice(3 + 22 * 6)
             np.testing.assert_array_equal(columns[:, body], wanted[:, body])
             assert columns.shape == wanted.shape
         elif path.suffix in (".pkl", ".json", ".txt"):

@@ -11,12 +11,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 pytest.importorskip("torch")
 
 import dancedata
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.audio.signal import load_audio
+from dancedata.cli.app import app
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
@@ -138,23 +140,14 @@ def test_killed_from_outside_and_resumed_gives_the_same_bytes(
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_ones_own_song_like_a_dataset(corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str) -> None:
+def test_ones_own_song_like_a_dataset(
+    corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     store = _build(corpus, tmp_path, scope)
     song = next((corpus / "wavs").glob("*.wav"))
-    command = [
-        sys.executable,
-        "-m",
-        "dancedata",
-        "features",
-        str(song),
-        "--feature",
-        "jukebox",
-        "--out",
-        str(tmp_path),
-    ]
-    command += ["--like", str(store.path), "--weights", str(tiny.folder), "--json"]
-    environment = {k: v for k, v in os.environ.items() if k != ENVIRONMENT}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    command = ["features", str(song), "--feature", "jukebox", "--out", str(tmp_path), "--like", str(store.path)]
+    monkeypatch.delenv(ENVIRONMENT)
+    done = CliRunner().invoke(app, [*command, "--weights", str(tiny.folder), "--json"], catch_exceptions=False)
     (about,) = json.loads(done.stdout)
     rows = np.load(tmp_path / about["file"])
     window = next(w for split in store.splits for w in store.windows(split) if store.clip(w.clip).music == song.stem)

@@ -1,6 +1,5 @@
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -9,6 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+from tests.messages import raises_message
 
 pytest.importorskip("torch")
 pytest.importorskip("accelerate")
@@ -66,7 +67,7 @@ def test_the_facts_of_a_folder_need_no_torch(tiny: SimpleNamespace, converted: P
 
 
 def test_the_hash_of_missing_weights(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=rf"weights is missing; found {re.escape(VQVAE_FILE)}"):
+    with raises_message(SourceError):
         checkpoint_sha256(tmp_path)
 
 
@@ -93,14 +94,14 @@ def test_same_features(tiny: SimpleNamespace, converted: Path, noise: np.ndarray
 def test_a_part_of_the_folder_is_enough_for_a_lower_layer(copy: Path) -> None:
     (copy / "block-003.safetensors").unlink()
     JukeboxEncoder.from_converted(copy, layers=(3,), device="cpu", max_codes=64)
-    with pytest.raises(SourceError, match=r"block-003\.safetensors: a file .* is missing"):
+    with raises_message(SourceError):
         JukeboxEncoder.from_converted(copy, device="cpu")
 
 
 def test_layers_beyond_the_conversion(converted: Path) -> None:
-    with pytest.raises(UsageError, match="1 to 4"):
+    with raises_message(UsageError):
         JukeboxEncoder.from_converted(converted, layers=(5,), device="cpu")
-    with pytest.raises(UsageError, match="another network"):
+    with raises_message(UsageError):
         JukeboxEncoder.from_converted(converted, config=JukeboxConfig(), device="cpu")
 
 
@@ -127,7 +128,7 @@ def test_interrupted_conversion_does_not_load_and_can_be_repeated(
     monkeypatch.setattr(conversion, "_write", stops)
     with pytest.raises(KeyboardInterrupt):
         convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
-    with pytest.raises(SourceError, match="not a finished conversion"):
+    with raises_message(SourceError):
         JukeboxEncoder.from_converted(tmp_path / "out", device="cpu")
     monkeypatch.undo()
     convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
@@ -139,7 +140,7 @@ def test_files_of_others_are_not_replaced(tiny: SimpleNamespace, tmp_path: Path,
     (tmp_path / "out").mkdir()
     for mine in (name, "notes.txt"):
         (tmp_path / "out" / mine).write_text("somebody's")
-    with pytest.raises(UsageError, match=f"files with the names of a conversion.*found {name}"):
+    with raises_message(UsageError):
         convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["out", name, "notes.txt"])
     assert (tmp_path / "out" / name).read_text() == "somebody's"
@@ -160,7 +161,7 @@ def test_a_second_conversion_into_one_folder_fails_at_once(tiny: SimpleNamespace
 def test_truncated_file(copy: Path) -> None:
     path = copy / "block-001.safetensors"
     os.truncate(path, path.stat().st_size - 100)
-    with pytest.raises(SourceError, match=r"block-001\.safetensors: .* wrong size"):
+    with raises_message(SourceError):
         JukeboxEncoder.from_converted(copy, device="cpu")
 
 
@@ -169,7 +170,7 @@ def test_flipped_bit_is_found_by_the_hash(copy: Path) -> None:
     data = bytearray((copy / "tables.safetensors").read_bytes())
     data[-1] ^= 1
     (copy / "tables.safetensors").write_bytes(data)
-    with pytest.raises(SourceError, match=r"tables\.safetensors: .* SHA-256"):
+    with raises_message(SourceError):
         conversion.verify_converted(copy)
 
 

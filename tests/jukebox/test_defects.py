@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 pytest.importorskip("accelerate")
 
@@ -60,7 +62,7 @@ def test_batches_of_codes(tiny_encoder: Any, clips: list[np.ndarray]) -> None:
     for one, found in zip(codes, tiny_encoder.activations_batch(codes, batch_size=4), strict=True):
         np.testing.assert_allclose(found[6], tiny_encoder.activations(one)[6], rtol=0, atol=TOLERANCE)
     assert tiny_encoder.embed_batch([], 44100) == []
-    with pytest.raises(UsageError, match="invalid value for batch_size"):
+    with raises_message(UsageError):
         tiny_encoder.embed_batch(clips, 44100, batch_size=0)
 
 
@@ -79,10 +81,10 @@ def test_layers_in_any_order(tiny: SimpleNamespace, layers: tuple[int, ...]) -> 
 @pytest.mark.parametrize("n", [1, 64, 127])
 def test_under_one_code(tiny_encoder: Any, n: int) -> None:
     for call in (tiny_encoder, tiny_encoder.encode):
-        with pytest.raises(DataError, match=r"too short; found .* allowed: at least 128") as caught:
+        with raises_message(DataError) as caught:
             call(np.ones(n, dtype=np.float32), 44100)
         assert caught.value.reason == "short_audio"
-    with pytest.raises(DataError) as caught:
+    with raises_message(DataError) as caught:
         tiny_encoder.activations(np.zeros(0, dtype=np.int64))
     assert caught.value.reason == "short_audio"
 
@@ -103,20 +105,20 @@ def test_one_code_or_two(tiny_encoder: Any, n: int) -> None:
 def test_beyond_the_limit(tiny_encoder: Any, tiny: SimpleNamespace) -> None:
     # The reference drops everything after 23.78 s without a word.
     long = (0.1 * np.random.default_rng(2).standard_normal(8193 * 128)).astype(np.float32)
-    with pytest.raises(DataError, match=r"found 8193 codes \(23\.78 s\); allowed: at most 8192") as caught:
+    with raises_message(DataError) as caught:
         tiny_encoder(long, 44100)
     assert caught.value.reason == "long_audio"
-    with pytest.raises(DataError, match="truncate"):
+    with raises_message(DataError):
         tiny_encoder.activations(np.zeros(8193, dtype=np.int64))
     codes = tiny_encoder.encode(long, 44100)
     assert codes.shape == (8193,)
-    with pytest.raises(UsageError, match="Did you mean 'truncate'"):
+    with raises_message(UsageError):
         tiny_encoder(long, 44100, too_long="truncated")
 
 
 def test_limit_of_its_own(tiny: SimpleNamespace, noise: np.ndarray, tiny_encoder: Any) -> None:
     encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(6,), device="cpu", max_codes=100)
-    with pytest.raises(DataError, match=r"at most 100 codes \(0\.29 s\), as .* max_codes=100 of 8192"):
+    with raises_message(DataError):
         encoder(noise, 44100)
     cut = encoder(noise, 44100, too_long="truncate")[6]
     assert cut.shape == (9, 40)
@@ -133,7 +135,7 @@ def test_parts_of_a_prepared_song_keep_its_gain(tiny_encoder: Any, noise: np.nda
     np.testing.assert_allclose(found[0][6], _resampled(tiny_encoder, codes, 15), rtol=0, atol=TOLERANCE)
     assert np.abs(found[0][6] - tiny_encoder(noise[:22050], 44100)[6]).max() > 0.1
     for n, reason in ((127, "short_audio"), (8193 * 128, "long_audio")):
-        with pytest.raises(DataError) as caught:
+        with raises_message(DataError) as caught:
             tiny_encoder.embed_prepared([np.zeros(n, dtype=np.float32)])
         assert caught.value.reason == reason
 
@@ -174,11 +176,11 @@ def test_bad_samples(tiny_encoder: Any, samples: np.ndarray, rate: int, error: t
 
 
 @pytest.mark.parametrize(
-    ("codes", "message"),
-    [([0, 64], "0 to 64; allowed: 0 to 63"), ([-1], "-1 to -1"), ([0.5], "integers"), ([[1]], r"\(n,\) integers")],
+    "codes",
+    [[0, 64], [-1], [0.5], [[1]]],
 )
-def test_bad_codes(tiny_encoder: Any, codes: list[Any], message: str) -> None:
-    with pytest.raises(UsageError, match=message):
+def test_bad_codes(tiny_encoder: Any, codes: list[Any]) -> None:
+    with raises_message(UsageError):
         tiny_encoder.activations(codes)
 
 
@@ -200,5 +202,5 @@ def test_frame_rates(tiny_encoder: Any, noise: np.ndarray, fps: float) -> None:
     found = tiny_encoder(noise, 44100, fps=fps)[6]
     expected = scipy.signal.resample(activations, int(np.ceil(len(activations) * fps / 344.53125)))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
-    with pytest.raises(UsageError, match="fps"):
+    with raises_message(UsageError):
         tiny_encoder(noise, 44100, fps=0)

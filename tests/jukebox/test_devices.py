@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 pytest.importorskip("accelerate")
 
@@ -83,7 +85,7 @@ def test_memory_that_torch_keeps_counts_as_free(monkeypatch: pytest.MonkeyPatch)
 
 def test_what_cannot_be_is_said_before_a_build(tiny: SimpleNamespace, tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text('{"model_type": "jukebox"}')
-    with pytest.raises(SourceError, match="trained with lyrics"):
+    with raises_message(SourceError):
         Jukebox(weights=tmp_path, layer=6).resolved(sha256_file)
     for wrong, message in (
         ({"layer": 7}, "1 to 6"),

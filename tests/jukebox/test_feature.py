@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 
 import dancedata
@@ -105,11 +107,11 @@ def test_a_build_fixes_precision_and_weights(tiny: SimpleNamespace, feature: Juk
 
 def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(ENVIRONMENT, raising=False)
-    with pytest.raises(UsageError, match=ENVIRONMENT):
+    with raises_message(UsageError):
         Jukebox().resolved(sha256_file)
-    with pytest.raises(SourceError, match="does not exist"):
+    with raises_message(SourceError):
         Jukebox(weights=tmp_path / "none").resolved(sha256_file)
-    with pytest.raises(SourceError, match=r"vqvae\.pth\.tar"):
+    with raises_message(SourceError):
         Jukebox(weights=tmp_path).resolved(sha256_file)
     monkeypatch.setenv(ENVIRONMENT, str(tiny.folder))
     assert Jukebox(layer=LAYER, device="cpu").resolved(sha256_file).weights == tiny.folder
@@ -117,15 +119,15 @@ def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatc
 
 
 def test_what_cannot_be_embedded(feature: Jukebox, song: AudioSignal) -> None:
-    with pytest.raises(DataError, match="beyond the audio"):
+    with raises_message(DataError):
         feature.extract_windows(song, np.array([song.n_samples]), 22050, FPS, 30)
-    with pytest.raises(DataError, match="too short"):
+    with raises_message(DataError):
         feature.extract(AudioSignal(np.zeros(50, np.float32), 44100), FPS)
-    with pytest.raises(DataError, match="too long"):
+    with raises_message(DataError):
         feature.extract_windows(song, np.array([0]), 25 * 22050, FPS, 750)
-    with pytest.raises(DanceDataError, match="contexts cannot overlap"):
+    with raises_message(DanceDataError):
         feature.n_rows(1, 44100, FrameGrid.of("30000/1001"))
-    with pytest.raises(UsageError, match="layer"):
+    with raises_message(UsageError):
         Jukebox(layer=0)
 
 
@@ -145,6 +147,6 @@ def test_weights_that_change_during_a_build_are_an_error(
 def test_what_float16_cannot_hold_is_never_stored(feature: Jukebox, value: float) -> None:
     rows = np.array([[1.0, 65500.0]], np.float32)
     assert np.isfinite(feature._stored(rows)).all()
-    with pytest.raises(DataError, match="exceeds the range of float16") as caught:
+    with raises_message(DataError) as caught:
         feature._stored(np.array([[1.0, value]], np.float32))
     assert caught.value.reason == "overflow"

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 pytest.importorskip("accelerate")
 
@@ -49,7 +51,7 @@ def test_any_number_of_blocks_can_be_away(n_blocks: int) -> None:
 
 
 def test_too_small_a_card() -> None:
-    with pytest.raises(UsageError, match=r"found 0\.30 GB; allowed: at least 0\.4\d GB"):
+    with raises_message(UsageError):
         memory.place(REAL, 66, HALF, 1722, 3 * GB // 10)
 
 
@@ -85,7 +87,7 @@ def test_batches_are_halved_when_memory_runs_out_and_stay_so() -> None:
 
 
 def test_a_single_clip_that_does_not_fit() -> None:
-    with pytest.raises(DanceDataError, match="single clip; found CUDA out of memory"):
+    with raises_message(DanceDataError):
         list(Batches().run([1, 2], 2, _limited(0, [])))
 
 

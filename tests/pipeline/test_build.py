@@ -17,14 +17,15 @@ import soundfile
 
 import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.cli.text import describe_store
 from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.files import publish
 from dancedata.files.locks import writing_lock
 from dancedata.pipeline import build as build_module
+from dancedata.pipeline.describe import describe_store
 from dancedata.store import verify_store
+from tests.messages import raises_message
 
 Hashes = Callable[[Path], dict[str, str]]
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
@@ -100,10 +101,8 @@ def test_another_recipe_is_refused_with_the_difference(
     run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes
 ):
     before = hashes(built_copy)
-    with pytest.raises(StoreError) as caught:
+    with raises_message(StoreError):
         run_build(corpus, built_copy, set=["windows.stride_s=1", "audio.librosa35.tightness=50"])
-    assert "windows.stride_frames: 15 there, 30 now" in str(caught.value)
-    assert "audio.librosa35.tightness: 100.0 there, 50.0 now" in str(caught.value)
     assert hashes(built_copy) == before
 
 
@@ -125,7 +124,7 @@ def test_another_source_is_refused(run_build: Any, source: Path, built_copy: Pat
         (lists / "spare").rename(lists / "crossmodal_test.txt")
     else:
         motion.unlink()
-    with pytest.raises(StoreError, match="made from another source"):
+    with raises_message(StoreError):
         run_build(source, built_copy)
     assert hashes(built_copy) == before
 
@@ -138,7 +137,7 @@ def test_a_song_that_another_one_was_unpacked_over_is_noticed(run_build: Any, so
     song.write_bytes(sound[:1000] + sound[:999:-1])
     os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert (song.stat().st_ino, song.stat().st_size) == (before.st_ino, before.st_size)
-    with pytest.raises(StoreError, match="made from another source"):
+    with raises_message(StoreError):
         run_build(source, out)
 
 
@@ -159,7 +158,7 @@ def test_overwrite_that_fails_leaves_the_old_dataset(
 
     before = hashes(built_copy)
     monkeypatch.setattr(build_module, "write_store", fail)
-    with pytest.raises(StoreError, match="disk is full"):
+    with raises_message(StoreError):
         run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
     assert hashes(built_copy) == before
     assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
@@ -183,23 +182,21 @@ def test_files_of_others_are_refused_untouched(
     out.mkdir(parents=True)
     (out / name).write_text("mine")
     before = hashes(out)
-    with pytest.raises(StoreError) as caught:
+    with raises_message(StoreError):
         run_build(corpus, out, overwrite=overwrite)
-    assert name in str(caught.value)
-    assert str(out) in str(caught.value)
     assert hashes(out) == before
 
 
 def test_files_of_others_beside_a_dataset_are_refused_too(run_build: Any, corpus: Path, built_copy: Path):
     (built_copy / "notes.txt").write_text("mine")
-    with pytest.raises(StoreError, match=r"found notes.txt"):
+    with raises_message(StoreError):
         run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
     assert (built_copy / "notes.txt").read_text() == "mine"
 
 
 def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
     out.parent.mkdir()
-    with writing_lock(out, "build"), pytest.raises(StoreError, match="another build is writing there"):
+    with writing_lock(out, "build"), raises_message(StoreError):
         run_build(corpus, out)
     assert not out.exists()
     assert run_build(corpus, out).built
@@ -260,7 +257,7 @@ def test_a_build_goes_on_after_a_kill(
     script = KILLED.format(module=module, patch=patch)
     killed = subprocess.run([sys.executable, "-c", script, str(corpus), str(built_copy)], check=False)
     assert killed.returncode == -signal.SIGKILL
-    with pytest.raises(StoreError, match="no finished dataset"):
+    with raises_message(StoreError):
         dancedata.open(built_copy)
     # A swap that did not come about leaves the old dataset, which is put back.
     assert run_build(corpus, built_copy).built is ("writer" in module)
@@ -327,10 +324,9 @@ def test_a_clip_that_shares_its_song_shares_its_rows(built: Path):
 
 def test_strict_stops_at_a_broken_clip(run_build: Any, source: Path, out: Path):
     break_clip(source)
-    with pytest.raises(DataError) as caught:
+    with pytest.raises(DataError, match=f"{source}/motions/{TRAIN}.pkl") as caught:
         run_build(source, out, strict=True)
     assert caught.value.reason == "broken_file"
-    assert f"{source}/motions/{TRAIN}.pkl" in str(caught.value)
     assert not out.exists()
 
 
@@ -342,7 +338,7 @@ def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: A
     break_clip(source)
     assert run_build(source, out).built
     assert run_build(source, out).built is False
-    with pytest.raises(DataError, match="broken clip"):
+    with pytest.raises(DataError, match="1 broken clip in a strict build"):
         run_build(source, out, strict=True)
 
 
@@ -355,7 +351,7 @@ def test_nothing_left_to_build_is_an_error_that_says_why(run_build: Any, source:
 
 
 def test_a_source_that_is_missing_leaves_no_folder_behind(run_build: Any, out: Path, tmp_path: Path):
-    with pytest.raises(SourceError, match="does not exist"):
+    with raises_message(SourceError):
         run_build(tmp_path / "nowhere", out)
     assert not out.exists()
 
@@ -395,5 +391,5 @@ def test_two_clips_of_one_id_are_named_before_anything_is_computed(
         return replace(found, clips=(first, replace(second, id=first.id), *rest))
 
     monkeypatch.setattr(AistPP, "scan", scan)
-    with pytest.raises(SourceError, match=r"two clips have the same id; found .*pkl and .*pkl"):
+    with raises_message(SourceError):
         run_build(corpus, out)

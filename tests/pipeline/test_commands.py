@@ -12,21 +12,17 @@ import pytest
 import yaml
 
 import dancedata
-from dancedata.cli.text import store_json
 from dancedata.core.errors import DanceDataError, DataError, RecipeError, UsageError
 from dancedata.core.resources import resource
 from dancedata.pipeline.commands import build_part
+from dancedata.pipeline.describe import store_json
 from dancedata.recipes.parse import load_recipe
+from tests.commands import run
+from tests.messages import raises_message
 
 #: Small, and the same in the three ways to say it.
 CHANGED = {"dataset.synthetic.songs": 2, "dataset.synthetic.clips_per_song": 2, "dataset.synthetic.clip_s": 6}
 SET = [f"{key}={value}" for key, value in CHANGED.items()]
-
-
-def command(*arguments: Any) -> str:
-    """Run the command line; what it prints on stdout."""
-    run = [sys.executable, "-m", "dancedata", *map(str, arguments)]
-    return subprocess.run(run, capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture(scope="module")
@@ -55,13 +51,13 @@ def test_python_and_the_command_line_make_the_same_dataset(
     out = tmp_path / "demo"
     words = [word for text in SET for word in ("--set", text)]
     source = ("--source", demo.path.with_name("demo-source"))
-    text = command("build", "demo", *source, "--out", out, *words, "--jobs", 1)
+    text = run("build", "demo", *source, "--out", out, *words, "--jobs", 1).stdout
     assert text == f"{demo.summary.replace(str(demo.path), str(out))}\n"
     assert hashes(out) == hashes(demo.path)
     again = dancedata.build("demo", *source[1:], out, overrides=SET, progress=False)
     assert not again.built
     assert again.counts == demo.counts
-    assert command("build", "demo", *source, "--out", out, *words, "--jobs", 1) == f"{again.summary}\n"
+    assert run("build", "demo", *source, "--out", out, *words, "--jobs", 1).stdout == f"{again.summary}\n"
     assert dancedata.diff(demo.path, out) == []
 
 
@@ -74,7 +70,7 @@ def test_a_recipe_is_a_name_a_file_a_document_or_checked(demo: Any, tmp_path: Pa
     plans.append(dancedata.plan(load_recipe("demo", SET), out=demo.path, progress=False))
     assert len({plan.recipe.sha256 for plan in plans}) == 1
     assert json.dumps(document) == before, "the caller's dict is left alone"
-    with pytest.raises(UsageError, match="a recipe that is checked already takes no overrides"):
+    with raises_message(UsageError):
         dancedata.plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
 
 
@@ -82,8 +78,8 @@ def test_plan_prints_what_the_command_prints(demo: Any) -> None:
     words = [word for text in SET for word in ("--set", text)]
     plan = dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
     arguments = ("plan", "demo", "--out", demo.path, *words)
-    assert json.loads(command(*arguments, "--json")) == plan.to_json()
-    assert command(*arguments) == f"{plan.describe(demo.path)}\n"
+    assert json.loads(run(*arguments, "--json").stdout) == plan.to_json()
+    assert run(*arguments).stdout == f"{plan.describe(demo.path)}\n"
     assert plan.summary == plan.describe(demo.path).replace(f" into {demo.path}", "", 1)
     assert "in the cache: 4 of 4 clips" in plan.summary
 
@@ -96,9 +92,9 @@ def test_overrides_are_values_or_texts() -> None:
     assert by_value.motion[0].contacts is not None
     assert by_value.document["motion"]["edge151"]["contacts"] == {"velocity": {"max_speed_m_s": 1e-05}}
     assert load_recipe("demo", "windows.stride_s=1").windows.stride == 30
-    with pytest.raises(RecipeError, match=r"windows\.strid: unknown key; did you mean"):
+    with raises_message(RecipeError):
         load_recipe("demo", {"windows.strid": 1})
-    with pytest.raises(UsageError, match=r"not a key of a recipe; found 'windows\.\.stride_s'"):
+    with raises_message(UsageError):
         load_recipe("demo", {"windows..stride_s": 1})
 
 
@@ -127,8 +123,8 @@ def test_a_script_needs_no_guard(demo: Any, corpus: Path, tmp_path: Path) -> Non
         "built = dancedata.build('aist++', sys.argv[1], sys.argv[2], jobs=2, cache=sys.argv[3])\n"
         "print(built.built, built.counts['train']['clips'])\n"
     )
-    run = [sys.executable, script, corpus, tmp_path / "out", tmp_path / "cache"]
-    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    script_run = [sys.executable, script, corpus, tmp_path / "out", tmp_path / "cache"]
+    done = subprocess.run(script_run, capture_output=True, text=True, check=True)
     with dancedata.open(tmp_path / "out") as ds:
         train = sum(clip.split == "train" for clip in ds.clips)
     assert done.stdout == f"once\nTrue {train}\n"
@@ -141,24 +137,22 @@ def test_a_part_is_computed(demo: Any, corpus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("call", "kind", "words"),
+    "call",
     [
-        (lambda: dancedata.build("aist++"), UsageError, r"aist\+\+ needs a source\. Name .* source=DIR"),
-        (lambda: dancedata.build("demmo"), UsageError, "did you mean 'demo'"),
-        (lambda: dancedata.build("demo", jobs=0), UsageError, "invalid number of worker processes; found 0"),
-        (lambda: dancedata.build("demo", backend="slurm"), UsageError, "slurm"),
-        (lambda: dancedata.plan("aist++", "/none"), DanceDataError, "/none"),
-        (lambda: dancedata.plan({"recipe": 1}), RecipeError, "name: missing"),
-        (lambda: dancedata.check("x", dataset="a", recipe="b"), UsageError, "both choose a reader"),
-        (lambda: dancedata.check("x", overrides=["fps=30"]), UsageError, "name the recipe as well"),
-        (lambda: dancedata.diff("/none", "/none"), DanceDataError, "/none"),
+        pytest.param(lambda: dancedata.build("aist++"), id="no source"),
+        pytest.param(lambda: dancedata.build("demmo"), id="name"),
+        pytest.param(lambda: dancedata.build("demo", jobs=0), id="jobs"),
+        pytest.param(lambda: dancedata.build("demo", backend="slurm"), id="backend"),
+        pytest.param(lambda: dancedata.plan("aist++", "none"), id="no such source"),
+        pytest.param(lambda: dancedata.plan({"recipe": 1}), id="document"),
+        pytest.param(lambda: dancedata.check("x", dataset="a", recipe="b"), id="two readers"),
+        pytest.param(lambda: dancedata.check("x", overrides=["fps=30"]), id="overrides"),
+        pytest.param(lambda: dancedata.diff("none", "none"), id="no dataset"),
     ],
-)  # fmt: skip
-def test_errors_are_ours(
-    call: Callable[[], Any], kind: type[Exception], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+)
+def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(kind, match=f"(?i){words}"):
+    with raises_message(DanceDataError):
         call()
     assert list(tmp_path.iterdir()) == []
 

@@ -19,6 +19,7 @@ from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.copies import CopySpec, check_ids
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
+from tests.messages import raises_message
 
 SMALL = ("motion={edge151: {}, joints: {}}", "keymotion=lodge", "windows.length_s=3", "audio={}")
 
@@ -146,14 +147,14 @@ def test_a_copy_that_cannot_be_made_is_a_reject(corpus: Path, run_build, built: 
     assert [r["reason"] for r in store.rejects if r.get("clip") == f"{broken}__shift"] == ["wall"]
     assert broken in {c.id for c in store.clips}
     assert f"{broken}__shift" not in {c.id for c in store.clips}
-    with pytest.raises(DataError, match="too near to the wall"):
+    with raises_message(DataError):
         run_build(corpus, tmp_path / "strict", "aist++", changes, strict=True)
 
 
 def test_what_an_augmentation_may_not_change(corpus: Path, run_build, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="slower changes frames, rate or trim_start; found 359 frames at 60"):
+    with raises_message(UsageError):
         run_build(corpus, tmp_path / "a", "aist++", (*SMALL, "augment={slower: {}}"))
-    with pytest.raises(UsageError, match="wider changes the shape or dtype of rows"):
+    with raises_message(UsageError):
         run_build(corpus, tmp_path / "b", "aist++", ("audio={}", "augment={wider: {}}"))
 
 
@@ -171,12 +172,11 @@ def test_augment_in_recipes() -> None:
     two = load_recipe("aist++", ("augment={shift: true, shift.left: {}}", "augment.shift.left.metres=-1"))
     assert [(spec.name, spec.augmentation) for spec in two.augment] == [("shift", Shift()), ("shift.left", Shift(-1))]
     assert [spec.clip_id("clip") for spec in two.augment] == ["clip__shift", "clip__shift.left"]
-    with pytest.raises(RecipeError) as error:
-        load_recipe("aist++", ("augment={shift: {metres: x}, shif: true, speckle: 3, wider: {}}", "motion=joints"))
-    for text in ("augment.shift.metres", "Did you mean 'shift'", "augment.speckle: parameters are a mapping"):
-        assert text in str(error.value)
-    assert "augment.wider: field joints: positions cannot be made wider" in str(error.value)
-    with pytest.raises(RecipeError, match="augment: must be a mapping such as"):
+    with raises_message(RecipeError):
+        load_recipe("aist++", ("augment={shif: true, speckle: 3, wider: {}}", "motion=joints"))
+    with pytest.raises(RecipeError, match=r"augment\.shift\.metres: "):
+        load_recipe("aist++", ("augment={shift: {metres: x}}",))
+    with raises_message(RecipeError):
         load_recipe("aist++", ("augment=[mirror]",))
 
 
@@ -184,7 +184,7 @@ def test_ids_of_copies() -> None:
     specs = (CopySpec("b", Shift()), CopySpec("x__b", Shift()))
     check_ids([("a", "train"), ("c", "train")], specs)
     check_ids([("a", "test"), ("a__b", "test")], specs)
-    with pytest.raises(SourceError, match=r"clip a__b: the copy of clip a that augment.b makes would get the id"):
+    with raises_message(SourceError):
         check_ids([("a", "train"), ("a__b", "val")], specs)
-    with pytest.raises(SourceError, match=r"clip a__x__b: "):
+    with raises_message(SourceError):
         check_ids([("a", "train"), ("a__x", "train")], specs)

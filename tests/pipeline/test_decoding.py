@@ -1,16 +1,13 @@
 """decode of batches and of trainers' files: API, command, and what they refuse."""
 
-import json
 import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -23,6 +20,8 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.representations.edge151 import Edge151
 from dancedata.store import Store, open_store
 from dancedata.testing.examples import random_motion
+from tests.commands import as_json, run
+from tests.messages import raises_message
 
 DECODED = [name for name in REPRESENTATIONS.names() if REPRESENTATIONS.get(name).decodes]
 METRES = Reading(Declared(unit="m", up="y"), Declared())
@@ -87,19 +86,18 @@ def test_the_normaliser_is_undone(store: Store) -> None:
 
 def test_what_decode_refuses(store: Store) -> None:
     _, array = _columns("edge151")
-    cases: list[tuple[np.ndarray, str, dict[str, Any], list[str]]] = [
-        (array[:, :139], "edge151", {}, ["(30, 139)", "(T, 151) or a batch (B, T, 151)", "those of lodge139"]),
-        (array[None, None], "edge151", {}, ["(1, 1, 30, 151)"]),
-        (array[:0], "edge151", {}, ["(0, 151)", "not empty"]),
-        (array, "edge", {}, ["edge151"]),
-        (array[:, :72], "bailando72", {}, ["positions do not determine"]),
-        (array, "edge151", {"fps": 30, "like": store}, ["30 frames per second", "allowed: 24"]),
-        (_columns("fact219")[1], "fact219", {"like": store}, ["no field named 'fact219'"]),
+    cases: list[tuple[np.ndarray, str, dict[str, Any]]] = [
+        (array[:, :139], "edge151", {}),
+        (array[None, None], "edge151", {}),
+        (array[:0], "edge151", {}),
+        (array, "edge", {}),
+        (array[:, :72], "bailando72", {}),
+        (array, "edge151", {"fps": 30, "like": store}),
+        (_columns("fact219")[1], "fact219", {"like": store}),
     ]
-    for wrong, name, options, parts in cases:
-        with pytest.raises(UsageError) as caught:
+    for wrong, name, options in cases:
+        with raises_message(UsageError):
             dancedata.decode(wrong, name, **options)
-        assert all(part in str(caught.value) for part in parts), str(caught.value)
     for value in (array.astype(object), array.astype(str), array[:, :, None] > 0, [[1.0], [1.0, 2.0]], None):
         for options in ({}, {"like": store}):
             with pytest.raises(UsageError, match="these are not columns of edge151"):
@@ -108,7 +106,7 @@ def test_what_decode_refuses(store: Store) -> None:
     liked = {"like": store, "normalized": False}
     for value, options in ((np.nan, {}), (1e200, {}), (np.nan, liked), (np.inf, liked)):
         batch[1, 7, 20] = value
-        with pytest.raises(DataError, match="motion 1 of the batch, edge151: the columns have NaN"):
+        with raises_message(DataError):
             dancedata.decode(batch, "edge151", **options)
 
 
@@ -125,7 +123,7 @@ def test_the_file_that_is_decoded_stays(tmp_path: Path) -> None:
     before = (tmp_path / "x.npz").read_bytes()
     (tmp_path / "link").symlink_to(tmp_path)
     for out in (tmp_path, tmp_path / "link"):
-        with pytest.raises(UsageError, match="the file that is decoded would be replaced"):
+        with raises_message(UsageError):
             dancedata.decode_file(tmp_path / "x.npz", "edge151", to="npz", out=out, fps=30, overwrite=True)
     assert (tmp_path / "x.npz").read_bytes() == before
 
@@ -142,10 +140,10 @@ def test_the_rate_that_a_file_states_is_that_of_its_columns(store: Store, tmp_pa
     assert decoded(60.0, fps=60) == 60
     assert decoded(24.0, like=store) == 24
     assert decoded(29.97, fps=29.97) == 29.97
-    for options, rate in (({"fps": 24}, "24"), ({"like": store}, "24"), ({"fps": 24, "like": store}, "24")):
-        with pytest.raises(DataError, match=f"x.npz: the file states another rate.*60 frames.*allowed: {rate}"):
+    for options in ({"fps": 24}, {"like": store}, {"fps": 24, "like": store}):
+        with raises_message(DataError):
             decoded(60.0, **options)
-    with pytest.raises(DataError, match="fps is not a frame rate"):
+    with raises_message(DataError):
         decoded(0.0, like=store)
 
 
@@ -184,13 +182,13 @@ def test_files_of_several_arrays(tmp_path: Path) -> None:
     dancedata.decode_file(tmp_path / "out.pkl", "edge151", out=tmp_path / "b", **options)
     assert (tmp_path / "b" / "out.bvh").read_bytes() == file.read_bytes()
     np.savez(tmp_path / "two.npz", one=array, two=array[:5])
-    with pytest.raises(UsageError, match=r"several arrays have 151 columns.*--key"):
+    with raises_message(UsageError):
         dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "c", **options)
     dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "c", key="two", **options)
     assert "Frames: 5\n" in (tmp_path / "c" / "two.bvh").read_text()
-    with pytest.raises(UsageError, match=r"no array has 219 columns.*'one', 'two'.*--as"):
+    with raises_message(UsageError):
         dancedata.decode_file(tmp_path / "two.npz", "fact219", out=tmp_path / "d", **options)
-    with pytest.raises(UsageError, match="no array 'three'"):
+    with raises_message(UsageError):
         dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "d", key="three", **options)
     assert not (tmp_path / "d").exists()
 
@@ -199,14 +197,14 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
     _, array = _columns("edge151")
     np.save(tmp_path / "x.npy", np.stack([array, array]))
     path, out = tmp_path / "x.npy", tmp_path / "out"
-    with pytest.raises(UsageError, match=r"x\.npy: the frame rate of these columns is unknown.*--fps.*--like"):
+    with raises_message(UsageError):
         dancedata.decode_file(path, "edge151", to="bvh", out=out)
-    with pytest.raises(UsageError, match="unknown format 'fbx'"):
+    with raises_message(UsageError):
         dancedata.decode_file(path, "edge151", to="fbx", out=out, fps=30)  # type: ignore[arg-type]
-    with pytest.raises(DataError, match=r"gone\.npy"):
+    with raises_message(DataError):
         dancedata.decode_file(tmp_path / "gone.npy", "edge151", to="bvh", out=out, fps=30)
     dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30)
-    with pytest.raises(UsageError, match=r"x_000\.bvh: files are already there.*--overwrite"):
+    with raises_message(UsageError):
         dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30)
     dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30, overwrite=True)
     calls = []
@@ -218,7 +216,7 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
         place.write_bytes(data)
 
     monkeypatch.setattr(atomic, "write_bytes", full)
-    with pytest.raises(StoreError, match="No space left"):
+    with raises_message(StoreError):
         dancedata.decode_file(path, "edge151", to="npz", out=tmp_path / "full", fps=30)
     assert not list((tmp_path / "full").iterdir())
 
@@ -226,16 +224,13 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
 def test_the_command(store: Store, tmp_path: Path) -> None:
     window = store.windows("train")[0]
     np.save(tmp_path / "x.npy", store.normalizer("edge151").normalize(store.read(window, "edge151")))
-    options = ["--as", "edge151", "--to", "bvh", "--like", str(store.path), "--out", str(tmp_path / "out")]
-    options += ["--normalized"]
-    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options])
-    assert (done.exit_code, done.stdout) == (0, f"{tmp_path / 'out' / 'x.bvh'}\n")
-    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options, "--overwrite", "--json"])
-    assert json.loads(done.stdout) == {"files": [str(tmp_path / "out" / "x.bvh")]}
+    args = ["decode", tmp_path / "x.npy", "--as", "edge151", "--to", "bvh", "--like", store.path, "--normalized"]
+    args += ["--out", tmp_path / "out"]
+    assert run(*args).stdout == f"{tmp_path / 'out' / 'x.bvh'}\n"
+    assert as_json(*args, "--overwrite") == {"files": [str(tmp_path / "out" / "x.bvh")]}
     np.save(tmp_path / "x.npy", np.zeros((5, 150)))
-    done = CliRunner().invoke(app, ["decode", str(tmp_path / "x.npy"), *options])
-    assert done.exit_code == 2
-    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in done.stderr
+    said = run(*args, code=2).stderr
+    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in said
 
 
 def test_contacts_are_no_part_of_a_motion() -> None:

@@ -6,12 +6,13 @@ from typing import Any
 
 import h5py
 import pytest
-from typer.testing import CliRunner
 
 from dancedata.core.errors import StoreError
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.diff import Difference, diff, unmatched
 from dancedata.store.dataset_json import self_hash
+from tests.commands import run
+from tests.messages import raises_message
 
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 
@@ -24,18 +25,10 @@ def of(found: list[Difference], kind: str) -> list[Difference]:
     return [difference for difference in found if difference.kind == kind]
 
 
-def run(*args: object, code: int) -> str:
-    from dancedata.cli.app import app
-
-    result = CliRunner().invoke(app, ["diff", *map(str, args)])
-    assert result.exit_code == code, result.output
-    return result.stdout
-
-
 def test_equal_datasets_have_no_difference(built_in: dict[str, Path], built_copy: Path):
     assert diff(built_in["track"], built_copy) == []
-    assert run(built_in["track"], built_copy, code=0) == "the same data\n"
-    about = json.loads(run(built_in["window"], built_in["window"], "--json", code=0))
+    assert run("diff", built_in["track"], built_copy, code=0).stdout == "the same data\n"
+    about = json.loads(run("diff", built_in["window"], built_in["window"], "--json", code=0).stdout)
     assert (about["same"], about["differences"]) == (True, [])
 
 
@@ -43,7 +36,7 @@ def test_a_name_is_a_note(run_build: Any, built: Path, corpus: Path, out: Path):
     run_build(corpus, out, set=["name=another"])
     found = diff(built, out)
     assert [str(d) for d in found] == ['note: name: "aist++", "another"']
-    assert run(built, out, code=0).endswith("the same data\n")
+    assert run("diff", built, out, code=0).stdout.endswith("the same data\n")
 
 
 def test_shards_cut_otherwise_hold_the_same_values(run_build: Any, built: Path, corpus: Path, out: Path):
@@ -107,9 +100,9 @@ def test_a_clips_metadata_are_compared(run_build: Any, built: Path, source: Path
 
 def test_the_command_ends_with_1_and_says_how_many(run_build: Any, built: Path, corpus: Path, out: Path):
     run_build(corpus, out, set=["audio={}"])
-    said = run(built, out, code=1)
+    said = run("diff", built, out, code=1).stdout
     assert said.splitlines()[-1].endswith(" differences")
-    about = json.loads(run(built, out, "--json", code=1))
+    about = json.loads(run("diff", built, out, "--json", code=1).stdout)
     assert about["same"] is False
     assert {"kind", "message", "names", "numbers"} == set(about["differences"][0])
 
@@ -121,9 +114,9 @@ def test_long_lists_of_names_are_cut():
 
 
 def test_what_is_no_dataset_is_an_error(built: Path, tmp_path: Path):
-    with pytest.raises(StoreError):
+    with raises_message(StoreError):
         diff(built, tmp_path)
-    run(built, tmp_path, code=1)
+    run("diff", built, tmp_path, code=1)
 
 
 # A tolerance
@@ -142,25 +135,25 @@ def bend(out: Path, name: str, by: float, *, split: str = "train") -> None:
 
 def test_values_within_a_tolerance_are_the_same(built: Path, built_copy: Path):
     bend(built_copy, "audio/librosa35", 2.0**-10)
-    said = run(built, built_copy, "--atol", "0.001", code=0).splitlines()
+    said = run("diff", built, built_copy, "--atol", "0.001", code=0).stdout.splitlines()
     assert said[0] == "note: edge151: the same values"
     assert said[1].startswith("note: librosa35: other values in 2 of 4 clips, by at most 0.000977 (row 0 of ")
     assert ", column onset_envelope), within 0.001: " in said[1]
     assert said[2:] == ["the same data within 0.001"]
-    about = json.loads(run(built, built_copy, "--atol", "0.001", "--json", code=0))
+    about = json.loads(run("diff", built, built_copy, "--atol", "0.001", "--json", code=0).stdout)
     assert (about["same"], about["atol"]) == (True, 0.001)
     assert [d["numbers"]["max_abs"] for d in about["differences"]] == [0, pytest.approx(2.0**-10, rel=1e-3)]
-    assert "values: librosa35: " in run(built, built_copy, "--atol", "0.0009", code=1)
-    assert "values: librosa35: " in run(built, built_copy, "--atol", "0", code=1)
-    assert run(built, built_copy, code=1).endswith("1 differences\n")
+    assert "values: librosa35: " in run("diff", built, built_copy, "--atol", "0.0009", code=1).stdout
+    assert "values: librosa35: " in run("diff", built, built_copy, "--atol", "0", code=1).stdout
+    assert run("diff", built, built_copy, code=1).stdout.endswith("1 differences\n")
 
 
 def test_numbers_about_clips_are_within_the_tolerance_and_counts_are_exact(built: Path, built_copy: Path):
     bend(built_copy, "clips/height_m", 1e-4)
-    assert "height_m of 1 clips" in run(built, built_copy, code=1)
-    run(built, built_copy, "--atol", "0.001", code=0)
+    assert "height_m of 1 clips" in run("diff", built, built_copy, code=1).stdout
+    run("diff", built, built_copy, "--atol", "0.001", code=0)
     bend(built_copy, "clips/n_flags", 1)
-    assert "n_flags of 1 clips" in run(built, built_copy, "--atol", "100", code=1)
+    assert "n_flags of 1 clips" in run("diff", built, built_copy, "--atol", "100", code=1).stdout
 
 
 def test_lines_are_partners_whose_numbers_are_within_the_tolerance():
@@ -182,4 +175,4 @@ def test_lines_are_partners_whose_numbers_are_within_the_tolerance():
 
 @pytest.mark.parametrize("atol", ["-1", "nan", "inf"])
 def test_what_is_no_tolerance_is_refused(built: Path, atol: str):
-    run(built, built, "--atol", atol, code=2)
+    run("diff", built, built, "--atol", atol, code=2)

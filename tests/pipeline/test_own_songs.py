@@ -9,27 +9,25 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
-from dancedata.cli.text import describe_store, store_json
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
 from dancedata.pipeline import own_songs
+from dancedata.pipeline.describe import describe_store, store_json
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.plugins import make_named
 from dancedata.store import open_store
 from dancedata.testing.stores import write_random_store
+from tests.commands import run
+from tests.messages import raises_message
 
 SHA = "5" * 64
 
 
 def features(*args: object) -> str:
-    result = CliRunner().invoke(app, ["features", *map(str, args)])
-    assert result.exit_code == 0, result.output
-    return result.stdout
+    return run("features", *args).stdout
 
 
 def test_the_line_of_the_readme(built: Path, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +69,7 @@ def test_several_tempos_of_one_song_are_an_error(built: Path, corpus: Path, tmp_
     with open_store(built) as store:
         clips = [SimpleNamespace(**{**vars(c.record), "tempo_bpm": 80.0 + k}) for k, c in enumerate(store.clips)]
         stand_in: Any = SimpleNamespace(meta=store.meta, clips=clips)
-        with pytest.raises(UsageError, match=r"several tempos of this song; found 8[0-9] BPM, 8[0-9] BPM"):
+        with raises_message(UsageError):
             own_songs._stated_tempo(stand_in, own_songs.load_audio(song), song)
 
 
@@ -90,16 +88,15 @@ def test_weights_go_to_a_field_by_name(tmp_path: Path) -> None:
     assert own_songs._weights_of([tmp_path], three[:2]) == {"hf.mert": tmp_path}
     (tmp_path / "a=b").mkdir()
     assert own_songs._weights_of([tmp_path / "a=b"], three[:2]) == {"hf.mert": tmp_path / "a=b"}
-    for names, text, words in (
-        (three, "/mert", r"several features take weights.*hf.mert=FOLDER, jukebox=FOLDER"),
-        (three[:1], "/mert", "no feature here takes weights"),
-        (three, "hf.mret=/mert", r"'hf.mret' here.*Did you mean 'hf.mert'"),
-        (three, "librosa35=/mert", "no feature 'librosa35' here takes weights"),
+    for fields, texts in (
+        (three, ["/mert"]),
+        (three[:1], ["/mert"]),
+        (three, ["hf.mret=/mert"]),
+        (three, ["librosa35=/mert"]),
+        (three, ["jukebox=a", "jukebox=b"]),
     ):
-        with pytest.raises(UsageError, match=words):
-            own_songs._weights_of([text], names)
-    with pytest.raises(UsageError, match="two folders for jukebox"):
-        own_songs._weights_of(["jukebox=a", "jukebox=b"], three)
+        with raises_message(UsageError):
+            own_songs._weights_of(texts, fields)
 
 
 def test_a_dataset_says_which_weights_it_wants(tmp_path: Path) -> None:
@@ -117,6 +114,5 @@ def test_a_dataset_says_which_weights_it_wants(tmp_path: Path) -> None:
         raise SourceError("hf: the model is unknown", fix="set model")
 
     job: Any = SimpleNamespace(name="edge151", feature=SimpleNamespace(resolved=unknown))
-    with open_store(path) as store, pytest.raises(SourceError) as caught:
+    with open_store(path) as store, raises_message(SourceError):
         own_songs._ready(job, None, store)
-    assert f"edge151 of {path} was computed with {wanted}: --weights edge151=FOLDER" in str(caught.value)

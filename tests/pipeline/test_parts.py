@@ -1,20 +1,18 @@
 """dancedata build --part K/N: the same keys as the build that collects, whatever the feature. Bytes: tests/fault."""
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.cli.app import app
 from dancedata.core.errors import DataError, UsageError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.pipeline.part import Part, build_part
 from dancedata.recipes.parse import load_recipe
+from tests.commands import as_json
+from tests.messages import raises_message
 
 
 def entries(cache: Path) -> set[str]:
@@ -27,7 +25,7 @@ def refuse(*args: Any, **options: Any) -> Any:
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "1/0", "a/b", "-1/4", "1/4/2", "1 /4", ""])
 def test_what_is_no_part(text: str):
-    with pytest.raises(UsageError, match="NUMBER/COUNT"):
+    with raises_message(UsageError):
         Part.parse(text)
 
 
@@ -82,19 +80,7 @@ def test_broken_clips_are_counted_and_stop_a_strict_part(source: Path, tmp_path:
     assert stopped == 1
 
 
-def test_the_command_prints_json(corpus: Path, cache: Path, out: Path, as_command: Callable[..., Any]):
-    about = as_command("build", "aist++", "--source", corpus, "--out", out, "--jobs", 1, "--part", "1/2", "--json")
+def test_the_command_prints_json(corpus: Path, cache: Path, out: Path):
+    about = as_json("build", "aist++", "--source", corpus, "--out", out, "--jobs", 1, "--part", "1/2")
     assert about == {"part": "1/2", "clips": 2, "clips_in_all": 4, "songs": 1, "left_out": {}}
     assert not out.exists()
-
-
-@pytest.fixture
-def as_command() -> Callable[..., Any]:
-    """Run a command and parse what it prints."""
-
-    def run(*args: object) -> Any:
-        result = CliRunner().invoke(app, [str(a) for a in args])
-        assert result.exit_code == 0, result.output
-        return json.loads(result.stdout)
-
-    return run

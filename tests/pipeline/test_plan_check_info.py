@@ -10,29 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from click.testing import Result
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.recipes.parse import recipe_names
+from tests.commands import as_json, run
+from tests.messages import same_text
 
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
-
-
-def run(*args: object, code: int = 0) -> Result:
-    """Run a command and check its exit code."""
-    result = CliRunner().invoke(app, [str(a) for a in args])
-    assert result.exit_code == code, f"{result.exit_code}: {result.output} {result.exception!r}"
-    return result
-
-
-def as_json(*args: object, code: int = 0) -> Any:
-    """Run a command with --json and parse what it prints."""
-    return json.loads(run(*args, "--json", code=code).stdout)
 
 
 @pytest.fixture
@@ -124,25 +111,7 @@ def test_a_plan_touches_no_dataset_that_is_there(corpus: Path, built_copy: Path,
     assert hashes(built_copy) == before
 
 
-def test_a_plan_says_what_it_would_leave_out(worn: Path, out: Path):
-    assert "would leave out: broken_file: 1" in run("plan", "aist++", "--source", worn, "--out", out).stdout
-
-
 # build: exit codes
-
-
-def test_a_build_with_broken_clips_ends_well_and_says_so(worn: Path, out: Path):
-    text = run("build", "aist++", "--source", worn, "--out", out, "--jobs", 1).stdout
-    assert "broken_file: 1" in text
-    assert TRAIN in text
-    again = run("build", "aist++", "--source", worn, "--out", out).stdout
-    assert "nothing to do" in again
-
-
-def test_a_strict_build_of_broken_clips_ends_with_1(worn: Path, out: Path):
-    result = run("build", "aist++", "--source", worn, "--out", out, "--strict", "--jobs", 1, code=1)
-    assert "error: " in result.stderr
-    assert TRAIN in result.stderr
 
 
 def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
@@ -154,41 +123,32 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
 
 
 @pytest.mark.parametrize(
-    ("args", "said"),
+    "args",
     [
-        (["build", "aist+"], "did you mean 'aist++'"),
-        (["build", "aist++"], "the dataset aist++ needs a source"),
-        (["build", "aist++", "--source", ".", "--set", "windows.strid_s=1"], "did you mean 'stride_s'"),
-        (["build", "aist++", "--source", ".", "--jobs", "0"], "--jobs"),
-        (["check", ".", "--dataset", "aist+"], "did you mean 'aist++'"),
-        (["features", "song.wav", "--out", "x", "--feature", "librosa53"], "did you mean 'librosa35'"),
-        (["features", "song.wav", "--out", "x"], "song.wav: the song does not exist; nothing was computed"),
-        (["plan", "demo", "--set", "windows.filter={movement: {}}"], "lodge139 (the default); known: edge151"),
-        (["dance"], "dance"),
+        "build aist++",
+        "build aist++ --source . --set windows.strid_s=1",
+        "features song.wav --out x",
+        "plan demo --set windows.filter={movement:{}}",
     ],
 )
-def test_wrong_usage_ends_with_2(args: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_wrong_usage_ends_with_2(args: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    assert said.lower() in run(*args, code=2).stderr.lower()
+    same_text(run(*args.split(), code=2).stderr)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("args", "named"), [("build aist++ --source . --jobs 0", "--jobs"), ("dance", "dance")])
+def test_wrong_options_end_with_2(args: str, named: str):
+    assert named in run(*args.split(), code=2).stderr
+
+
 @pytest.mark.parametrize(
-    ("args", "said"),
-    [
-        (["build", "aist++", "--source", "nowhere", "--out", "x"], "does not exist"),
-        (["plan", "aist++", "--source", "nowhere"], "does not exist"),
-        (["check", "nowhere"], "nowhere: the folder does not exist"),
-        (["info", "nowhere"], "no finished dataset"),
-    ],
+    "args",
+    ["build aist++ --source nowhere --out x", "plan aist++ --source nowhere", "check nowhere", "info nowhere"],
 )
-def test_a_problem_in_the_data_ends_with_1(
-    args: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_problem_in_the_data_ends_with_1(args: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    result = run(*args, code=1)
-    assert said in result.stderr
-    assert result.stderr.startswith(("error:", "building"))
+    same_text(run(*args.split(), code=1).stderr)
 
 
 # check
@@ -258,8 +218,6 @@ def test_a_source_is_checked_as_a_recipe_reads_it(tmp_path: Path):
     assert "cm (declared in the recipe)" in run("check", source, "--recipe", recipe).stdout
     again = run("check", source, "--recipe", recipe, "--set", "dataset.folder.unit=inch").stdout
     assert "inch (declared in the recipe)" in again
-    assert "Give one of them" in run("check", source, "--recipe", recipe, "--dataset", "folder", code=2).stderr
-    assert "Name the recipe" in run("check", source, "--set", "dataset.folder.unit=cm", code=2).stderr
 
 
 def test_check_lists_every_note_of_a_source_and_folds_files_left_out(tmp_path: Path):
@@ -354,7 +312,7 @@ def test_features_of_a_song_shorter_than_a_window_are_wrong_usage(built_in: dict
     song = tmp_path / "short.wav"
     soundfile.write(song, np.zeros(48_000), 48_000)
     args = ("features", song, "--out", tmp_path / "x", "--like", built_in["window"])
-    assert "found 1.00 s; allowed: at least 5 s" in run(*args, code=2).stderr
+    same_text(run(*args, code=2).stderr)
 
 
 def test_features_of_two_songs_of_one_name_are_refused(corpus: Path, tmp_path: Path):
@@ -362,4 +320,4 @@ def test_features_of_two_songs_of_one_name_are_refused(corpus: Path, tmp_path: P
         (tmp_path / folder).mkdir()
         shutil.copy(corpus / "wavs" / "mHO3.wav", tmp_path / folder / "song.wav")
     args = ("features", tmp_path / "a" / "song.wav", tmp_path / "b" / "song.wav", "--out", tmp_path / "x")
-    assert "two songs would be written to one file; found song" in run(*args, code=2).stderr
+    same_text(run(*args, code=2).stderr)

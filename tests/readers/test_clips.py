@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 
 import torch
@@ -109,7 +111,7 @@ def test_clips_shorter_than_a_crop_are_rejects(store: Store) -> None:
     crops = ClipDataset(store, fields=PAIR, crop_frames=longest)
     assert len(crops) + len(crops.rejects) == 9
     assert {reject.reason for reject in crops.rejects} == {"too_short"}
-    with pytest.raises(UsageError, match="no windows of that length"):
+    with raises_message(UsageError):
         ClipDataset(store, fields=PAIR, crop_frames=longest + 1)
 
 
@@ -124,7 +126,7 @@ def test_crops_begin_at_whole_rows_of_slow_fields(tmp_path: Path) -> None:
         for sample in crops:
             assert sample["start"] % 4 == 0
             np.testing.assert_array_equal(sample["slow"], made.rows(sample["clip"], "slow", sample["start"], 32))
-    with pytest.raises(UsageError, match="multiples of 4"):
+    with raises_message(UsageError):
         ClipDataset(made.path, fields=(MOTION, "slow"), crop_frames=30)
 
 
@@ -143,35 +145,29 @@ def test_padded_and_packed(store: Store) -> None:
             assert torch.equal(packed[field][low:high], rows)
     assert padded["clip"] == packed["clip"] == [sample["clip"] for sample in samples]
     assert pad_clips(samples, length=300)["fast"].shape[1] == 300
-    with pytest.raises(UsageError, match="does not fit into a batch of 20 rows"):
+    with raises_message(UsageError):
         pad_clips(samples, length=20)
 
 
 def test_wrong_arguments_are_named(store: Store, tmp_path: Path) -> None:
-    for arguments, message in (
-        ({"crop_s": 1, "crop_frames": 30}, "both crop_s and crop_frames"),
-        ({"crops": 2}, "number of crops"),
-        ({"crops": 0, "crop_frames": 30}, "number of crops"),
-        ({"crop_frames": 0}, "not a whole number of rows"),
-        ({"fields": ("edge151", "primitives")}, "primitives are parts of windows"),
-        ({"split": "tain"}, "no split named"),
-    ):
-        with pytest.raises(UsageError, match=message):
-            ClipDataset(store, **{"fields": PAIR, **arguments})
+    crops: list[dict[str, Any]] = [{"crop_s": 1, "crop_frames": 30}, {"crops": 2}, {"crops": 0, "crop_frames": 30}]
+    for wrong in (*crops, {"crop_frames": 0}, {"fields": ("edge151", "primitives")}, {"split": "tain"}):
+        with raises_message(UsageError):
+            ClipDataset(store, **{"fields": PAIR, **wrong})
     windowed = write_random_store(tmp_path / "w", scope="window", clips={"train": 2})
-    with pytest.raises(StoreError, match="whole clips"):
+    with raises_message(StoreError):
         ClipDataset(windowed.path, fields=PAIR)
 
 
 def test_batches_that_cannot_be_made(store: Store) -> None:
     sample = ClipDataset(store)[0]
     for collate in (pad_clips, pack_clips):
-        with pytest.raises(UsageError, match="without clips has no fields"):
+        with raises_message(UsageError):
             collate([])
     for multiple in (0, -3):
-        with pytest.raises(UsageError, match="multiple is too small"):
+        with raises_message(UsageError):
             pad_clips([sample], multiple=multiple)
-    with pytest.raises(UsageError, match=r"an epoch has no batch; found BucketSampler\(\d+ samples, batches: Epoch"):
+    with raises_message(UsageError):
         BatchStream(ClipDataset(store), sampler=BucketSampler(ClipDataset(store), batch_size=10**6, drop_last=True))
 
 
@@ -187,15 +183,15 @@ def test_balanced_by_genre(made: RandomStore) -> None:
     train = WindowDataset(made.path, fields=PAIR)
     sampler = BalancedSampler(train, by="genre", n_samples=101, seed=3)
     assert sampler.groups == ("break", "house")
+    genres = [sample["genre"] for sample in train]
     epochs = [sampler.order(epoch) for epoch in range(4)]
     assert not np.array_equal(epochs[0], epochs[1])
     for order in epochs:
-        drawn = Counter(train[k]["genre"] for k in order.tolist())
+        drawn = Counter(genres[k] for k in order.tolist())
         assert abs(drawn["break"] - drawn["house"]) == 1
-        for genre, group in zip(sampler.groups, sampler._members, strict=True):
-            times = Counter(k for k in order.tolist() if k in set(group.tolist()))
-            least, most = min(times.get(k, 0) for k in group.tolist()), max(times.values())
-            assert most - least <= 1, genre
+        for genre in sampler.groups:
+            times = [order.tolist().count(k) for k, name in enumerate(genres) if name == genre]
+            assert max(times) - min(times) <= 1, genre
     assert list(sampler) == epochs[0].tolist()
     assert (sampler.epoch, sampler.position) == (1, 0)
 
@@ -207,9 +203,9 @@ def test_balanced_by_own_labels_and_on_ranks(store: Store) -> None:
     assert abs(2 * sum(labels[k] for k in whole.tolist()) - len(whole)) <= 1
     ranks = [BalancedSampler(train, by=labels, seed=1, rank=r, world_size=2, drop_last=True).order(2) for r in (0, 1)]
     np.testing.assert_array_equal(np.stack(ranks, axis=1).ravel(), whole[: 2 * len(ranks[0])])
-    with pytest.raises(UsageError, match="one label for each sample"):
+    with raises_message(UsageError):
         BalancedSampler(train, by=labels[1:])
-    with pytest.raises(UsageError, match="Did you mean 'genre'"):
+    with raises_message(UsageError):
         BalancedSampler(train, by="gerne")
 
 
@@ -237,9 +233,9 @@ def test_buckets_by_frames(store: Store) -> None:
     limit = 2 * int(clips.lengths.max())
     for batch in BucketSampler(clips, max_frames=limit, n_buckets=3):
         assert len(batch) * clips.lengths[batch].max() <= limit
-    with pytest.raises(UsageError, match="longer than a batch"):
+    with raises_message(UsageError):
         BucketSampler(clips, max_frames=50)
-    with pytest.raises(UsageError, match="a number of samples or a number of frames"):
+    with raises_message(UsageError):
         BucketSampler(clips)
 
 
@@ -272,9 +268,9 @@ def test_streams_of_windows_and_of_buckets(made: RandomStore) -> None:
     by_map = DataLoader(clips, batch_sampler=buckets, collate_fn=pad_clips)
     wanted = [*by_map, *by_map]
     assert all(map(same, DataLoader(stream, batch_size=None, num_workers=2), wanted))
-    with pytest.raises(UsageError, match="makes batches itself"):
+    with raises_message(UsageError):
         BatchStream(clips, 4, sampler=buckets)
-    with pytest.raises(UsageError, match="no batch"):
+    with raises_message(UsageError):
         BatchStream(clips, 10, drop_last=True)
 
 
@@ -318,7 +314,7 @@ def test_steps_of_a_sampler(store: Store) -> None:
     assert sampler.at_step(0, 8) == {"epoch": 0, "position": 0}
     assert sampler.at_step(15, 8) == {"epoch": 1, "position": 16}
     assert sampler.at_step(15, 8, drop_last=True) == {"epoch": 1, "position": 24}
-    with pytest.raises(UsageError, match="no step of this size"):
+    with raises_message(UsageError):
         sampler.at_step(1, 101, drop_last=True)
 
 
@@ -349,5 +345,5 @@ def test_augmented_crops_are_augmented_windows(tmp_path: Path) -> None:
             assert all(same(crop[name], window[name]) for name in crop if name != "id")
             changed += crop["mirrored"] + bool(crop["librosa35_dropped"])
     assert 0 < changed < 36
-    with pytest.raises(UsageError, match="crop"):
+    with raises_message(UsageError):
         ClipDataset(made.path, fields=PAIR, augment=["crop"])

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 
 import torch
@@ -204,9 +206,9 @@ def test_streams_are_functions_of_the_step(train: WindowDataset, n_workers: int)
     assert rest.items() <= found[1].items()
     assert (len(rest), last) == (len(train) - 8, found[2])
     assert later.step == 3 * steps
-    with pytest.raises(UsageError, match="this stream ends by steps; found steps=3"):
+    with raises_message(UsageError):
         BatchStream(train, 8, steps=3).by_epoch()
-    with pytest.raises(UsageError, match="a stream reads a WindowDataset or a ClipDataset; found Subset"):
+    with raises_message(UsageError):
         BatchStream(halves(train), 8)
 
 
@@ -311,7 +313,7 @@ def test_the_sampler_reaches_what_wrappers_hold(train: WindowDataset) -> None:
     next(iter(EpochSampler(Slotted(train))))
     assert train.epoch == 0
     assert next(iter(EpochSampler([10, 20], shuffle=False))) == 0
-    with pytest.raises(UsageError, match="epoch is too large"):
+    with raises_message(UsageError):
         train.set_epoch(2**63)
 
 

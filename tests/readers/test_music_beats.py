@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 
 import torch
@@ -228,13 +230,13 @@ def test_orders_and_streams_take_them(store: Store) -> None:
 
 def test_what_cannot_be(store: Store, store_path: Path) -> None:
     for made in (WindowDataset, partial(ClipDataset, crop_s=3)):
-        with pytest.raises(UsageError, match=r"start_at.*beat or downbeat"):
+        with raises_message(UsageError):
             made(store, "train", FIELDS, start_at="bar")
-        with pytest.raises(UsageError, match=r"no field of the dataset has the column downbeat.*beat_this"):
+        with raises_message(UsageError):
             made(store_path, fields=("edge151",), start_at="downbeat")
-    with pytest.raises(UsageError, match="crop"):
+    with raises_message(UsageError):
         WindowDataset(store, "train", FIELDS, start_at="beat", augment=["crop"])
-    with pytest.raises(UsageError, match="Give crop_s"):
+    with raises_message(UsageError):
         ClipDataset(store, "train", FIELDS, start_at="beat")
 
 
@@ -243,7 +245,7 @@ def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
     fields = (*random_fields({"edge151": 151}, {}), Field("beats", "audio", columns, Fraction(30)))
     made = write_random_store(tmp_path / "out", scope="window", fields=fields)
     assert WindowDataset(made.path, fields=FIELDS)[0]["beat"].shape == (30,)
-    with pytest.raises(StoreError, match="scope: track"):
+    with raises_message(StoreError):
         WindowDataset(made.path, fields=FIELDS, start_at="beat")
 
 
@@ -260,6 +262,5 @@ def test_music_without_downbeats_is_said_to_have_none(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     write_store(tmp_path / "out", made.header, silent)
     for settings in (partial(WindowDataset, length_s=4), partial(ClipDataset, crop_s=4)):
-        message = r"no window of split 'train' can begin at a downbeat; found 6 clips.*source: beat_this"
-        with pytest.raises(UsageError, match=message):
+        with raises_message(UsageError):
             settings(tmp_path / "out", fields=FIELDS, start_at="downbeat")

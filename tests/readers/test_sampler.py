@@ -7,6 +7,8 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 
 import torch
@@ -102,9 +104,9 @@ def test_at_says_what_was_consumed() -> None:
     assert sampler.at(4, 0) == {"epoch": 4, "position": 0}
     assert sampler.at(4, 3) == {"epoch": 4, "position": 3}
     assert sampler.at(4, 5) == {"epoch": 5, "position": 0}
-    with pytest.raises(UsageError, match="6"):
+    with raises_message(UsageError):
         sampler.at(4, 6)
-    with pytest.raises(UsageError, match="negative"):
+    with raises_message(UsageError):
         sampler.at(4, -1)
 
 
@@ -130,7 +132,7 @@ def test_an_abandoned_iteration_moves_nothing() -> None:
 @pytest.mark.parametrize("state", [{}, {"epoch": 0}, {"epoch": 0, "position": 11}, {"epoch": -1, "position": 0}])
 def test_wrong_state(state: dict[str, int]) -> None:
     sampler = EpochSampler(10)
-    with pytest.raises(UsageError):
+    with raises_message(UsageError):
         sampler.load_state_dict(state)
 
 
@@ -147,7 +149,7 @@ def test_wrong_state(state: dict[str, int]) -> None:
     ],
 )
 def test_wrong_arguments(wrong: dict[str, int]) -> None:
-    with pytest.raises(UsageError):
+    with raises_message(UsageError):
         EpochSampler(10, **wrong)  # type: ignore[arg-type]
 
 

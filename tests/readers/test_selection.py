@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 
 from dancedata.core.columns import Columns, Group, Mirror
@@ -86,10 +88,10 @@ def test_lists_that_are_ignored_are_named_in_rejects(store: Store) -> None:
 def test_a_protocol_says_which_clips_a_split_has(store: Store) -> None:
     assert _ids(_read(store, protocol="other")) == [*(f"train_c{k:02d}" for k in range(1, 6)), "test_c00"]
     assert _ids(_read(store, split="val", protocol="other")) == ["train_c00", "test_c01"]
-    with pytest.raises(UsageError, match="no clip of the store is in other's split 'test'"):
+    with raises_message(UsageError):
         _read(store, split="test", protocol="other")
     # A misspelt protocol would read the stored splits.
-    with pytest.raises(UsageError, match=r"protocol 'ohter'\. Did you mean 'other'\? known: one, other"):
+    with raises_message(UsageError):
         _read(store, protocol="ohter")
 
 
@@ -117,11 +119,11 @@ def test_still_windows_are_left_out_of_train_alone(store: Store) -> None:
     assert len(dataset) + len(still) == len(_read(store))
     given = {"movement": {"field": "lodge139", "min_std": 1e9}}
     assert not _read(store, split="test", filter=given).rejects
-    with pytest.raises(UsageError, match="left out: still"):
+    with raises_message(UsageError):
         _read(store, filter=given)
-    with pytest.raises(UsageError, match="no parameter 'min_sdt'"):
+    with raises_message(UsageError):
         _read(store, filter={"movement": {"min_sdt": 1}})
-    with pytest.raises(UsageError, match="movement"):
+    with raises_message(UsageError):
         _read(store, filter={"still": {}})
 
 
@@ -154,7 +156,7 @@ def test_relative_root(store: Store) -> None:
     rows = mirror.apply(store.read(window, "lodge139"))
     rows[:, 4:7] -= rows[0, 4:7].copy()
     np.testing.assert_array_equal(dataset[5]["lodge139"].numpy(), rows)
-    with pytest.raises(UsageError, match="cannot be normalised"):
+    with raises_message(UsageError):
         _read(store, relative_root=True, normalize=True)
 
 
@@ -169,7 +171,7 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
     everything = WindowDataset(store, fields=("lodge139",), normalizer_over="all").normalizer("lodge139")
     rows = np.concatenate([store.clip(c.id).read("lodge139") for c in store.clips])
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
-    with pytest.raises(UsageError, match="train or over all"):
+    with raises_message(UsageError):
         WindowDataset(store, fields=("lodge139",), normalizer_over="alll")  # type: ignore[arg-type]
 
 
@@ -211,17 +213,17 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    "given",
     [
-        ({"movement": {"splits": "train"}}, "splits must be a list"),
-        ({"movement": {"splits": ["trian"]}}, "splits must be a list"),
-        ({"movement": {"min_std": "0.07"}}, "min_std must be a number"),
-        ({"movement": {"min_std": float("nan")}}, "min_std must be a number"),
-        ("movement", "must name one window filter"),
+        {"movement": {"splits": "train"}},
+        {"movement": {"splits": ["trian"]}},
+        {"movement": {"min_std": "0.07"}},
+        {"movement": {"min_std": float("nan")}},
+        "movement",
     ],
 )
-def test_a_movement_filter_that_is_none(store: Store, given: object, said: str) -> None:
-    with pytest.raises(UsageError, match=said):
+def test_a_movement_filter_that_is_none(store: Store, given: object) -> None:
+    with raises_message(UsageError):
         _read(store, filter=given)
 
 
@@ -303,12 +305,12 @@ def test_the_codes_bias_is_a_function_of_seed_epoch_and_index(store: Store) -> N
 
 
 def test_what_primitives_need(store: Store, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="motion field"):
+    with raises_message(UsageError):
         WindowDataset(store, fields=("librosa35", "primitives"))
-    with pytest.raises(UsageError, match="whole number of local segments"):
+    with raises_message(UsageError):
         WindowDataset(store, fields=("lodge139", "primitives"), primitive_n=100)
     made = write_random_store(tmp_path / "none", length=30)
-    with pytest.raises(UsageError, match="does not hold key motions"):
+    with raises_message(UsageError):
         WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
 
 
@@ -322,5 +324,5 @@ def test_a_copy_reads_the_same(store: Store) -> None:
 
 def test_window_scope_has_no_trim(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "window", scope="window")
-    with pytest.raises(StoreError, match="trimmed"):
+    with raises_message(StoreError):
         open_store(made.path).windows("train", trim=True)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.messages import raises_message
+
 pytest.importorskip("torch")
 
 import torch
@@ -117,9 +119,9 @@ def test_positions_are_taken_as_they_are() -> None:
     for made in (REPRESENTATIONS.get("bailando72")(), Joints("smpl24")):
         found = joints(batched(made.encode(motion)), made)
         np.testing.assert_allclose(flat(found), motion.joints())
-        with pytest.raises(UsageError, match="other bones"):
+        with raises_message(UsageError):
             joints(batched(made.encode(motion)), made, SMPL24_EDGE)
-        with pytest.raises(UsageError, match="does not consist of a translation and rotations"):
+        with raises_message(UsageError):
             decode(batched(made.encode(motion)), made)
 
 
@@ -234,11 +236,11 @@ def test_what_is_not_a_rotation_stays_finite() -> None:
 
 
 def test_wrong_shapes_are_named() -> None:
-    with pytest.raises(UsageError, match=r"edge151 decodes \(..., 151\)"):
+    with raises_message(UsageError):
         decode(torch.zeros(2, 150), "edge151")
-    with pytest.raises(UsageError, match="do not match"):
+    with raises_message(UsageError):
         forward_kinematics(SMPL24, torch.zeros(5, 22, 3), torch.zeros(5, 3))
-    with pytest.raises(UsageError, match="do not match"):
+    with raises_message(UsageError):
         forward_kinematics(SMPL24, torch.zeros(5, 24, 3), torch.zeros(4, 3))
-    with pytest.raises(UsageError, match="unknown representation"):
+    with raises_message(UsageError):
         joints(torch.zeros(2, 151), "edge152")

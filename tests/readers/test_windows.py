@@ -3,7 +3,6 @@
 import copy
 import math
 import pickle
-import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tests.messages import raises_message
 
 pytest.importorskip("torch")
 
@@ -102,43 +103,28 @@ def test_fields(store: Store) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "text"),
+    "wrong",
     [
-        ({"split": "trian"}, "train"),
-        ({"fields": ("edge15",)}, "edge151"),
-        ({"fields": ()}, "at least one"),
-        ({"fields": (AUDIO, AUDIO)}, "once"),
-        ({"fields": (AUDIO,), "normalize": (MOTION,)}, MOTION),
-        ({"mirror": 1.5}, "0 to 1"),
-        ({"mirror": -0.1}, "0 to 1"),
-        ({"mirror": math.nan}, "0 to 1"),
-        ({"seed": -1}, "seed"),
-        ({"preset": "egde"}, "edge"),
+        {"split": "trian"},
+        {"fields": ("edge15",)},
+        {"fields": ()},
+        {"fields": (AUDIO, AUDIO)},
+        {"fields": (AUDIO,), "normalize": (MOTION,)},
+        {"mirror": 1.5},
+        {"mirror": -0.1},
+        {"mirror": math.nan},
+        {"seed": -1},
+        {"preset": "egde"},
+        {"preset": "lodge-global"},
+        {"preset": "finenet"},
+        {"fields": ("lodge139",)},
+        {"fields": ("lodge319",)},
+        {"fields": ("joints",)},
     ],
 )
-def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, object], text: str) -> None:
-    with pytest.raises(DanceDataError, match=text):
+def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, object]) -> None:
+    with raises_message(DanceDataError):
         WindowDataset(store, **wrong)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"preset": "lodge-global"}, ["'lodge139'", "preset 'lodge-global'", "aist++-lodge or finedance"]),
-        ({"preset": "finenet"}, ["'finedance319'", "preset 'finenet'", "such as finedance or finedance-mert,"]),
-        ({"fields": ("lodge139",)}, ["'lodge139'", "ame fields that the dataset has", "aist++-lodge or finedance"]),
-        ({"fields": ("lodge319",)}, ["'lodge319'", "nown: edge151, librosa35"]),
-        ({"fields": ("joints",)}, ["'joints'", "such as aist++-60,"]),
-    ],
-)
-def test_a_field_that_is_not_there_names_the_recipes_that_have_it(
-    store: Store, wrong: dict[str, object], said: list[str]
-) -> None:
-    with pytest.raises(UsageError) as caught:
-        WindowDataset(store, **wrong)  # type: ignore[arg-type]
-    text = str(caught.value)
-    assert all(part in text for part in said), text
-    assert "id you mean" not in text
 
 
 def test_other_windows_at_read_time(store: Store) -> None:
@@ -169,12 +155,12 @@ def test_window_scope_and_half_precision(tmp_path: Path) -> None:
             rows = written.rows(item["clip"], field, item["start"], item["length"])
             np.testing.assert_array_equal(item[field].numpy(), rows)
     assert WindowDataset(tmp_path, normalize=(AUDIO,))[0][AUDIO].dtype == torch.float32
-    with pytest.raises(DanceDataError, match="scope"):
+    with raises_message(DanceDataError):
         WindowDataset(tmp_path, length_frames=20)
 
 
 def test_not_a_built_dataset(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match=re.escape(tmp_path.name)):
+    with raises_message(StoreError):
         WindowDataset(tmp_path)
 
 
@@ -202,14 +188,14 @@ def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str,
 
 def test_a_probability_that_is_none(tmp_path: Path) -> None:
     write_random_store(tmp_path, fields=random_fields({"lodge139": 139}, {}))
-    with pytest.raises(UsageError, match="mirror is a probability; found yes; allowed: 0 to 1"):
+    with raises_message(UsageError):
         WindowDataset(tmp_path, fields="lodge139", normalize=False, mirror="yes")  # type: ignore[arg-type]
 
 
 def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
     fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
     write_random_store(tmp_path, fields=fields, fps=Fraction(60))
-    with pytest.raises(UsageError, match="30 frames per second"):
+    with raises_message(UsageError):
         WindowDataset(tmp_path, preset="edge")
 
 
@@ -250,7 +236,7 @@ def test_val_uses_the_scaler_of_train(store: Store) -> None:
 
 
 def test_normalizer_of_a_field_that_is_not_read(store: Store) -> None:
-    with pytest.raises(UsageError, match=AUDIO):
+    with raises_message(UsageError):
         WindowDataset(store, fields=(AUDIO,)).normalizer(MOTION)
 
 
@@ -305,7 +291,7 @@ def test_val_has_the_scaler_of_train(store: Store) -> None:
     val.load_state_dict(train.state_dict())
     wide = WindowDataset(store, mirror=0.5, normalizer_covers_mirror=True)
     assert not np.array_equal(wide.normalizer(MOTION).normalize(probe), plain)
-    with pytest.raises(UsageError, match="a reader with other scalers"):
+    with pytest.raises(UsageError, match=f"found edge151 {wide.normalizer(MOTION).sha256}"):
         WindowDataset(store, split="val").load_state_dict(wide.state_dict())
     val = WindowDataset(store, split="val", scaler=wide)
     np.testing.assert_array_equal(val.normalizer(MOTION).data_max, wide.normalizer(MOTION).data_max)
@@ -347,9 +333,9 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
         return replace(known, columns=replace(known.columns, mirror=None))
 
     monkeypatch.setattr(store, "field", field)
-    with pytest.raises(UsageError, match=MOTION):
+    with raises_message(UsageError):
         WindowDataset(store, mirror=0.5)
-    with pytest.raises(UsageError, match=MOTION):
+    with raises_message(UsageError):
         WindowDataset(store, normalizer_covers_mirror=True)
     assert WindowDataset(store, fields=(AUDIO,), mirror=0.5)[0][AUDIO].shape == (150, 35)
     assert len(WindowDataset(store)) > 0
@@ -360,7 +346,7 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("how", ["pickle", "deepcopy"])
 def test_copies_read_the_same_and_have_their_own_epoch(store: Store, how: str) -> None:
-    dataset = WindowDataset(store, mirror=0.5, seed=4)
+    dataset = WindowDataset(store, mirror=0.5, seed=4, stride_frames=150)
     dataset.set_epoch(3)
     dataset[0]
     twin = pickle.loads(pickle.dumps(dataset)) if how == "pickle" else copy.deepcopy(dataset)
@@ -373,7 +359,7 @@ def test_copies_read_the_same_and_have_their_own_epoch(store: Store, how: str) -
 
 
 def test_wrong_epoch(store: Store) -> None:
-    with pytest.raises(UsageError, match="epoch"):
+    with raises_message(UsageError):
         WindowDataset(store).set_epoch(-1)
 
 

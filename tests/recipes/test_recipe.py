@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
 from dancedata.recipes.parse import apply_override, load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.recipe import Recipe
+from dancedata.recipes.yaml import load_yaml
 from tests.messages import raises_message
 
 
@@ -242,3 +244,21 @@ def test_the_document_is_a_recipe_again():
     again = parse_recipe(json.loads(json.dumps(recipe.document)))
     assert again.document == recipe.document
     assert again.sha256 == recipe.sha256
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("[" * 41 + "]" * 41, "deeper than 40"),
+        (str(2**64), "more than 64 bits"),
+        ("x" * (1 << 15) + "y", "at most 32,768"),
+    ],
+)
+def test_the_limits_of_yaml(text: str, problem: str) -> None:
+    with pytest.raises(yaml.YAMLError, match=problem):
+        load_yaml(text)
+
+
+def test_yaml_within_its_limits() -> None:
+    assert load_yaml(str(2**64 - 1)) == 2**64 - 1
+    assert load_yaml("[" * 39 + "]" * 39)

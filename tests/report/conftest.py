@@ -14,6 +14,7 @@ from dancedata.store import Store, StoredClip, open_store
 from dancedata.store.schema import StoreHeader
 from dancedata.store.stored_clip import AudioBlock
 from dancedata.store.writer import write_store
+from tests.conftest import Once
 from tests.viewer.conftest import browser  # noqa: F401 (the browser of the viewer's tests)
 
 SMALL = {"dataset.synthetic": {"songs": 4, "clips_per_song": 2, "clip_s": 6}}
@@ -28,22 +29,21 @@ HOSTILE = [
 ]
 
 
-def _build(folder: Path, **overrides: Any) -> Path:
-    out = folder / "demo"
-    dancedata.build("demo", out=out, overrides={**SMALL, **overrides}, jobs=1, cache=folder / "cache", progress=False)
-    return out
+def _build(folder: Path, **overrides: Any) -> None:
+    options = {"jobs": 1, "cache": folder / "cache", "progress": False}
+    dancedata.build("demo", out=folder / "demo", overrides={**SMALL, **overrides}, **options)
 
 
 @pytest.fixture(scope="session")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight clips of six seconds; demo-source beside it has the music."""
-    return _build(tmp_path_factory.mktemp("report"))
+def demo(once: Once) -> Path:
+    """Eight clips of six seconds; the folder demo-source next to it has the music."""
+    return once("report", _build) / "demo"
 
 
 @pytest.fixture(scope="session")
-def windows(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def windows(once: Once) -> Path:
     """The same in window scope."""
-    return _build(tmp_path_factory.mktemp("report-windows"), scope="window")
+    return once("report-windows", lambda folder: _build(folder, scope="window")) / "demo"
 
 
 Relabel = Callable[..., Path]

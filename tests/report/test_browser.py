@@ -42,9 +42,9 @@ def test_names_lead_to_their_clips_and_back(browser: Browser, hostile: Path, tmp
 
 
 def test_a_link_opens_its_clip_at_once(browser: Browser, demo: Path, tmp_path: Path) -> None:
-    made = write_report(demo, tmp_path / "demo.html", clips=3)
+    report = write_report(demo, tmp_path / "demo.html", clips=3)
     page = (tmp_path / "demo.html").read_text()
-    clip = [row["clip"] for row in made.document["clips"] if f"#clip={row['clip']}" in page][-1]
+    clip = [row["clip"] for row in report.document["clips"] if f"#clip={row['clip']}" in page][-1]
     browser.driver.get("about:blank")
     browser.driver.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
     browser.wait(SHOWN, clip)

@@ -34,19 +34,19 @@ def test_both_themes_are_there_and_the_chosen_one_is_the_systems() -> None:
 
 @pytest.mark.parametrize("block", [0, 1])
 def test_contrast(block: int) -> None:
-    found = colours(BLOCKS[block][1])
+    palette = colours(BLOCKS[block][1])
     for ground in ("bg", "panel"):
         for name in ("ink", "dim", "link", "bad", "look"):
-            assert contrast(found[name], found[ground]) >= 4.5, (name, ground)
+            assert contrast(palette[name], palette[ground]) >= 4.5, (name, ground)
         for name in ("s0", "s1", "s2", "s3", "s4", "s5", "left", "right", "mid", "other"):
-            assert contrast(found[name], found[ground]) >= 3, (name, ground)
+            assert contrast(palette[name], palette[ground]) >= 3, (name, ground)
 
 
 @pytest.mark.parametrize("theme", list(THEMES))
 def test_contrast_of_videos(theme: str) -> None:
-    found = THEMES[theme]
+    palette = THEMES[theme]
     for ground in ("bg", "panel"):
         for name in ("ink", "dim"):
-            assert contrast(found[name], found[ground]) >= 4.5, (name, ground)
-        for colour in (*found["sides"].split(), found["contact"], found["path"], found["wave"]):
-            assert contrast(colour, found[ground]) >= 3, (colour, ground)
+            assert contrast(palette[name], palette[ground]) >= 4.5, (name, ground)
+        for colour in (*palette["sides"].split(), palette["contact"], palette["path"], palette["wave"]):
+            assert contrast(colour, palette[ground]) >= 3, (colour, ground)

@@ -1,26 +1,24 @@
 """Words beside figures: what is measured, in which field and unit, and numbers that are not cut."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
-from dancedata.cli import text
 from dancedata.core.columns import Columns, Group
+from dancedata.pipeline import describe
 from dancedata.report import write_report
+from dancedata.report.document import ColumnRange, findings
 from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures
-from dancedata.report.findings import findings
-from dancedata.report.page import _terms
-from dancedata.report.pictures import heat_map, strips
+from dancedata.report.svg import heat_map, strips
 from dancedata.store import open_store
+from dancedata.testing.stores import write_random_store
 
-ROW = {"min": 0.00166, "p25": 0.1, "p50": 0.2, "p75": 0.3, "max": 0.765}
 
-
-def rows(n: int) -> list[dict[str, Any]]:
-    return [{"label": f"c{k}", **ROW} for k in range(n)]
+def rows(n: int) -> list[ColumnRange]:
+    return [ColumnRange(f"c{k}", 0.00166, 0.05, 0.1, 0.2, 0.3, 0.4, 0.765) for k in range(n)]
 
 
 def test_a_panel_names_columns_and_units() -> None:
@@ -47,33 +45,33 @@ def test_names_beside_a_heat_map_have_room() -> None:
 
 
 def test_figures_say_what_is_measured(demo: Path) -> None:
-    own = write_report(demo).document
-    own["movement"]["floor_m"] |= {"min": -0.17701, "max": -0.17699}
-    drawing = Drawing(own)
-    made = [*contents_figures(drawing), *movement_figures(drawing, ()), *music_figures(drawing)]
-    notes = {figure.key: figure.note for figure in made}
+    numbers = write_report(demo).numbers
+    floor = replace(numbers.movement.floor_m, min=-0.17701, max=-0.17699)
+    numbers = replace(numbers, movement=replace(numbers.movement, floor_m=floor))
+    drawing = Drawing(numbers)
+    figures = [*contents_figures(drawing), *movement_figures(drawing, ()), *music_figures(drawing)]
+    notes = {figure.key: figure.note for figure in figures}
     assert notes["length_s"] == "frames per second of the files: 60 in 8 clips"
     assert notes["speed_m_s"].startswith("mean over 22 joints of edge151; ")
     assert notes["floor_m"] == "2 % quantile of the feet's heights; −0.177 m"
     assert notes["contact"].startswith("share of frames")
     assert notes["bas"].startswith("mean over clips, beats of librosa35; ")
-    assert any(f.text.startswith("the floor of edge151 is not at 0") for f in findings(own))
+    assert any(f.text.startswith("the floor of edge151 is not at 0") for f in findings(numbers))
 
 
-def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any) -> None:
+def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any, tmp_path: Path) -> None:
     stated = {"librosa35": {"model": "<mert>", "licence": "cc-by-nc-4.0"}, "gone": {"licence": "x"}}
     out = relabelled(lambda k: {}, meta={"encoders": stated})
     with open_store(out) as store:
         assert store.weights == {"librosa35": "<mert>, licence: cc-by-nc-4.0"}
-    assert "  weights of librosa35: <mert>, licence: cc-by-nc-4.0" in text.describe_store(out).splitlines()
-    terms = _terms(write_report(out).document)
-    assert "<b>weights of librosa35</b>: &lt;mert&gt;, licence: cc-by-nc-4.0" in terms
+    assert "  weights of librosa35: <mert>, licence: cc-by-nc-4.0" in describe.describe_store(out).splitlines()
+    write_report(out, tmp_path / "page.html", clips="none")
+    page = (tmp_path / "page.html").read_text()
+    assert "<b>weights of librosa35</b>: &lt;mert&gt;, licence: cc-by-nc-4.0" in page
 
 
-def test_info_rounds_minutes_as_the_card_does(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_rounds_minutes_as_the_card_does(tmp_path: Path) -> None:
     """81 s are 1.35 minutes: 1.4 on both, though 0.0225 * 60 is less in binary."""
-    about = text.store_json(demo)
-    about["counts"]["val"]["hours"] = 0.0225
-    monkeypatch.setattr(text, "store_json", lambda path: about)
-    lines = text.describe_store(demo).splitlines()
+    write_random_store(tmp_path, clips={"val": 1}, n_frames=(2430, 2430))
+    lines = describe.describe_store(tmp_path).splitlines()
     assert [line.split()[-1] for line in lines if line.startswith("  val ")] == ["1.4"]

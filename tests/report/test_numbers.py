@@ -11,7 +11,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.report import write_report
-from dancedata.report.findings import findings
+from dancedata.report.document import findings
 from dancedata.store import open_store, songs
 
 
@@ -32,21 +32,21 @@ def test_windows_are_counted_by_split_and_name(demo: Path, document: Any) -> Non
         for split in ds.splits:
             windows = ds.windows(split)
             assert document["contents"]["windows_by_split"][split][split] == len(windows)
-            for song, own in document["contents"]["windows_by_song"].items():
-                assert own[split] == sum(music[w.clip] == song for w in windows)
+            for song, counts in document["contents"]["windows_by_song"].items():
+                assert counts[split] == sum(music[w.clip] == song for w in windows)
         assert document["totals"]["windows"] == sum(len(ds.windows(s)) for s in ds.splits)
 
 
 def test_speed_is_that_of_22_joints(document: Any, joints: dict[str, np.ndarray]) -> None:
     speeds = {c: np.linalg.norm(np.diff(j[:, :22], axis=0), axis=2) * 30 for c, j in joints.items()}
-    found = document["movement"]["speed_m_s"]
-    every = np.concatenate([s.mean(axis=1) for s in speeds.values()])
-    assert found["n"] == len(every)
-    assert found["mean"] == pytest.approx(every.mean())
-    edges = np.array(found["edges"])
-    counts = np.histogram(np.minimum(every, edges[-1]), edges)[0]
-    np.testing.assert_array_equal(found["counts"]["all"], counts)
-    assert found["p50"] == pytest.approx(np.quantile(every, 0.5), abs=0.01)
+    speed = document["movement"]["speed_m_s"]
+    of_frames = np.concatenate([s.mean(axis=1) for s in speeds.values()])
+    assert speed["n"] == len(of_frames)
+    assert speed["mean"] == pytest.approx(of_frames.mean())
+    edges = np.array(speed["edges"])
+    counts = np.histogram(np.minimum(of_frames, edges[-1]), edges)[0]
+    np.testing.assert_array_equal(speed["counts"]["all"], counts)
+    assert speed["p50"] == pytest.approx(np.quantile(of_frames, 0.5), abs=0.01)
     wrist = np.concatenate([s[:, 20] for s in speeds.values()])
     assert document["movement"]["joint_speed_m_s"]["left_wrist"]["p95"] == pytest.approx(
         np.quantile(wrist, 0.95), abs=0.01
@@ -76,14 +76,14 @@ def test_floor_path_and_contacts(demo: Path, document: Any, joints: dict[str, np
         j = joints[row["clip"]]
         assert row["floor_m"] == pytest.approx(np.quantile(j[:, [7, 8, 10, 11], 1], 0.02))
         assert row["root_extent_m"] == pytest.approx(np.ptp(j[:, 0][:, [0, 2]], axis=0).max())
-        own = labels[row["clip"]]
+        contact = labels[row["clip"]]
         speed = np.linalg.norm(np.diff(j[:, [7, 8, 10, 11]][..., [0, 2]], axis=0), axis=2) * 30
-        standing = speed[own[:-1] & own[1:]]
+        standing = speed[contact[:-1] & contact[1:]]
         assert row["sliding"] == pytest.approx((standing > 0.15).mean())
     shares = np.concatenate(list(labels.values())).mean(axis=0)
-    found = document["movement"]["contact"]
-    assert list(found) == ["left_ankle", "right_ankle", "left_foot", "right_foot"]
-    np.testing.assert_allclose(list(found.values()), shares)
+    contacts = document["movement"]["contact"]
+    assert list(contacts) == ["left_ankle", "right_ankle", "left_foot", "right_foot"]
+    np.testing.assert_allclose(list(contacts.values()), shares)
 
 
 def test_key_motions_lie_nearer_to_beats_than_chance(demo: Path, document: Any) -> None:
@@ -104,21 +104,21 @@ def test_columns_are_those_of_stats_json(demo: Path, document: Any) -> None:
     with open_store(demo) as ds:
         stats = ds.stats["fields"]["edge151"]
         labels = ds.fields["edge151"].labels
-    own = document["fields"]["edge151"]
-    assert [row["label"] for row in own["columns"]] == list(labels)
-    assert [row["p50"] for row in own["columns"]] == stats["quantiles"]["0.5"]
+    field = document["fields"]["edge151"]
+    assert [row["label"] for row in field["columns"]] == list(labels)
+    assert [row["p50"] for row in field["columns"]] == stats["quantiles"]["0.5"]
     constant = [label for label, a, b in zip(labels, stats["min"], stats["max"], strict=True) if b - a < 1e-6]
-    assert own["constant"] == constant
+    assert field["constant"] == constant
     assert constant
 
 
 def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled: Any) -> None:
-    own = write_report(demo).document
-    assert own["splits"]["compared_by_sound"]
-    assert own["splits"]["songs"]["counts"]["train"]["test"] == 0
-    assert [f.kind for f in findings(own) if f.figure == "shared_songs"] == ["note"]
-    leaky = write_report(relabelled(lambda k: {"music": "one"})).document
-    assert leaky["splits"]["songs"]["names"]["train and test"] == ["one"]
+    numbers = write_report(demo).numbers
+    assert numbers.splits.compared_by_sound
+    assert numbers.splits.songs.counts["train"]["test"] == 0
+    assert [f.kind for f in findings(numbers) if f.figure == "shared_songs"] == ["note"]
+    leaky = write_report(relabelled(lambda k: {"music": "one"})).numbers
+    assert leaky.splits.songs.names["train and test"] == ("one",)
     assert "bad" in [f.kind for f in findings(leaky) if f.figure == "shared_songs"]
 
 
@@ -131,37 +131,37 @@ def test_songs_that_are_not_compared_by_sound_are_said(
 
 
 def test_genres_that_differ_in_case_are_named(relabelled: Any) -> None:
-    found = write_report(relabelled(lambda k: {"genre": ("Jazz", "jazz", "Hip hop")[k % 3]})).document
-    assert found["contents"]["alike"] == [["Jazz", "jazz"]]
-    assert any("Jazz and jazz" in f.text for f in findings(found))
+    numbers = write_report(relabelled(lambda k: {"genre": ("Jazz", "jazz", "Hip hop")[k % 3]})).numbers
+    assert numbers.contents.alike == (("Jazz", "jazz"),)
+    assert any("Jazz and jazz" in f.text for f in findings(numbers))
 
 
 def test_the_worst_clips_come_first_and_each_once(relabelled: Any) -> None:
     path = relabelled(
         lambda k: {"n_flags": {1: 5, 2: 9}.get(k, 0)}, rejects=[Reject("nan", clip="x", detail="NaN in frame 3")]
     )
-    found = write_report(path).document
+    document = write_report(path).document
     with open_store(path) as ds:
         ids = [c.id for c in ds.clips]
-    flagged = [row["clip"] for row in found["ranking"] if row["why"] == "flags"]
+    flagged = [row["clip"] for row in document["ranking"] if row["why"] == "flags"]
     assert flagged == [ids[2], ids[1]]
-    assert found["ranking"][0]["clip"] == ids[2]
-    assert len({row["clip"] for row in found["ranking"]}) == len(found["ranking"])
-    assert found["left_out"] == {"nan": {"n": 1, "names": ["x"], "detail": "NaN in frame 3"}}
+    assert document["ranking"][0]["clip"] == ids[2]
+    assert len({row["clip"] for row in document["ranking"]}) == len(document["ranking"])
+    assert document["left_out"] == {"nan": {"n": 1, "names": ["x"], "detail": "NaN in frame 3"}}
 
 
 def test_window_scope_measures_each_frame_once(windows: Path) -> None:
-    found = write_report(windows).document
+    document = write_report(windows).document
     with open_store(windows) as ds:
-        for row in found["clips"]:
-            own = sorted(w.start for s in ds.splits for w in ds.windows(s) if w.clip == row["clip"])
-            apart = [own[0]]
-            for start in own:
+        for row in document["clips"]:
+            starts = sorted(w.start for s in ds.splits for w in ds.windows(s) if w.clip == row["clip"])
+            apart = [starts[0]]
+            for start in starts:
                 if start >= apart[-1] + 150:
                     apart.append(start)
             assert row["seconds"] == pytest.approx(5.0 * len(apart))
             assert row["music_s"] is None
-    assert found["music"]["key_motions"] > 0
+    assert document["music"]["key_motions"] > 0
 
 
 def test_copies_are_counted_and_not_measured_again(tmp_path: Path, demo: Path) -> None:
@@ -171,11 +171,11 @@ def test_copies_are_counted_and_not_measured_again(tmp_path: Path, demo: Path) -
         "demo", out=out, source=None, overrides={**small, "augment.mirror": True}, jobs=1,
         cache=demo.parent / "cache", progress=False,
     )  # fmt: skip
-    found = write_report(out).document
+    document = write_report(out).document
     with open_store(out) as ds:
         copies = sum(bool(c.source) for c in ds.clips)
-        assert found["totals"]["copies"] == copies > 0
-        assert found["totals"]["clips"] == len(ds.clips) - copies == len(found["clips"])
-        assert found["totals"]["windows"] == sum(len(ds.windows(s)) for s in ds.splits)
-    assert found["music"]["beats_from"] is None
-    assert found["music"]["bas"] is None
+        assert document["totals"]["copies"] == copies > 0
+        assert document["totals"]["clips"] == len(ds.clips) - copies == len(document["clips"])
+        assert document["totals"]["windows"] == sum(len(ds.windows(s)) for s in ds.splits)
+    assert document["music"]["beats_from"] is None
+    assert document["music"]["bas"] is None

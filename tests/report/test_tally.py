@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dancedata.report.tally import Histogram, Tally, fine_edges, nice_edges
+from dancedata.report.tally import ClipHistogram, Tally, fine_edges, nice_edges
 
 values = st.lists(st.floats(0, 9.99), min_size=1, max_size=200)
 
@@ -14,10 +14,10 @@ values = st.lists(st.floats(0, 9.99), min_size=1, max_size=200)
 def test_quantiles_are_right_to_a_bin(numbers: list[float], q: float) -> None:
     tally = Tally.of(0, 10, 0.01)
     tally.add(np.array(numbers))
-    found = tally.quantile(q)
+    quantile = tally.quantile(q)
     low, high = np.quantile(numbers, [max(0, q - 1e-9), min(1, q + 1e-9)], method="inverted_cdf")
-    assert found is not None
-    assert low - 0.0101 <= found <= high + 0.0101
+    assert quantile is not None
+    assert low - 0.0101 <= quantile <= high + 0.0101
     assert tally.mean == pytest.approx(np.mean(numbers), abs=1e-9)
 
 
@@ -54,6 +54,6 @@ def test_round_edges_hold_everything(numbers: list[float]) -> None:
 
 
 def test_a_histogram_of_groups() -> None:
-    found = Histogram.of_values({"a": [1, 2, 2], "b": []}, [0, 2, 4]).to_json()
-    assert found["counts"] == {"a": [1, 2], "b": [0, 0]}
-    assert (found["n"], found["p50"]) == (3, 2.0)
+    counted = ClipHistogram.of_groups({"a": [1, 2, 2], "b": []}, [0, 2, 4])
+    assert counted.counts == {"a": [1, 2], "b": [0, 0]}
+    assert (counted.n, counted.p50) == (3, 2.0)

@@ -22,7 +22,7 @@ SCRIPT = """
 import dataclasses, sys
 from pathlib import Path
 import dancedata, h5py
-from dancedata.cli.text import describe_clips
+from dancedata.pipeline.describe import describe_clips
 from dancedata.core.errors import StoreError
 from dancedata.pipeline.diff import diff
 from dancedata.store import open_store, verify_store, write_store

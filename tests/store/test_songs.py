@@ -16,7 +16,7 @@ from dancedata.audio.librosa35 import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.report.document import splits
+from dancedata.report.numbers import splits
 from dancedata.store import AudioBlock, Field, open_store, verify_store, write_store
 from dancedata.store.songs import LIKENESS, alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
@@ -93,9 +93,9 @@ def test_one_song_under_two_names_by_its_samples(write: Callable[..., Path]) -> 
     messages = [str(p) for p in verify_store(path)]
     assert messages == [f"error: {path}: train and val share songs: azul (also blue)"]
     with open_store(path) as store:
-        shared = splits(store)["songs"]
-        assert shared["names"] == {"train and val": ["azul (also blue)"]}
-        assert shared["counts"]["train"] == {"train": 2, "val": 1, "test": 0}
+        shared = splits(store).songs
+        assert shared.names == {"train and val": ("azul (also blue)",)}
+        assert shared.counts["train"] == {"train": 2, "val": 1, "test": 0}
         assert songs_of(store.clips, {}) == {clip.id: clip.music for clip in store.clips}
 
 
@@ -112,7 +112,7 @@ def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path:
     with open_store(path) as store:
         (pair,) = alike_songs(store, songs_of(store.clips, store.meta))
         assert abs(pair.shift_s + 1) < 0.1
-        (name,) = splits(store)["songs"]["names"]["train and test"]
+        (name,) = splits(store).songs.names["train and test"]
         assert name.startswith("first (sounds as copy, likeness 0.")
 
 

@@ -14,32 +14,37 @@ from dancedata.core.registry import DATASETS
 from dancedata.synthetic import write_synthetic
 from dancedata.viewer import Scenes
 from dancedata.viewer.view import ViewRequest
+from tests.conftest import Once
 from tests.viewer.helpers import FORMATS, FPS, HOSTILE, Browser, clicks, jumping, serving
 
 
 @pytest.fixture(scope="session")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def source(once: Once) -> Path:
     """One clip for each format of music, and one for each hostile name."""
-    folder = tmp_path_factory.mktemp("odd") / "source"
-    (folder / "motions").mkdir(parents=True)
+    return once("odd-source", _write_source)
+
+
+def _write_source(folder: Path) -> None:
+    (folder / "motions").mkdir()
     (folder / "music").mkdir()
     for number, name in enumerate([*FORMATS, *HOSTILE]):
         poses, trans = jumping(name)
         np.savez(folder / "motions" / f"{name}.npz", poses=poses, trans=trans, mocap_framerate=FPS)
         fmt = name if name in FORMATS else FORMATS[number % 2]
         clicks(fmt, folder / "music" / f"{name}.{fmt}")
-    return folder
 
 
 @pytest.fixture(scope="session")
-def odd(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def odd(source: Path, once: Once) -> Path:
     """The dataset built from it."""
-    out = tmp_path_factory.mktemp("odd-built") / "odd"
     dataset = {"folder": {"fps": FPS, "up": "y", "unit": "m"}}
     recipe = {"recipe": 1, "name": "odd", "dataset": dataset, "windows": {"length_s": 2, "stride_s": 0.5},
               "motion": {"edge151": {}}, "audio": {"librosa35": {}}}  # fmt: skip
-    dancedata.build(recipe, source, out, jobs=1, cache=out.parent / "cache", progress=False)
-    return out
+
+    def build(folder: Path) -> None:
+        dancedata.build(recipe, source, folder / "odd", jobs=1, cache=folder / "cache", progress=False)
+
+    return once("odd", build) / "odd"
 
 
 @pytest.fixture(scope="session")
@@ -110,14 +115,14 @@ def dances(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def scenes(dances: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Scenes]:
     """Return a function that builds one of `RECIPES`, once."""
-    folder, known = tmp_path_factory.mktemp("scenes"), {}
+    folder, opened = tmp_path_factory.mktemp("scenes"), {}
 
     def of(name: str) -> Scenes:
-        if name not in known:
+        if name not in opened:
             recipe = {**RECIPES[name], "name": name}
             dancedata.build(recipe, dances, folder / name, jobs=1, cache=folder / "cache", progress=False)
-            known[name] = Scenes(dancedata.open(folder / name))
-        return known[name]
+            opened[name] = Scenes(dancedata.open(folder / name))
+        return opened[name]
 
     return of
 

@@ -75,9 +75,11 @@ def test_music_that_is_on_its_way_is_not_missing(browser: Browser, served: str) 
 
 
 def test_characters_that_turn_text_are_shown_as_codes(browser: Browser, odd: Path, tmp_path: Path) -> None:
-    every = Scenes(dancedata.open(odd))
-    items = [replace(item, clip=replace(item.clip, genre=TURNED, music=TURNED)) for item in every.items]
-    data = page_data(every, items, clips={0: {**scene_payload(every.scene(items[0])), "id": TURNED, "clip": TURNED}})
+    dataset = Scenes(dancedata.open(odd))
+    items = [replace(item, clip=replace(item.clip, genre=TURNED, music=TURNED)) for item in dataset.items]
+    data = page_data(
+        dataset, items, clips={0: {**scene_payload(dataset.scene(items[0])), "id": TURNED, "clip": TURNED}}
+    )
     data["list"]["clips"][0][0] = TURNED
     page = tmp_path / "turned.html"
     page.write_text(whole_page(data, TURNED, meta_policy=True))
@@ -135,13 +137,13 @@ def test_keys(browser: Browser, served: str) -> None:
 
 
 def test_flags_are_visited_one_after_the_other(browser: Browser, odd: Path, tmp_path: Path) -> None:
-    every = Scenes(dancedata.open(odd))
-    clip = every.find("wav").clip.id
+    dataset = Scenes(dancedata.open(odd))
+    clip = dataset.find("wav").clip.id
     frames = [13, 55, 56, 56, 90, 151]
     about = {"clip": clip, "kind": "fast_turn", "joint": "left_knee", "rate": "60", "value": 50.0, "unit": "deg"}
-    every.__dict__["_quality"] = {clip: [{**about, "frame": frame} for frame in frames]}
+    dataset.__dict__["_quality"] = {clip: [{**about, "frame": frame} for frame in frames]}
     page = tmp_path / "flags.html"
-    page.write_text(clip_page(every, every.items))
+    page.write_text(clip_page(dataset, dataset.items))
     browser.open(f"{page.as_uri()}#clip=wav")
     for frame in sorted(set(frames)):
         browser.key("f")
@@ -246,15 +248,15 @@ def test_fourteen_hundred_clips(browser: Browser, tmp_path: Path) -> None:
     # As many clips as AIST++ has; what they hold does not matter for the list.
     fields = (Field("pose", "motion", random_columns(3), Fraction(30)),)
     clips = {"train": 980, "val": 214, "test": 214}
-    made = write_random_store(tmp_path / "many", clips=clips, fields=fields, n_frames=(60, 90))
-    with serving(ViewRequest(made.path)) as address:
+    stored = write_random_store(tmp_path / "many", clips=clips, fields=fields, n_frames=(60, 90))
+    with serving(ViewRequest(stored.path)) as address:
         browser.open(address)
         size = browser.js("return performance.getEntriesByType('navigation')[0].decodedBodySize")
         assert size < 1_000_000
         assert browser.js("return document.querySelectorAll('.item').length") < 60
         shown = browser.js(
             "const q = document.querySelector('[data-dd=q]'); q.value = arguments[0];"
-            f"q.dispatchEvent(new Event('input')); return {V}.shown.length", made.clips[7].id,
+            f"q.dispatchEvent(new Event('input')); return {V}.shown.length", stored.clips[7].id,
         )  # fmt: skip
         assert 0 < shown < 1408
         log = browser.log()
@@ -284,13 +286,13 @@ requestAnimationFrame(draw); setTimeout(listen, 60);
 
 def sync_error(browser: Browser, begin: str, seconds: float, loop: tuple[float, float] | None = None) -> float:
     """Greatest difference between the drawn time and that of a click, when the click is heard, seconds."""
-    found: list[float] = []
+    errors: list[float] = []
     for _ in range(20):  # a busy machine draws few pictures per second; a click between distant ones proves nothing
         browser.later(f"{begin}; if (!{V}.state.playing) await {V}.play(true)")
-        found += errors_of_clicks(*(np.array(p) for p in browser.driver.execute_async_script(TAP, seconds)), loop)
-        if len(found) >= 2:
-            return max(found)
-    raise AssertionError(f"{len(found)} clicks between near pictures")
+        errors += errors_of_clicks(*(np.array(p) for p in browser.driver.execute_async_script(TAP, seconds)), loop)
+        if len(errors) >= 2:
+            return max(errors)
+    raise AssertionError(f"{len(errors)} clicks between near pictures")
 
 
 def errors_of_clicks(log: np.ndarray, heard: np.ndarray, loop: tuple[float, float] | None) -> list[float]:

@@ -70,10 +70,10 @@ def test_equal_pages_have_equal_bytes(scenes, page: str) -> None:
 
 
 def test_names_are_data(scenes) -> None:
-    every = scenes("thirty")
-    item = every.items[0]
+    dataset = scenes("thirty")
+    item = dataset.items[0]
     clip = replace(item.clip, genre=HOSTILE, music=HOSTILE, dancer=HOSTILE)
-    page = clip_page(every, [replace(item, clip=clip)])
+    page = clip_page(dataset, [replace(item, clip=clip)])
     read = Reader(page)
     assert len(read.texts["script"]) == 2
     assert "img" not in [tag for tag, _ in read.tags]
@@ -84,8 +84,8 @@ def test_names_are_data(scenes) -> None:
 
 
 def test_a_clip_shows_itself(scenes) -> None:
-    every = scenes("thirty")
-    shown = every.store.clip(every.items[0].id)._repr_html_()
+    dataset = scenes("thirty")
+    shown = dataset.store.clip(dataset.items[0].id)._repr_html_()
     read = Reader(shown)
     ((tag, attrs),) = read.tags
     assert tag == "iframe"
@@ -98,11 +98,11 @@ def test_a_clip_shows_itself(scenes) -> None:
 
 
 def test_a_clip_of_window_scope_shows_its_windows(scenes) -> None:
-    every = scenes("window")
-    clip = every.store.clips[0]
+    dataset = scenes("window")
+    clip = dataset.store.clips[0]
     read = Reader(Reader(clip._repr_html_()).tags[0][1]["srcdoc"] or "")
     starts = [row[1] for row in json.loads(read.texts["script"][0])["list"]["items"]]
-    assert starts == [item.start for item in every.items if item.clip.id == clip.id]
+    assert starts == [item.start for item in dataset.items if item.clip.id == clip.id]
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
@@ -117,8 +117,8 @@ def colours(theme: str) -> dict[str, str]:
     """Variables of a theme, from the style sheet."""
     blocks = re.findall(r':root(\[data-theme="light"\])? \{([^}]*)\}', page_parts().css)
     text = next(body for mark, body in blocks if bool(mark) == (theme == "light"))
-    found = dict(re.findall(r"--([a-z]+): (#[0-9a-f]{3,6})\b", text))
-    return {name: "#" + "".join(2 * c for c in v[1:]) if len(v) == 4 else v for name, v in found.items()}
+    colour_of = dict(re.findall(r"--([a-z]+): (#[0-9a-f]{3,6})\b", text))
+    return {name: "#" + "".join(2 * c for c in v[1:]) if len(v) == 4 else v for name, v in colour_of.items()}
 
 
 def linear(colour: str) -> np.ndarray:
@@ -147,16 +147,16 @@ def lab_deuteranopia(colour: str) -> np.ndarray:
 
 @pytest.mark.parametrize("theme", ["dark", "light"])
 def test_contrasts(theme: str) -> None:
-    own = colours(theme)
+    palette = colours(theme)
     for text in ("ink", "dim", "flag"):
-        assert min(contrast(own[text], own[ground]) for ground in ("bg", "panel", "sel")) >= 4.5, text
-    assert contrast(own["press"], own["accent"]) >= 4.5
+        assert min(contrast(palette[text], palette[ground]) for ground in ("bg", "panel", "sel")) >= 4.5, text
+    assert contrast(palette["press"], palette["accent"]) >= 4.5
     for graphic in ("left", "right", "mid", "contact", "flag", "wave", "win", "accent", "other", "edge"):
-        assert min(contrast(own[graphic], own[ground]) for ground in ("bg", "panel")) >= 3, graphic
+        assert min(contrast(palette[graphic], palette[ground]) for ground in ("bg", "panel")) >= 3, graphic
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])
 def test_colours_differ_without_m_cones(theme: str) -> None:
-    own = {name: lab_deuteranopia(value) for name, value in colours(theme).items()}
+    palette = {name: lab_deuteranopia(value) for name, value in colours(theme).items()}
     for one, other in (("left", "right"), ("contact", "flag"), ("left", "mid"), ("right", "mid")):
-        assert np.linalg.norm(own[one] - own[other]) > 14, (one, other)
+        assert np.linalg.norm(palette[one] - palette[other]) > 14, (one, other)

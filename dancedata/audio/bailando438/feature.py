@@ -1,7 +1,7 @@
 """The 438 columns of music that Bailando and Bailando++ read.
 
 MFCC, their derivative, chroma of the harmonic part, onset envelope, beats and tempogram of the percussive part, at a
-hop of 512 samples and a sample rate of 512 times the frame rate: 60 rows per second beside motion, 7.5 for the GPT of
+hop of 512 samples and a sample rate of 512 times the frame rate: 60 rows per second with motion, 7.5 for the GPT of
 Bailando (Siyao et al., CVPR 2022, and its public preparation script). The numbers are librosa's own.
 """
 
@@ -57,7 +57,7 @@ class Bailando438(AudioFeature):
     ----------
     onset_fmax
         Upper limit of the mel bands whose median is the onset envelope. "era": 11,025 Hz, as in librosa 0.8, which
-        Bailando's requirements pin. At 7.5 rows per second more than half of the bands lie above half the sample
+        Bailando's requirements pin. At 7.5 rows per second more than half of the bands are above half the sample
         rate and are empty: envelope, beats and tempogram are zero in every row, as in the published data.
         "nyquist": half the sample rate, as in librosa 0.10 and later.
     """

@@ -185,7 +185,7 @@ class _FeedForward(nn.Module):
     def __init__(self, width: int, inner: int) -> None:
         super().__init__()
         widen, narrow = nn.Linear(width, inner), nn.Linear(inner, width)
-        # In training, dropout stands in place 3.
+        # In training, place 3 has a dropout.
         self.net = nn.Sequential(_RootMeanSquareNorm(width), widen, nn.GELU(), nn.Identity(), narrow)
 
     def forward(self, x: Tensor) -> Tensor:

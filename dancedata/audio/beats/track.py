@@ -1,4 +1,4 @@
-"""Beats of a signal, and the rows that say where in the bar each instant lies."""
+"""Beats of a signal, and rows with the phase in the bar at each instant."""
 
 from dataclasses import dataclass
 
@@ -58,7 +58,7 @@ class BeatTrack:
 
 
 def _intervals(seconds: Floats, instants: Floats) -> npt.NDArray[np.int64]:
-    """Return the interval between beats, 0 .. B - 2, in which, or nearest to which, each instant lies."""
+    """Return the interval between beats, 0 .. B - 2, that contains each instant or is nearest to it."""
     intervals: npt.NDArray[np.int64] = np.searchsorted(seconds, instants, side="right") - 1
     return intervals.clip(0, len(seconds) - 2)
 

@@ -34,7 +34,7 @@ class HuggingFace(NetworkFeature):
     """Learned features of an encoder in the Hugging Face layout: MERT, MuQ, HuBERT, EnCodec, Whisper and others.
 
     A recipe may have several: `hf.mert`, `hf.encodec`. Networks are classes of transformers, and for MuQ one of this
-    package; code in a model's folder is never run. Each frame has an exact time stamp; row j lies at j / fps. Scope
+    package; code in a model's folder is never run. Each frame has an exact time stamp; row j is at j / fps. Scope
     track computes a song in overlapping chunks, keeps the middle of each, and normalises the song as a whole; scope
     window computes each window alone.
 
@@ -54,7 +54,7 @@ class HuggingFace(NetworkFeature):
         A number, a list of numbers, a range such as "4..8", "last", "all", or "mean" of all. Layer 0 is what enters
         the first block, the last layer is the output of the network.
     reduce
-        "concat": several layers lie side by side; "mean": they are averaged.
+        "concat": several layers are concatenated; "mean": they are averaged.
     chunk_s
         Scope track: length of chunks in seconds. Default: 30; 1 of EnCodec at 48 kHz; of encoders of spectrograms the
         length of their windows.

@@ -1,4 +1,4 @@
-"""Getting a model from the Hugging Face hub: a folder that appears whole, without code, at a commit that is named."""
+"""Download of a model at a commit of the Hugging Face hub: a folder that appears whole, without code."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def fetch_model(
 ) -> FetchedModel:
     """Get the weights, configs and card of a model; sizes and hashes are compared with the hub's.
 
-    Files are written to a folder beside `out`, which is renamed at the end; the same call resumes after an
+    Files are written to a folder next to `out`, which is renamed at the end; the same call resumes after an
     interruption. No code (``*.py``) is ever fetched.
 
     Parameters
@@ -120,7 +120,7 @@ def fetch_model(
             if not locked:
                 raise UsageError("hf: another process is fetching this model", where=part)
             part.mkdir(exist_ok=True)
-            _require_own(part, {file.rfilename for file in chosen})
+            _require_only(part, {file.rfilename for file in chosen})
             return _fetched(hub, revision, part, out, chosen, left_out, show_licence or (lambda _: None))
     except OSError as error:
         free = shutil.disk_usage(out.parent).free / 1e9 if out.parent.is_dir() else 0.0
@@ -287,8 +287,8 @@ def _require_new(out: Path) -> None:
         )
 
 
-def _require_own(part: Path, names: set[str]) -> None:
-    """Raise UsageError for other files in the folder beside OUT: they would become a part of the model."""
+def _require_only(part: Path, names: set[str]) -> None:
+    """Raise UsageError for other files in the temporary folder: they would become a part of the model."""
     foreign = sorted({path.name for path in part.iterdir()} - names - {_CLIENT, PROVENANCE})
     if part.is_symlink() or foreign:
         problem = "hf: the folder of an unfinished fetch holds other files"

@@ -183,7 +183,7 @@ def _require_whole(folder: ModelFolder, names: Iterable[str], allowed: Iterable[
 
 @contextmanager
 def _quiet(package: Any) -> Iterator[None]:
-    """Keep transformers from printing: what it says of the weights is checked, and an error of its own."""
+    """Keep transformers from printing: its complaints about weights are checked, and raised as errors."""
     logging = package.utils.logging
     level, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
     logging.set_verbosity(logging.CRITICAL)

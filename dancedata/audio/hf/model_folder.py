@@ -17,7 +17,7 @@ from dancedata.files.strict_json import read_json
 
 #: Names the model unless a recipe does.
 ENVIRONMENT = "DANCEDATA_HF_MODEL"
-#: Files of a model that are read, and that `snapshot_download` is asked for: never code.
+#: Files of a model that are read, and that `snapshot_download` gets: never code.
 FILES = (
     "config.json",
     "preprocessor_config.json",
@@ -86,7 +86,7 @@ class ModelFolder:
         Raises
         ------
         SourceError
-            There are none, an index names files that are missing or lie elsewhere, or the folder holds an adapter.
+            There are none, an index names files that are missing or in other folders, or the folder holds an adapter.
         """
         if (self.path / "adapter_config.json").exists():
             raise SourceError(
@@ -220,7 +220,7 @@ def _not_here(name: str, commit: str) -> UsageError:
     )
 
 
-# Columns are asked for once a clip.
+# `columns` is read once per clip.
 @lru_cache(maxsize=16)
 def _parsed(path: Path, state: tuple[int, int]) -> dict[str, Any]:
     try:

@@ -72,7 +72,7 @@ def _speech(model: str, **settings: Any) -> Callable[[Path, dict[str, Any]], Non
 
 
 def _mert(folder: Path, changes: dict[str, Any]) -> None:
-    """Write MERT v1's published layout: pickled weights with the names of old torch, a model type of its own."""
+    """Write MERT v1's published layout: pickled weights with the names of old torch, and a new model type."""
     import transformers
 
     keys = {**_BLOCKS, **_CONV, **changes}
@@ -187,7 +187,7 @@ def _pe_audio(folder: Path, changes: dict[str, Any]) -> None:
 
 
 def _muq(folder: Path, changes: dict[str, Any]) -> None:
-    """Write MuQ's published layout: the names of its own package, and a config without a model type."""
+    """Write MuQ's published layout: the names of the package muq, and a config without a model type."""
     from safetensors.torch import save_file
 
     from dancedata.audio.hf.families.muq import MuQ

@@ -1,7 +1,7 @@
 """Frames of an encoder become rows of a recipe, in exact time.
 
-Frame k of a chunk that begins at sample s has the stamp s + first_centre + k hop, and stands for the hop around it.
-Row j has the stamp j / fps, and stands for the 1 / fps around it. All times are whole numbers of one small unit, so
+Frame k of a chunk that begins at sample s has the stamp s + first_centre + k hop, and represents the hop around it.
+Row j has the stamp j / fps, and represents the 1 / fps around it. All times are whole numbers of one small unit, so
 nothing drifts, however long the signal is.
 """
 
@@ -38,7 +38,7 @@ class Frames:
     stamp
         (K,) times.
     begin, end
-        (K,) the stretch that a frame stands for: its hop, within what its chunk keeps.
+        (K,) the stretch that a frame represents: its hop, within what its chunk keeps.
     row_half
         Half of the time from one row to the next.
     """
@@ -203,7 +203,7 @@ class RowSum:
 
 
 def method_of(method: str, timing: Timing, grid: FrameGrid, *, codes: bool) -> Method:
-    """Return the method that a key `resample` stands for."""
+    """Return the method for a value of the key `resample`."""
     if method != "auto":
         return method  # type: ignore[return-value]  # one of Method: the recipe's type
     if codes:

@@ -1,4 +1,4 @@
-"""What of a model is taken, and how: the keys of a recipe, checked against the model's config. Needs no torch."""
+"""Output, layers and chunks of a recipe, checked against the model's config. Needs no torch."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Settings:
     layers
         Layers in the order of the columns; (0,) of an output without layers.
     reduce
-        Whether layers lie side by side or are averaged.
+        Whether layers are concatenated or averaged.
     chunk_samples, overlap_samples
         At the encoder's rate.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from itertools import groupby
 from pathlib import Path
 
@@ -160,11 +161,12 @@ class JukeboxEncoder:
         folder = Path(folder)
         description = read_description(folder)
         if config is not None and config != description.config:
+            names = [f.name for f in fields(config) if getattr(config, f.name) != getattr(description.config, f.name)]
+            sizes, allowed = (
+                ", ".join(f"{name} {getattr(c, name)}" for name in names) for c in (description.config, config)
+            )
             raise UsageError(
-                "jukebox: the folder was converted from another network",
-                where=folder,
-                found=description.config,
-                allowed=config,
+                "jukebox: the folder was converted from another network", where=folder, found=sizes, allowed=allowed
             )
         chosen = require_layers((description.layer,) if layers is None else layers, description.layer)
         checkpoint = open_converted(folder, description, max(chosen))

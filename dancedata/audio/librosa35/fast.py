@@ -15,7 +15,7 @@ from dancedata.audio.librosa35.arrays import Floats, one_blas_thread, strided
 from dancedata.audio.librosa35.beats import window_beats, window_tempos
 from dancedata.audio.librosa35.chroma import STEPS, cens, shares_of, window_chroma
 from dancedata.audio.librosa35.filters import N_OCTAVES, filter_bank, has_one_bank, sparse_filters
-from dancedata.audio.librosa35.resample import MAX_PERIOD, halved, period, resampled
+from dancedata.audio.librosa35.resample import MAX_PERIOD, halved, period
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
 from dancedata.audio.librosa35.spectra import (
     LAG,
@@ -31,7 +31,7 @@ from dancedata.audio.librosa35.spectra import (
 )
 from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE, Peaks, find_peaks, window_tuning
 from dancedata.audio.librosa35.windows import Windows, resampled_windows, shortest
-from dancedata.audio.signal import pcm16, resampled_length
+from dancedata.audio.signal import pcm16, resample, resampled_length
 
 # Largest difference of a share, where a frame is loud (seen: 3.3e-7), and as a part of the window's largest sample
 # over the frame's loudness (seen: 2.4e-5): a loud sound without pitch, such as an offset or a tone below the lowest
@@ -200,7 +200,7 @@ def track_features(samples: Floats, settings: Settings) -> Floats:
     with one_blas_thread():
         if bpm is None:
             bpm = estimated_bpm(samples, settings.sample_rate)
-        windows = Windows.whole(resampled(samples, settings.sample_rate, settings.rate))
+        windows = Windows.whole(resample(samples, settings.sample_rate, settings.rate))
         features: Floats = _features(windows, [bpm], settings, lambda _: windows.track)[0]
     return features
 
@@ -241,12 +241,12 @@ def _tile_features(
         return loud, np.empty((0, 1 + windows.length // HOP, N_COLUMNS), dtype=np.float32)
     parts = [samples[start : start + n_samples] for start in starts[loud]]
     bpms = [settings.start_bpm or estimated_bpm(window, sample_rate) for window in parts]
-    return loud, _features(windows.some(loud), bpms, settings, lambda k: resampled(parts[k], sample_rate, rate))
+    return loud, _features(windows.some(loud), bpms, settings, lambda k: resample(parts[k], sample_rate, rate))
 
 
 def estimated_bpm(samples: Floats, sample_rate: int) -> float:
     """Estimate a tempo from a signal alone, as `librosa.feature.tempo` of the audio at 22,050 Hz does."""
-    db = mel_db(resampled(samples, sample_rate, TEMPO_SAMPLE_RATE), TEMPO_SAMPLE_RATE)
+    db = mel_db(resample(samples, sample_rate, TEMPO_SAMPLE_RATE), TEMPO_SAMPLE_RATE)
     envelope, _ = envelope_and_mfcc(db, np.arange(len(db))[np.newaxis])
     return float(window_tempos(envelope, TEMPO_SAMPLE_RATE, _TEMPO_START_BPM)[0])
 

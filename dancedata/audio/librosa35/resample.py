@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, aligned
-from dancedata.audio.signal import resampled_length
+from dancedata.audio.signal import resample, resampled_length
 
 # Beyond this many samples, counted at the lower of the two rates, the response of soxr's HQ filter is below
 # 1e-7 of its peak (measured: 99 to 103 for every pair of rates tried, up and down).
@@ -26,21 +26,9 @@ MAX_PERIOD = 2048
 _AUDIBLE = 3e-6
 
 
-def resampled(samples: Floats, from_rate: int, to_rate: int) -> Floats:
-    """Resample (n,) as `signal.resample` does, bit for bit, without librosa."""
-    if from_rate == to_rate:
-        return samples
-    import soxr
-
-    output = soxr.resample(samples, from_rate, to_rate, quality="soxr_hq")
-    fixed = np.zeros(resampled_length(len(samples), from_rate, to_rate), dtype=np.float32)
-    fixed[: len(output)] = output[: len(fixed)]
-    return fixed
-
-
 def halved(samples: Floats) -> Floats:
     """Halve the rate as librosa's constant-Q transform does: sqrt(2) louder, to keep the energy."""
-    output = resampled(samples, 2, 1)
+    output = resample(samples, 2, 1)
     output /= np.sqrt(0.5)
     return output
 
@@ -117,7 +105,7 @@ def _responses(from_rate: int, to_rate: int) -> Floats:
     slot_in, slot_out = periods * step_in, periods * step_out
     impulses = np.zeros((step_in + 2, slot_in), dtype=np.float32)
     impulses[1 + np.arange(step_in), np.arange(step_in)] = 1.0
-    output = resampled(impulses.reshape(-1), from_rate, to_rate)
+    output = resample(impulses.reshape(-1), from_rate, to_rate)
     at = slot_out * (1 + np.arange(step_in))[:, np.newaxis] + np.arange(-reach, step_out + reach)
     table: NDArray[np.float32] = output[at]
     return table
@@ -143,8 +131,8 @@ def _n_beginning(from_rate: int, to_rate: int) -> int:
     last = 0
     for seed in range(4):
         signal = np.random.default_rng(seed).choice(np.array([-1, 1], dtype=np.float32), n_zeros)
-        after_zeros = resampled(np.concatenate([np.zeros_like(signal), signal]), from_rate, to_rate)
+        after_zeros = resample(np.concatenate([np.zeros_like(signal), signal]), from_rate, to_rate)
         near = slice(0, reach_out(from_rate, to_rate))
-        difference = np.abs(after_zeros[n_lost:][near] - resampled(signal, from_rate, to_rate)[near])
+        difference = np.abs(after_zeros[n_lost:][near] - resample(signal, from_rate, to_rate)[near])
         last = max(last, int(np.max(np.flatnonzero(difference > _AUDIBLE), initial=0)))
     return last + 4

@@ -1,4 +1,4 @@
-"""The sizes that both versions of librosa35 share, and the settings that they take."""
+"""Sizes and settings of both versions of librosa35."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ TEMPO_SAMPLE_RATE = 22050
 
 @dataclass(frozen=True)
 class Settings:
-    """How a signal is analysed.
+    """Parameters of the analysis of a signal.
 
     Attributes
     ----------

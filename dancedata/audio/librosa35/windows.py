@@ -1,4 +1,4 @@
-"""Windows of one track at the features' rate, each with the ends of its own resampling."""
+"""Windows of one track at the features' rate, each with the edge effects of its resampling."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, cut, each_times
-from dancedata.audio.librosa35.resample import head_matrix, period, reach_in, reach_out, resampled, tail_matrix
-from dancedata.audio.signal import resampled_length
+from dancedata.audio.librosa35.resample import head_matrix, period, reach_in, reach_out, tail_matrix
+from dancedata.audio.signal import resample, resampled_length
 
 # Samples at each end of a window that differ from the track's, the same at every level of the pyramid: halving turns
 # an end of one reach of the 2:1 filter into half a reach, and the filter itself adds half a reach.
@@ -47,7 +47,7 @@ class Windows:
 
     @property
     def is_whole(self) -> bool:
-        """Whether there is one window, which is the whole track without ends of its own."""
+        """Whether there is one window: the whole track, so that no ends differ."""
         return self.length == len(self.track) and self.end == 0 and len(self.starts) == 1
 
     @property
@@ -103,7 +103,7 @@ def resampled_windows(
     n_tail = length - (length - n_head) // step * step
     heads = each_times(cut(samples, starts, n_head), head_matrix(from_rate, to_rate, n_head, end))
     tails = each_times(cut(samples, starts + (length - n_tail), n_tail), tail_matrix(from_rate, to_rate, n_tail, end))
-    return Windows(resampled(samples, from_rate, to_rate), new_starts, new_length, heads, tails)
+    return Windows(resample(samples, from_rate, to_rate), new_starts, new_length, heads, tails)
 
 
 def shortest(from_rate: int, to_rate: int, halvings: int, half: int) -> int:

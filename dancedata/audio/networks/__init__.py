@@ -1,1 +1,1 @@
-"""What all features that run a network share: devices, batches, precision, the network of a process."""
+"""The common part of features that run a network: devices, batches, precision, the network of a process."""

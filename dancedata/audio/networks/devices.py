@@ -144,7 +144,7 @@ class Batches:
 
 
 def _is_out_of_memory(error: RuntimeError) -> bool:
-    """Whether it is torch's own error, or one of cuBLAS or cuDNN about their workspace."""
+    """Whether torch, cuBLAS or cuDNN reports too little memory."""
     return isinstance(error, torch.cuda.OutOfMemoryError) or "_STATUS_ALLOC_FAILED" in str(error)
 
 

@@ -100,7 +100,7 @@ class NetworkFeature(AudioFeature):
         return require_device((self.cards() or ["cpu" if self.device == "auto" else self.device])[0])
 
     def device_of_process(self) -> str:
-        """Return the device that this process computes on: for "auto" a card of its own, or else the CPU."""
+        """Return the device that this process computes on: for "auto" an unused card, or else the CPU."""
         if self.device != "auto":
             return self.device
         from dancedata.audio.networks.devices import claimed
@@ -120,7 +120,7 @@ class NetworkFeature(AudioFeature):
 
     def checked_hash(self, hash_file: Callable[[Path], str]) -> str:
         """Return the hash of the weights; UsageError if the recipe has another one."""
-        sha256, allowed = self.weights_hash(hash_file), self._given_hash
+        sha256, allowed = self.weights_hash(hash_file), self._recipe_hash
         if allowed not in ("", sha256):
             raise UsageError(
                 f"{self.name}: the weights do not match the recipe",
@@ -146,12 +146,12 @@ class NetworkFeature(AudioFeature):
         SourceError
             The weights have changed since their hash became a part of cache keys.
         """
-        key = (self._given_hash, *how)
+        key = (self._recipe_hash, *how)
         if _networks.get(self.name, (None, None))[0] != key:
             _networks.pop(self.name, None)
-            if self._given_hash and (sha256 := self.weights_hash(sha256_file)) != self._given_hash:
+            if self._recipe_hash and (sha256 := self.weights_hash(sha256_file)) != self._recipe_hash:
                 problem = f"{self.name}: the weights have changed"
-                raise SourceError(problem, where=self.weights_path(), found=sha256, allowed=self._given_hash)
+                raise SourceError(problem, where=self.weights_path(), found=sha256, allowed=self._recipe_hash)
             _networks[self.name] = key, load()
         network: N = _networks[self.name][1]
         return network
@@ -171,6 +171,6 @@ class NetworkFeature(AudioFeature):
         return rows.astype(self.dtype, copy=False)
 
     @property
-    def _given_hash(self) -> str:
+    def _recipe_hash(self) -> str:
         sha256: str = getattr(self, f"{self.weights_key}_sha256")
         return sha256

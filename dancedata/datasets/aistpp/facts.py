@@ -1,7 +1,4 @@
-"""Facts about AIST++, and what its names encode: genre, dancer, music, tempo, split.
-
-The facts are in ``manifests/aistpp.yaml``.
-"""
+"""Facts about AIST++, from ``manifests/aistpp.yaml``, and the genre, dancer, music, tempo and split in its names."""
 
 import functools
 import re
@@ -23,9 +20,6 @@ class Facts:
 
     sequences: int
     frame_rate: int
-    licence: str
-    citation: str
-    get_motion: str
     get_music: str
     genres: Mapping[str, str]
     genre_ids: Mapping[str, int]
@@ -50,9 +44,6 @@ def facts() -> Facts:
     return Facts(
         sequences=raw["sequences"],
         frame_rate=raw["frame_rate"],
-        licence=raw["licence"],
-        citation=raw["citation"],
-        get_motion=raw["get_it"]["motion"],
         get_music=raw["get_it"]["music"],
         genres=raw["genres"],
         genre_ids=raw["lodge_genre_ids"],
@@ -86,9 +77,15 @@ def parse_name(stem: str) -> SequenceName | None:
     return None if match is None else SequenceName(stem, *match.groups())
 
 
-def is_music_id(stem: str) -> bool:
-    """Return whether `stem` has the form of a music id of AIST, such as ``mBR2``."""
-    return _MUSIC.fullmatch(stem) is not None
+def sequence_problem(stem: str) -> str:
+    """Return why `stem` is not a sequence name, "" if it is one."""
+    return "" if parse_name(stem) else "not named as an AIST++ sequence (gBR_sBM_cAll_d04_mBR2_ch08)"
+
+
+def music_problem(stem: str) -> str:
+    """Return why `stem` is not the name of an audio file, "" if it is: that of a sequence or of a song."""
+    named = _MUSIC.fullmatch(stem) or parse_name(stem)
+    return "" if named else "named neither as an AIST++ sequence nor as a song (mBR2)"
 
 
 def tempo_bpm(music: str) -> float | None:

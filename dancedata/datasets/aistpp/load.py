@@ -1,8 +1,7 @@
-"""One AIST++ motion pickle -> canonical motion; every defect has a reason code of its own."""
+"""One AIST++ motion pickle -> canonical motion; each defect has a reason code."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +10,11 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.text import listed, quoted, shown
-from dancedata.datasets._positions import require_rotations
+from dancedata.core.text import listed, quoted
+from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets.files import require_finite
-from dancedata.formats.safe_pickle import as_array, load_pickle
+from dancedata.formats.arrays import ValueArrays
+from dancedata.formats.safe_pickle import load_pickle
 
 KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
 JOINTS = 24
@@ -46,9 +46,8 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
         reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
         ``length_mismatch``, ``nan``, ``not_rotations`` or ``bad_scaling``.
     """
-    content = _read(path)
-    poses = _numbers(path, content, "smpl_poses")
-    trans = _numbers(path, content, "smpl_trans")
+    arrays = _read(path)
+    poses, trans = arrays.read("smpl_poses"), arrays.read("smpl_trans")
     if not (poses.shape[1:] == (JOINTS * 3,) or poses.shape[1:] == (JOINTS, 3)):
         raise _bad_shape(path, "smpl_poses", poses, "(N, 72) or (N, 24, 3)")
     if trans.shape[1:] != (3,):
@@ -67,12 +66,11 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     require_finite(path, "smpl_poses", poses, _NOT_FINITE)
     require_finite(path, "smpl_trans", trans, _NOT_FINITE)
     require_rotations(path, "smpl_poses", rotations, trans, SMPL24.parents)
-    translation = _in_metres(path, trans, _scaling(path, content))
-    return Motion(translation=translation, rotations=rotations, grid=FrameGrid.of(frame_rate), skeleton=SMPL24)
+    return Motion(_in_metres(arrays, trans), rotations, FrameGrid.of(frame_rate), SMPL24)
 
 
-def _read(path: Path) -> Mapping[str, Any]:
-    """Return the content of the pickle: a dict with the three keys."""
+def _read(path: Path) -> ValueArrays:
+    """Return the arrays of the pickle, a dict with the three keys."""
     content = load_pickle(path)
     if not isinstance(content, Mapping):
         raise DataError(
@@ -93,48 +91,28 @@ def _read(path: Path) -> Mapping[str, Any]:
             allowed=f"keys {', '.join(KEYS)}",
             fix="download the file again; data in metres needs smpl_scaling = [1.0]",
         )
-    return content
+    return ValueArrays(path, content)
 
 
-def _numbers(path: Path, content: Mapping[str, Any], key: str) -> Floats:
-    """Return one entry as float64."""
-    value = content[key]
-    array = as_array(value)
-    if array is None or array.dtype.kind not in "fiu":
-        raise DataError(
-            f"{key} does not hold real numbers",
-            reason="bad_shape",
-            where=str(path),
-            found=f"{type(value).__name__}, {shown(value)}"
-            if array is None
-            else f"an array of {array.dtype}, shape {array.shape}",
-            allowed="an array of floats, or a list of them; nested lists are not read",
-            fix="download the file again, or save it with numpy arrays",
-        )
-    with np.errstate(over="ignore", invalid="ignore"):  # of long doubles; reported as not finite
-        return array.astype(np.float64)
-
-
-def _scaling(path: Path, content: Mapping[str, Any]) -> float:
-    """Return the factor between the file's units and metres, any number above 0.
-
-    It is 89 to 99 in AIST++, and 1 for data in metres.
-    """
-    array = _numbers(path, content, "smpl_scaling")
+def _in_metres(arrays: ValueArrays, trans: Floats) -> Floats:
+    """Divide by the factor between the file's units and metres: 89 to 99 in AIST++, 1 for data in metres."""
+    array = arrays.read("smpl_scaling")
     if array.size != 1:
-        raise _bad_shape(path, "smpl_scaling", array, "one number, (1,)")
+        raise _bad_shape(arrays.path, "smpl_scaling", array, "one number, (1,)")
     scaling = float(array.reshape(()))
-    if not (np.isfinite(scaling) and scaling > 0):
-        raise _bad_scaling(path, scaling)
-    return scaling
-
-
-def _in_metres(path: Path, trans: Floats, scaling: float) -> Floats:
-    with np.errstate(over="ignore"):  # reported below
-        translation: Floats = trans / scaling
-    if not np.isfinite(translation).all():
-        raise _bad_scaling(path, scaling)
-    return translation
+    if np.isfinite(scaling) and scaling > 0:
+        with np.errstate(over="ignore"):
+            translation: Floats = trans / scaling
+        if np.isfinite(translation).all():
+            return translation
+    raise DataError(
+        "smpl_scaling cannot turn smpl_trans into metres",
+        reason="bad_scaling",
+        where=str(arrays.path),
+        found=repr(scaling),
+        allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
+        fix=_DOWNLOAD_AGAIN,
+    )
 
 
 def _bad_shape(path: Path, key: str, array: Floats, allowed: str) -> DataError:
@@ -145,15 +123,4 @@ def _bad_shape(path: Path, key: str, array: Floats, allowed: str) -> DataError:
         found=str(array.shape),
         allowed=allowed,
         fix="download the file again, or convert it",
-    )
-
-
-def _bad_scaling(path: Path, scaling: float) -> DataError:
-    return DataError(
-        "smpl_scaling cannot turn smpl_trans into metres",
-        reason="bad_scaling",
-        where=str(path),
-        found=repr(scaling),
-        allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-        fix=_DOWNLOAD_AGAIN,
     )

@@ -1,7 +1,7 @@
 """The reader of AIST++; the tree on disk is in the package's docstring."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -13,43 +13,28 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
-from dancedata.datasets.aistpp.layout import (
-    LAYOUT,
-    MUSIC_FOLDERS,
-    MusicFiles,
-    UsedMusic,
-    list_music,
-    music_expected,
-    near_music,
-    unused_music,
-)
-from dancedata.datasets.aistpp.splits import (
-    Ignored,
-    Splits,
-    find_ignored,
-    find_splits,
-)
-from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, relative, require_choice
-from dancedata.datasets.published import Folders
+from dancedata.datasets.aistpp.facts import SequenceName, facts, tempo_bpm
+from dancedata.datasets.aistpp.layout import LAYOUT, MUSIC_FOLDERS, Copy, find_copy
+from dancedata.datasets.files import ALL, SPLITS, clips_note, relative, require_choice
 
 
-def layout_notes(folders: Folders, music: MusicFiles, used: UsedMusic) -> list[str]:
+def layout_notes(copy: Copy) -> list[str]:
     """Return the layout and the files it was recognised by."""
+    folders = copy.folders
     at = relative(folders.root / LAYOUT.motions, folders.source)
-    recordings, songs = used
-    where = listed(_folder(relative(folder, folders.source)) for folder in music.folders)
-    files, of_songs = counted(len(recordings), "file"), counted(len(songs), "song")
-    if not recordings and not songs:
+    names = (relative(folder, folders.source) for folder in copy.music.folders)
+    where = listed("the source folder" if name == "." else f"{name}/" for name in names)
+    files, of_songs = counted(len(copy.recordings), "file"), counted(len(copy.songs), "song")
+    if not copy.recordings and not copy.songs:
         looked = ", ".join(f"{name}/" for name in MUSIC_FOLDERS)
         text = (
             f"Layout: official AIST++, by {at}/*.pkl; but no sequence has music. "
             f"Searched {looked} and the folder itself for files named as a sequence or a song (mBR2.wav). "
             f"The music is a separate download: {facts().get_music}."
         )
-    elif not songs:
+    elif copy.layout == "edge":
         text = f"Layout: EDGE's, by {at}/*.pkl and one audio file per sequence in {where} ({files})."
-    elif not recordings:
+    elif copy.layout == "official":
         text = f"Layout: official AIST++, by {at}/*.pkl and one audio file per song in {where} ({of_songs})."
     else:
         text = (
@@ -57,17 +42,13 @@ def layout_notes(folders: Folders, music: MusicFiles, used: UsedMusic) -> list[s
             f"sequence, which is preferred; {of_songs} for the other sequences."
         )
     others = listed(f"{folder.name}/" for folder in folders.others)
-    return [text, *([f"Not read: {others}, which also contain motions/."] if others else []), *music.notes]
+    return [text, *([f"Not read: {others}, which also contain motions/."] if others else []), *copy.music.notes]
 
 
-def _folder(name: str) -> str:
-    return "the source folder" if name == "." else f"{name}/"
-
-
-def count_notes(folders: Folders, motions: Files, missing: int) -> list[str]:
+def count_notes(copy: Copy, missing: int) -> list[str]:
     """Return the number of motion files against the sequences of AIST++."""
-    n = len(motions.files)
-    if (folders.root / "synthetic.json").is_file():
+    n = len(copy.sequences)
+    if (copy.folders.root / "synthetic.json").is_file():
         return [f"Motion: {n:,} files of a synthetic corpus."]
     copies = facts().copies
     others = [f"{count:,}" for count in copies if count != facts().sequences]
@@ -81,19 +62,18 @@ def count_notes(folders: Folders, motions: Files, missing: int) -> list[str]:
     return [text]
 
 
-def ignored_notes(motions: Files, ignored: Ignored) -> list[str]:
+def ignored_notes(copy: Copy) -> list[str]:
     """Return the ignore list in use, and how many files it concerns."""
-    n_present = len(ignored.names & set(motions.files))
-    parts = list(ignored.notes)
-    if ignored.where:
-        parts.append(f"{counted(len(ignored.names), 'name')}, {n_present:,} of them among the motion files found")
+    names, parts = copy.ignored.names, list(copy.ignored.notes)
+    if copy.ignored.where:
+        n_present = len(names & set(copy.sequences))
+        parts.append(f"{counted(len(names), 'name')}, {n_present:,} of them among the motion files found")
     return [f"Ignore list: {'; '.join(parts)}."]
 
 
-def clip_notes(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Splits) -> list[str]:
+def clip_notes(clips: Sequence[ClipRef], left_out: Sequence[Reject], split: str) -> list[str]:
     """Return the numbers of clips by split and left out, unknown tempos, and clips without music."""
-    names = (ALL,) if splits.name == ALL else SPLITS
-    notes = [clips_note(clips, left_out, names)]
+    notes = [clips_note(clips, left_out, (ALL,) if split == ALL else SPLITS)]
     unknown = sorted({clip.music for clip in clips if clip.tempo_bpm is None})
     if unknown:
         notes.append(f"Tempo: no rule for {listed(unknown)}; it must be estimated from the audio.")
@@ -182,32 +162,20 @@ class AistPP(Dataset):
         SourceError
             If the folder is not an AIST++ copy, or its lists are unusable.
         """
-        folders = LAYOUT.find(Path(source))
-        motions = LAYOUT.list_motions(folders)
-        music = list_music(folders)
-        used = UsedMusic.of(motions, music)
-        splits = find_splits(folders, self.split, self.split_dir)
-        ignored = find_ignored(folders, self.ignore == "list", self.split_dir)
-        clips, left_out = self._clips(folders, motions, music, splits, ignored)
+        copy = find_copy(Path(source), self.split, self.split_dir, self.ignore == "list")
+        clips, left_out = self._clips(copy)
         missing = [
             Reject("missing_motion", clip=name, detail=f"listed, but there is no motions/{name}.pkl")
-            for name in sorted(splits.expected - ignored.names - set(motions.files))
+            for name in sorted(copy.splits.expected - copy.ignored.names - set(copy.sequences))
         ]
         notes = (
-            *layout_notes(folders, music, used),
-            *count_notes(folders, motions, len(missing)),
-            *splits.notes,
-            *ignored_notes(motions, ignored),
-            *clip_notes(clips, left_out, splits),
+            *layout_notes(copy),
+            *count_notes(copy, len(missing)),
+            *copy.splits.notes,
+            *ignored_notes(copy),
+            *clip_notes(clips, left_out, self.split),
         )
-        rejects = (
-            *left_out,
-            *missing,
-            *unused_music(folders, motions, music, used),
-            *music.rejects,
-            *motions.rejects,
-        )
-        return Scan(layout=used.layout, clips=tuple(clips), rejects=rejects, notes=notes)
+        return Scan(copy.layout, tuple(clips), (*left_out, *missing, *copy.rejects), notes)
 
     @override
     def load(self, ref: ClipRef) -> Motion:
@@ -228,23 +196,17 @@ class AistPP(Dataset):
 
         write_synthetic(Path(folder), seed=0, songs=2, clips_per_song=2, clip_s=6.0)
 
-    def _clips(
-        self, folders: Folders, motions: Files, music: MusicFiles, splits: Splits, ignored: Ignored
-    ) -> tuple[list[ClipRef], list[Reject]]:
-        """Turn every pickle into a clip or a reject."""
+    def _clips(self, copy: Copy) -> tuple[list[ClipRef], list[Reject]]:
+        """Turn every sequence into a clip or a reject."""
         clips = []
         rejects = []
-        near, expected = near_music(folders, music), music_expected(folders, music)
-        for name, path in sorted(motions.files.items()):
-            parts = parse_name(name)
-            if parts is None:  # excluded by Layout.list_motions
-                continue
-            file = relative(path, folders.source)
-            split = splits.split(name)
-            audio = music.files.get(name) or music.files.get(parts.music)
-            fix = ""
-            if audio is None:
-                fix = near.fix(expected + parts.music, expected + name)
+        music, splits, ignored = copy.music.files, copy.splits, copy.ignored
+        for name, parts in sorted(copy.sequences.items()):
+            path = copy.motions.files[name]
+            file = relative(path, copy.folders.source)
+            split = splits.of.get(name, "")
+            audio = music.get(name) or music.get(parts.music)
+            fix = "" if audio else copy.music_fix(parts)
             if name in ignored.names:
                 rejects.append(Reject("ignored", clip=name, file=file, detail=f"on {ignored.where}"))
             elif not split:
@@ -255,13 +217,15 @@ class AistPP(Dataset):
                     Reject("missing_music", clip=name, file=file, detail=detail, music=parts.music, fix=fix)
                 )
             else:
-                clips.append(replace(_clip(parts, path, audio, split, splits), music_fix=fix))
+                lists = (f"{splits.name}_{split}",) if splits.from_files else ()
+                clips.append(_clip(parts, path, audio, split, lists, fix))
         return clips, rejects
 
 
-def _clip(parts: SequenceName, path: Path, audio: Path | None, split: str, splits: Splits) -> ClipRef:
+def _clip(
+    parts: SequenceName, path: Path, audio: Path | None, split: str, lists: tuple[str, ...], music_fix: str
+) -> ClipRef:
     tempo = tempo_bpm(parts.music)
-    notes = () if tempo is not None else (f"the tempo of music {parts.music} is unknown",)
     return ClipRef(
         id=parts.id,
         motion_path=path,
@@ -271,6 +235,7 @@ def _clip(parts: SequenceName, path: Path, audio: Path | None, split: str, split
         tempo_bpm=tempo,
         genre=parts.genre,
         dancer=parts.dancer,
-        lists=() if splits.of is None else (f"{splits.name}_{split}",),
-        notes=notes,
+        lists=lists,
+        notes=() if tempo is not None else (f"the tempo of music {parts.music} is unknown",),
+        music_fix=music_fix,
     )

@@ -56,9 +56,6 @@ class Facts:
 
     ids: tuple[str, ...]
     frame_rate: int
-    licence: str
-    citation: str
-    get_motion: str
     protocols: Mapping[str, Protocol]
     ignore_lists: Mapping[str, IgnoreList]
     trims: Mapping[str, Trim]
@@ -104,23 +101,18 @@ def facts() -> Facts:
     return Facts(
         ids=tuple(f"{n:03d}" for n in range(1, raw["sequences"] + 1)),
         frame_rate=raw["frame_rate"],
-        licence=raw["licence"],
-        citation=raw["citation"],
-        get_motion=raw["get_it"]["motion"],
         protocols={name: Protocol(frozenset(p["val"]), frozenset(p["test"])) for name, p in raw["splits"].items()},
         ignore_lists={
             name: IgnoreList(frozenset(entry["ids"]), tuple(entry["applies_to"]), entry["source"])
             for name, entry in raw["ignore_lists"].items()
         },
-        trims={t["id"]: _trim(t, grid) for t in raw["trims"]},
+        trims={
+            t["id"]: Trim(t["frames"] if "frames" in t else grid.frames(t["seconds"]), t["reason"], t["source"])
+            for t in raw["trims"]
+        },
         genre_ids={genre: entry["id"] for genre, entry in raw["genres"].items()},
         genre_names=names,
     )
-
-
-def _trim(raw: Mapping[str, Any], grid: FrameGrid) -> Trim:
-    frames = raw["frames"] if "frames" in raw else grid.frames(raw["seconds"])
-    return Trim(frames, raw["reason"], raw["source"])
 
 
 def _fold(style: str) -> str:

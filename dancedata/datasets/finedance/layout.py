@@ -7,9 +7,8 @@ from pathlib import Path
 
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets.files import Files, audio_files, files_by_stem, list_audio, list_folder, relative
+from dancedata.datasets.files import Files, Folders, Layout, files_by_stem, list_audio, list_folder, relative
 from dancedata.datasets.finedance.facts import facts
-from dancedata.datasets.published import Folders, Layout
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 
@@ -119,8 +118,7 @@ def list_labels(folders: Folders) -> Files:
 
 def list_music(folders: Folders) -> Files:
     """List ``music_wav/NNN.wav``; of several files with one id the preferred format is used."""
-    candidates, rejects = list_audio(folders.root / MUSIC, folders.source, lambda stem: _id_problem(stem, ".wav"))
-    return audio_files(candidates, folders.source, rejects)
+    return list_audio([folders.root / MUSIC], folders.source, lambda stem: _id_problem(stem, ".wav"))
 
 
 def music_fix(folders: Folders, music: Files) -> Callable[[str], str]:

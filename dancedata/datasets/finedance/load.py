@@ -1,19 +1,17 @@
-"""One FineDance motion file -> canonical motion; every defect has a reason code of its own."""
+"""One FineDance motion file -> canonical motion; each defect has a reason code."""
 
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from dancedata.core.bodies import SMPLX52
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import Skeleton
+from dancedata.datasets._rotations import check_rows, rotations_of
+from dancedata.datasets.files import require_finite
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.arrays import ArrayFile, open_arrays
-from dancedata.formats.six_d import check_rows, rotations_of
 
 
 def length_note(motion: Path, music: Path, frame_rate: int) -> str:
@@ -47,8 +45,6 @@ JOINTS = SMPLX52.n_joints
 COLUMNS = 3 + 6 * JOINTS
 _DOWNLOAD_AGAIN = "download the file again"
 
-Floats = NDArray[np.float64]
-
 
 def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int = 0) -> Motion:
     """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
@@ -79,7 +75,7 @@ def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int
     with open_arrays(path) as arrays:
         _length(arrays)
         array = arrays.read("")
-    _check_finite(path, array)
+    require_finite(path, "the motion", array, _DOWNLOAD_AGAIN, columns=True)
     rows = array[:, 3:].reshape(len(array), JOINTS, 6)
     check_rows(path, rows)
     if trim_start >= len(array):
@@ -129,17 +125,3 @@ def _shape_advice(shape: tuple[int, ...]) -> str:
     if len(shape) == 2 and shape[0] == COLUMNS:
         return "rows and columns are swapped: transpose the array"
     return _DOWNLOAD_AGAIN
-
-
-def _check_finite(path: Path, array: Floats) -> None:
-    bad = np.asarray(~np.isfinite(array).all(axis=1))
-    if bad.any():
-        frame = int(bad.argmax())
-        column = int(np.argmax(~np.isfinite(array[frame])))
-        raise DataError(
-            "the motion contains values that are not finite",
-            reason="nan",
-            where=f"{path}, frame {frame}, column {column}",
-            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
-            fix=_DOWNLOAD_AGAIN,
-        )

@@ -14,7 +14,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, Files, clips_note, relative, require_choice
+from dancedata.datasets.files import ALL, Files, Folders, clips_note, relative, require_choice
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE, facts
 from dancedata.datasets.finedance.layout import (
     LABELS,
@@ -27,7 +27,6 @@ from dancedata.datasets.finedance.layout import (
     not_read_notes,
     read_label,
 )
-from dancedata.datasets.published import Folders
 
 
 def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) -> list[str]:
@@ -206,23 +205,31 @@ class FineDance(Dataset):
         SourceError
             If the folder is not a FineDance copy.
         """
-        folders = LAYOUT.find(Path(source))
-        motions, music, labels = LAYOUT.list_motions(folders), list_music(folders), list_labels(folders)
-        kept = self._kept()
+        from dancedata.datasets.finedance.load import length_note
+
+        folders, motions = LAYOUT.list_motions(Path(source))
+        music, labels = list_music(folders), list_labels(folders)
+        kept, model = self._kept(), self.body_model
+        absent = set(facts().ids) - set(motions.files) - (facts().ignored(self.split) - kept)
         clips, left_out = self._clips(folders, motions, music, labels)
-        lengths = _lengths(clips)
+        with_music = {clip.id: (clip.motion_path, clip.audio_path) for clip in clips if clip.audio_path is not None}
+        lengths = {clip: length_note(*paths, facts().frame_rate) for clip, paths in with_music.items()}
         notes = (
             *layout_notes(folders, motions, music, labels),
             *list_notes(self.split, motions.files, kept),
             *trim_notes(clips, self.trim),
             *genre_notes(clips),
-            *length_notes(lengths),
+            *length_notes({clip: note for clip, note in lengths.items() if note}),
             *clip_notes(clips, left_out),
-            *self._bones_note(),
+            # An unusable body model raises here, before any clip is loaded.
+            *([] if model is None else [f"Bones: of the body model {model.name} ({self._skeleton().name})."]),
         )
         rejects = (
             *left_out,
-            *_missing_motion(motions, facts().ignored(self.split) - kept),
+            *(
+                Reject("missing_motion", clip=clip, detail=f"there is no motion/{clip}.npy")
+                for clip in sorted(absent)
+            ),
             *_without_motion(folders, motions, music, "unused_music"),
             *_without_motion(folders, motions, labels, "extra_file"),
             *music.rejects,
@@ -264,12 +271,6 @@ class FineDance(Dataset):
         from dancedata.formats.body_model import body_model_skeleton
 
         return body_model_skeleton(self.body_model)
-
-    def _bones_note(self) -> tuple[str, ...]:
-        """Return the note about the body model; an unusable one raises here, before any clip is loaded."""
-        if self.body_model is None:
-            return ()
-        return (f"Bones: of the body model {self.body_model.name} ({self._skeleton().name}).",)
 
     def _clips(
         self, folders: Folders, motions: Files, music: Files, labels: Files
@@ -316,20 +317,6 @@ class FineDance(Dataset):
         split = facts().listed(self.split, clip)
         both = f", and in {self.split}.{split}; the ignore list takes precedence" if split else ""
         return "ignored", f"on the list {' and '.join(lists)}{both}; keep: ['{clip}'] keeps it"
-
-
-def _lengths(clips: list[ClipRef]) -> dict[str, str]:
-    """Return the lengths of motion and music of clips where they differ."""
-    from dancedata.datasets.finedance.load import length_note
-
-    rate = facts().frame_rate
-    notes = {c.id: length_note(c.motion_path, c.audio_path, rate) for c in clips if c.audio_path is not None}
-    return {clip: note for clip, note in notes.items() if note}
-
-
-def _missing_motion(motions: Files, ignored: frozenset[str]) -> list[Reject]:
-    missing = [clip for clip in facts().ids if clip not in motions.files and clip not in ignored]
-    return [Reject("missing_motion", clip=clip, detail=f"there is no motion/{clip}.npy") for clip in missing]
 
 
 def _without_motion(folders: Folders, motions: Files, files: Files, reason: str) -> list[Reject]:

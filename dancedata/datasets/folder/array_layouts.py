@@ -9,14 +9,10 @@
     smplh      poses (T, 156) trans (T, 3), or global_orient body_pose (T, 63) transl [hands]
     smplx      poses (T, 165) trans (T, 3), or global_orient body_pose (T, 63) transl [hands jaw eyes]
     finedance  one array (T, 315): translation 3, then 52 joints x 6D, two rows of each matrix    +Y up, metres
-    wham, phalp, gvhmr: see `formats.video_pose`
-
-Names of arrays in other layouts are given by the recipe (`keys`).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +22,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
-from dancedata.datasets._positions import POSITIONS, require_rotations
+from dancedata.datasets._rotations import POSITIONS, check_rows, require_rotations, rotations_of
 from dancedata.datasets.folder.array_values import (
     bad_shape,
     finite,
@@ -39,7 +35,6 @@ from dancedata.datasets.folder.array_values import (
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.formats.arrays import ArrayFile
-from dancedata.formats.six_d import check_rows, rotations_of
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
 
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
@@ -252,7 +247,9 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
     """
     if layout.body == "finedance":
         array = finite(arrays, layout.poses or "")
-        return array[:, :3], _finedance(arrays.path, array)
+        rows = array[:, 3:].reshape(len(array), 52, 6)
+        check_rows(arrays.path, rows)
+        return array[:, :3], rotations_of(rows)
     translation = finite(arrays, layout.translation or "")
     if translation.shape[1] != 3:
         raise bad_shape(arrays, layout.translation or "", "(T, 3)")
@@ -261,7 +258,8 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
         rotations = finite(arrays, layout.poses)
         rotations = from_matrices(arrays, _rotation_name(arrays, layout), rotations) if layout.matrices else rotations
     else:
-        rotations = _joined(arrays, layout, len(translation))
+        parts = _PARTS[layout.body]
+        rotations = np.concatenate([_part(arrays, names, width, len(translation)) for names, width in parts], axis=1)
     if len(rotations) != len(translation):
         raise length_mismatch(
             arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
@@ -283,13 +281,8 @@ def _rotation_name(arrays: ArrayFile, layout: Layout) -> str:
     return f"{layout.poses or 'body_pose'}{f' of person {shown(person, 40)}' if person else ''}"
 
 
-def _joined(arrays: ArrayFile, layout: Layout, n_frames: int) -> Floats:
-    """Concatenate the parts, (T, J * 3); missing parts do not rotate."""
-    pieces = [_part(arrays, names, width, n_frames) for names, width in _PARTS[layout.body]]
-    return np.concatenate(pieces, axis=1)
-
-
 def _part(arrays: ArrayFile, names: Sequence[str], width: int, n_frames: int) -> Floats:
+    """Return the rotations of a part of the body, (T, width); a missing part does not rotate."""
     name = _first(arrays.names, names)
     pair, half = _PAIRS.get(names[0], ("", 0))
     if name:
@@ -306,12 +299,6 @@ def _part(arrays: ArrayFile, names: Sequence[str], width: int, n_frames: int) ->
     if len(part) != n_frames:
         raise length_mismatch(arrays, name, len(part), "the translation", n_frames)
     return part
-
-
-def _finedance(path: Path, array: Floats) -> Floats:
-    rows = array[:, 3:].reshape(len(array), 52, 6)
-    check_rows(path, rows)
-    return rotations_of(rows)
 
 
 def _first(names: Sequence[str], candidates: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.text import shown
-from dancedata.datasets._positions import POSITIONS
+from dancedata.datasets._rotations import POSITIONS
 from dancedata.datasets.files import require_finite
 from dancedata.datasets.folder.facts import MAX_RATE, MIN_RATE, exact_rate, rate_of_text
 from dancedata.formats.arrays import ArrayFile

@@ -1,7 +1,6 @@
 """Facts about a motion file: frame rate, up axis, unit, layout, gender.
 
-The first of these that states a fact decides: the manifest (one file), the file itself, the recipe (all files that
-do not state it). A fact that none of them states is an error with the declaration to add.
+The manifest decides (one file), else the file, else the recipe (files that do not state the fact), else an error.
 """
 
 import re
@@ -144,6 +143,11 @@ class Declared:
     gender: str | None = None
     person: str | None = None
 
+    @property
+    def rate(self) -> Fraction | None:
+        """The frame rate."""
+        return None if self.fps is None else rate_of_text(self.fps)
+
     def problem(self) -> tuple[str, str, str] | None:
         """Return (name, value, allowed values) of the first invalid value; None if all are valid."""
         if self.fps is not None and rate_of_text(self.fps) is None:
@@ -177,15 +181,6 @@ def decide(manifest: T | None, file: Fact[T] | None, recipe: T | None) -> Fact[T
     if file is not None:
         return file
     return None if recipe is None else Fact(recipe, IN_RECIPE)
-
-
-def decide_rate(manifest: Declared, file: Fact[Fraction] | None, recipe: Declared) -> Fact[Fraction] | None:
-    """Return the frame rate as `decide` does."""
-    return decide(_rate(manifest), file, _rate(recipe))
-
-
-def _rate(declared: Declared) -> Fraction | None:
-    return None if declared.fps is None else rate_of_text(declared.fps)
 
 
 def undeclared(path: Path, key: str, what: str, allowed: str, found: str, also: Sequence[str] = ()) -> DataError:

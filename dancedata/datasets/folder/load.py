@@ -25,7 +25,6 @@ from dancedata.datasets.folder.facts import (
     Fact,
     bad_declaration,
     decide,
-    decide_rate,
     metres,
     rate_of_period,
     undeclared,
@@ -34,9 +33,9 @@ from dancedata.datasets.folder.people import on_video_frames, open_person
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
-from dancedata.formats.bvh.kinematics import stretch, world
+from dancedata.formats.bvh.kinematics import rest_positions, stretch, world
 from dancedata.formats.bvh.parse import Bvh, read_bvh
-from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, smpl_rest
+from dancedata.formats.bvh.retarget import SMPL_REST, Rig, make_rig, retarget, skeleton_of
 from dancedata.formats.video_pose import PersonArrays
 
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
@@ -79,6 +78,8 @@ def load_motion(path: Path, reading: Reading) -> Motion:
     DataError
         If the file is unusable, or contradicts its declarations.
     """
+    from scipy.spatial.transform import Rotation
+
     if path.suffix.lower() == ".bvh":
         return _load_bvh(path, reading)
     with open_person(path, reading.manifest.person) as arrays:
@@ -95,7 +96,7 @@ def load_motion(path: Path, reading: Reading) -> Motion:
         # SMPL rotates about the pelvis, which lies at root + translation: that point rotates with the axes.
         translation = (root + translation) @ upright.T - root
         rotations = rotations.copy()
-        rotations[:, 0] = _rotated(upright, rotations[:, 0])
+        rotations[:, 0] = (Rotation.from_matrix(upright) * rotation(rotations[:, 0])).as_rotvec()
     motion = Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton, first)
     if facts.up.where != IN_MANIFEST:  # the manifest's declaration is not questioned
         _check_up(path, motion.joints(), facts.up)
@@ -135,7 +136,7 @@ def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFact
     key = next((key for key in RATE_KEYS if key in arrays.names), None)
     if key is not None and reading.manifest.fps is None:
         stated = Fact(stored_rate(arrays, key), key)
-    rate_fact = decide_rate(reading.manifest, stated, reading.recipe)
+    rate_fact = decide(reading.manifest.rate, stated, reading.recipe.rate)
     up = decide(reading.manifest.up, layout.up, reading.recipe.up)
     unit = decide(reading.manifest.unit, layout.unit, reading.recipe.unit)
     # The unit is guessed from bones, which these files do not contain.
@@ -148,12 +149,6 @@ def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFact
     if unit is None or factor is None:
         raise undeclared(path, "unit", "unit of the translation", _UNITS_ALLOWED, found)
     return FileFacts(rate_fact, up, unit, factor)
-
-
-def _rotated(upright: Floats, root: Floats) -> Floats:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray((Rotation.from_matrix(upright) * rotation(root)).as_rotvec(), dtype=np.float64)
 
 
 def _body(arrays: ArrayFile, layout: Layout, reading: Reading, model: Path) -> Skeleton:
@@ -228,14 +223,21 @@ def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
     """Return the facts about a BVH file, and its rig; DataError (``undeclared``, ``bad_rate``) if one is unknown."""
     rate = rate_of_period(bvh.frame_time)
     stated = None if rate is None else Fact(rate, f"Frame Time: {bvh.frame_time}")
-    rate_fact = decide_rate(reading.manifest, stated, reading.recipe)
+    rate_fact = decide(reading.manifest.rate, stated, reading.recipe.rate)
     if rate_fact is None:
-        raise _bad_period(bvh)
+        raise DataError(
+            "the frame time is outside the range of motion capture",
+            reason="bad_rate",
+            where=str(bvh.path),
+            found=f"Frame Time: {bvh.frame_time}",
+            allowed="0.0001 to 1 s",
+            fix="declare fps for this file in the manifest, or correct Frame Time",
+        )
     up = decide(reading.manifest.up, None, reading.recipe.up) or Fact("y", _CONVENTION)
     joints = map_joints(bvh.path, bvh.joints, reading.joint_map)
     rig = make_rig(bvh, joints, UPRIGHT[up.value].T @ np.array([0.0, 1.0, 0.0]))
     unit = decide(reading.manifest.unit, None, reading.recipe.unit)
-    height = _height(rig)
+    height = float(np.ptp(rest_positions(SMPL24.parents, rig.offsets)[:, 1]))  # toes to head joint
     if unit is None:
         fitting = [f"{name}: {height * value:.2f} m" for name, value in UNITS.items()]
         found = f"a skeleton of {height:.4g} units from toes to head at rest ({', '.join(fitting)})"
@@ -247,14 +249,6 @@ def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
     return FileFacts(rate_fact, up, unit, factor), rig
 
 
-def _height(rig: Rig) -> float:
-    """Return the height of the skeleton in SMPL's rest pose, toes to head joint, in the file's unit."""
-    places = np.zeros((24, 3))
-    for j in range(1, 24):
-        places[j] = places[SMPL24.parents[j]] + rig.offsets[j]
-    return float(np.ptp(places[:, 1]))
-
-
 def _guessed(height: float, unit: Fact[str]) -> tuple[Fact[str], float]:
     """Choose the unit that gives a plausible height; without one scale the body to the height of SMPL's."""
     low, high = PLAUSIBLE_M
@@ -262,7 +256,7 @@ def _guessed(height: float, unit: Fact[str]) -> tuple[Fact[str], float]:
     if fitting:
         name, value = fitting[0]
         return Fact(name, f"GUESSED, as {unit.where}: {height * value:.2f} m from toes to head at rest"), value
-    smpl = float(np.ptp(smpl_rest()[:, 1]))
+    smpl = float(np.ptp(SMPL_REST[:, 1]))
     why = f"GUESSED, as {unit.where}: no known unit gives {low} to {high} m for {height:.4g} units from toes to head"
     return Fact("", f"{why}, so the body is scaled to the height of SMPL's, {smpl:.2f} m"), smpl / height
 
@@ -327,14 +321,3 @@ def _check_sides(path: Path, joints: Floats, names: JointMap) -> None:
             allowed="toes to the front, knees that bend backwards, left shoulder above left hip: above 0",
             fix="correct joint_map or the names of the joints; export a mirrored file without a negative scale",
         )
-
-
-def _bad_period(bvh: Bvh) -> DataError:
-    return DataError(
-        "the frame time is outside the range of motion capture",
-        reason="bad_rate",
-        where=str(bvh.path),
-        found=f"Frame Time: {bvh.frame_time}",
-        allowed="0.0001 to 1 s",
-        fix="declare fps for this file in the manifest, or correct Frame Time",
-    )

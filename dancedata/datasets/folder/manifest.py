@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -120,16 +121,9 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
                 _check_columns(path, reader.line_num, columns, delimiter)
                 continue
             if len(cells) != len(columns):
-                what = f"{len(cells)} cells"
+                problem = "the line has the wrong number of cells"
                 fix = "put cells that contain the delimiter in double quotes"
-                raise _bad(
-                    path,
-                    reader.line_num,
-                    "the line has the wrong number of cells",
-                    what,
-                    f"{len(columns)} cells",
-                    fix,
-                )
+                raise _bad(path, reader.line_num, problem, f"{len(cells)} cells", f"{len(columns)} cells", fix)
             yield reader.line_num, {c: v for c, v in zip(columns, cells, strict=True) if v}
     except csv.Error as error:
         raise _bad(path, reader.line_num, "not valid CSV", str(error), "cells separated by commas") from error
@@ -165,23 +159,19 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
 
 
 def _check_columns(path: Path, line: int, columns: list[str], delimiter: str = ",") -> None:
+    bad = partial(_bad, path, line)
     if path.suffix == ".csv" and not set(columns) & set(COLUMNS):
         problem, found = "the first line contains no known column", shown(", ".join(columns), 100)
-        raise _bad(path, line, problem, found, ", ".join(COLUMNS), _header_fix(columns, delimiter))
+        raise bad(problem, found, ", ".join(COLUMNS), _header_fix(columns, delimiter))
     for column in columns:
         if column not in COLUMNS:
             problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
-            raise _bad(path, line, problem, fix="rename the column, or remove it")
+            raise bad(problem, fix="rename the column, or remove it")
     if len(set(columns)) < len(columns):
-        raise _bad(path, line, "duplicate column", shown(", ".join(columns)))
+        raise bad("duplicate column", shown(", ".join(columns)))
     if "motion" not in columns:
-        raise _bad(
-            path,
-            line,
-            "the column motion is missing",
-            shown(", ".join(columns)) or "nothing",
-            "motion, and any of the other columns",
-        )
+        found = shown(", ".join(columns)) or "nothing"
+        raise bad("the column motion is missing", found, "motion, and any of the other columns")
 
 
 def _header_fix(columns: list[str], delimiter: str) -> str:
@@ -197,37 +187,29 @@ def _header_fix(columns: list[str], delimiter: str) -> str:
 
 
 def _row(path: Path, line: int, values: dict[str, str]) -> Row:
+    bad = partial(_bad, path, line)
     for column, value in values.items():
         if any(not c.isprintable() for c in value) or len(value) > 4096:
-            raise _bad(path, line, f"{column} is not printable text", quoted(value, 60), "printable characters")
+            raise bad(f"{column} is not printable text", quoted(value, 60), "printable characters")
     if "motion" not in values:
-        raise _bad(
-            path,
-            line,
-            "the clip has no motion",
-            shown(", ".join(values.values()), 100),
-            "the path of its motion file",
-        )
+        raise bad("the clip has no motion", shown(", ".join(values.values()), 100), "the path of its motion file")
     tempo = values.get("tempo_bpm")
-    if tempo is not None and not _is_tempo(tempo):
-        raise _bad(
-            path,
-            line,
-            "tempo_bpm is not a tempo",
-            shown(tempo, 40),
-            f"beats per minute, above 0, below {MAX_TEMPO:g}",
-        )
+    try:
+        valid = tempo is None or 0 < float(tempo) < MAX_TEMPO
+    except ValueError:
+        valid = False
+    if not valid:
+        allowed = f"beats per minute, above 0, below {MAX_TEMPO:g}"
+        raise bad("tempo_bpm is not a tempo", shown(tempo, 40), allowed)
     problem = id_problem(values.get("id") or Path(values["motion"]).stem)
     if problem is not None:
         found = quoted(values.get("id") or values["motion"], 60)
-        raise _bad(path, line, f"the id {problem}", found, ID_ALLOWED, "give the clip another id")
+        raise bad(f"the id {problem}", found, ID_ALLOWED, "give the clip another id")
     declared = Declared(**{name: values[name] for name in _DECLARED if name in values})
     wrong = declared.problem()
     if wrong is not None:
         name, value, allowed = wrong
-        raise _bad(
-            path, line, f"invalid value for {name}", shown(value, 60), allowed, f"correct {name}, or leave it empty"
-        )
+        raise bad(f"invalid value for {name}", shown(value, 60), allowed, f"correct {name}, or leave it empty")
     return Row(line, values, declared)
 
 
@@ -253,27 +235,13 @@ def check_row(manifest: Path, row: Row, split: str) -> None:
             raise SourceError(problem, where=where, found=row.get(column)[:100], allowed=", ".join(suffixes))
 
 
-def _is_tempo(text: str) -> bool:
-    try:
-        return 0 < float(text) < MAX_TEMPO
-    except ValueError:
-        return False
-
-
 def _check_unique(path: Path, rows: list[Row]) -> None:
     lines: dict[str, int] = {}
     for row in rows:
         name = clip_id(row)
         if name in lines:
-            found = f"lines {lines[name]} and {row.line}"
-            raise _bad(
-                path,
-                row.line,
-                f"two clips have the id {name!r}",
-                found,
-                "unique ids",
-                "add a column id with unique ids",
-            )
+            problem, found = f"two clips have the id {name!r}", f"lines {lines[name]} and {row.line}"
+            raise _bad(path, row.line, problem, found, "unique ids", "add a column id with unique ids")
         lines[name] = row.line
 
 

@@ -94,7 +94,8 @@ class Folder(Dataset):
     def __post_init__(self) -> None:
         # One spelling per number, so that equal recipes have equal hashes.
         if self.fps is not None:
-            object.__setattr__(self, "fps", _rate_text(self.fps))
+            valid = Declared(fps=str(self.fps)).problem() is None
+            object.__setattr__(self, "fps", str(as_rate(self.fps) if valid else self.fps))
         if self.unit is not None:
             object.__setattr__(self, "unit", str(self.unit))
         if self.body_model is not None:
@@ -134,7 +135,9 @@ class Folder(Dataset):
         """
         source = Path(source)
         require_folder("folder", source, LOOKED_FOR)
-        self._check_body_model()
+        if self.body_model is not None and not self.body_model.exists():
+            where = str(self.body_model)
+            raise SourceError("folder: the body model does not exist", where=where, fix="correct body_model")
         manifests = [source / name for name in MANIFESTS if (source / name).exists()]
         if len(manifests) > 1:
             raise SourceError(
@@ -186,26 +189,19 @@ class Folder(Dataset):
     def _reading(self, ref: ClipRef) -> Reading:
         return Reading(Declared(**dict(ref.declared)), self._declared, self.joint_map, self.body_model, self.keys)
 
-    def _check_body_model(self) -> None:
-        if self.body_model is not None and not self.body_model.exists():
-            raise SourceError(
-                "folder: the body model does not exist", where=str(self.body_model), fix="correct body_model"
-            )
-
     def _listed(
         self, source: Path, manifest: Path, rows: list[Row]
     ) -> tuple[list[ClipRef], list[Reject], list[str], str]:
         """Return the clips of a manifest; one whose files do not exist is a reject."""
         audio = {row.get("audio") for row in rows if row.get("audio")}
         stems = Counter(Path(text).stem for text in audio)
-        clips, rejects = [], []
-        near = _near_listed(source, audio)
-        for row in rows:
-            clip = self._clip(source, manifest, row, stems, near)
-            if not isinstance(clip, Reject):
-                clips.append(clip)
-            else:
-                rejects.append(clip)
+        # Searched among the audio files in the folders of the manifest that it does not list.
+        listed = {source / text for text in audio if ".." not in Path(text).parts and not Path(text).is_absolute()}
+        folders = sorted({path.parent for path in listed})
+        near = NearMusic(source, (*folders, source), listed, {path.stem for path in listed}.__contains__)
+        read = [self._clip(source, manifest, row, stems, near) for row in rows]
+        clips = [clip for clip in read if isinstance(clip, ClipRef)]
+        rejects = [clip for clip in read if isinstance(clip, Reject)]
         notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}."]
         return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
 
@@ -296,21 +292,8 @@ def _check_keys(keys: Mapping[str, str] | None) -> None:
         )
 
 
-def _near_listed(source: Path, audio: set[str]) -> NearMusic:
-    """Return the search among the audio files in the folders of the manifest that it does not list."""
-    listed = {source / text for text in audio if ".." not in Path(text).parts and not Path(text).is_absolute()}
-    folders = sorted({path.parent for path in listed})
-    stems = {path.stem for path in listed}
-    return NearMusic(source, (*folders, source), listed, stems.__contains__)
-
-
 def _absence(path: Path) -> str:
     return "not a file" if path.exists() else "it does not exist"
-
-
-def _rate_text(fps: float | str) -> str:
-    """Return a valid rate as the text of the exact fraction; an invalid one unchanged."""
-    return str(as_rate(fps)) if Declared(fps=str(fps)).problem() is None else str(fps)
 
 
 def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:

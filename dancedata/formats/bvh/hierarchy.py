@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from dancedata.core.errors import DataError, did_you_mean
@@ -66,9 +67,9 @@ def bvh_error(
     problem: str,
     found: object = None,
     allowed: object = None,
+    fix: str = "export the file again",
     *,
     reason: str = "broken_file",
-    fix: str = "export the file again",
 ) -> DataError:
     """Return a DataError about a line of a file."""
     return DataError(problem, reason=reason, where=f"{path}, line {line}", found=found, allowed=allowed, fix=fix)
@@ -128,28 +129,31 @@ class _Hierarchy:
         self._open: list[_Draft] = []
         self._next: _Draft | None = None
         self._lines: dict[str, int] = {}
+        self._line = 0
+        self._bad = partial(bvh_error, path, 0)
 
     def take(self, line: int, text: str) -> bool:
         """Parse a statement; return True for MOTION."""
+        self._line, self._bad = line, partial(bvh_error, self.path, line)
         word, _, rest = text.partition(" ") if " " in text else text.partition("\t")
         kind, rest = word.upper(), rest.strip()
         if self._next is not None and kind != "{":
-            raise self._bad(line, f"{self._next.name} has no block", text, "{")
+            raise self._bad(f"{self._next.name} has no block", text, "{")
         if kind in ("ROOT", "JOINT") or kind.startswith("END"):
-            self._declare(line, kind, rest)
+            self._declare(kind, rest)
         elif kind == "{":
-            self._begin(line)
+            self._begin()
         elif kind == "}":
-            self._end(line)
+            self._end()
         elif kind == "OFFSET":
-            self._offset(line, rest)
+            self._offset(rest)
         elif kind == "CHANNELS":
-            self._channels(line, rest)
+            self._channels(rest)
         elif kind == "MOTION":
-            self._finish(line)
+            self._finish()
             return True
         elif kind != "HIERARCHY":
-            raise self._bad(line, f"unknown keyword {word[:40]!r}", allowed=did_you_mean(word[:40], KEYWORDS))
+            raise self._bad(f"unknown keyword {word[:40]!r}", allowed=did_you_mean(word[:40], KEYWORDS))
         return False
 
     def finished(self) -> tuple[BvhJoint, ...]:
@@ -161,11 +165,10 @@ class _Hierarchy:
             first += len(channels)
         return tuple(joints)
 
-    def _declare(self, line: int, kind: str, name: str) -> None:
+    def _declare(self, kind: str, name: str) -> None:
         parent = self._open[-1] if self._open else None
         if kind == "ROOT" and self.joints:
             raise self._bad(
-                line,
                 "a second skeleton begins",
                 f"ROOT {shown(name)}",
                 "one skeleton per file",
@@ -173,77 +176,73 @@ class _Hierarchy:
             )
         if kind != "ROOT" and (parent is None or parent.is_end):
             raise self._bad(
-                line, f"{kind[:40]} {shown(name)} is outside of a joint", allowed="ROOT first, joints within it"
+                f"{kind[:40]} {shown(name)} is outside of a joint", allowed="ROOT first, joints within it"
             )
         above = -1 if parent is None else parent.index
         if kind.startswith("END"):
-            self._next = _Draft("End Site", above, line, is_end=True)
+            self._next = _Draft("End Site", above, self._line, is_end=True)
             return
         if not name:
-            raise self._bad(line, f"a {kind} has no name")
+            raise self._bad(f"a {kind} has no name")
         if len(name) > MAX_NAME:
-            raise self._bad(
-                line, f"the name of a {kind} is too long", shown(name, 60), f"at most {MAX_NAME} characters"
-            )
+            raise self._bad(f"the name of a {kind} is too long", shown(name, 60), f"at most {MAX_NAME} characters")
         if name in self._lines:
-            raise self._bad(line, f"two joints are named {name!r}", f"lines {self._lines[name]} and {line}")
+            raise self._bad(f"two joints are named {name!r}", f"lines {self._lines[name]} and {self._line}")
         if len(self.joints) >= MAX_JOINTS:
-            raise self._bad(line, "too many joints", f"more than {MAX_JOINTS}", f"at most {MAX_JOINTS:,}")
-        self._lines[name] = line
-        self._next = _Draft(name, above, line, index=len(self.joints))
+            raise self._bad("too many joints", f"more than {MAX_JOINTS}", f"at most {MAX_JOINTS:,}")
+        self._lines[name] = self._line
+        self._next = _Draft(name, above, self._line, index=len(self.joints))
         self.joints.append(self._next)
 
-    def _begin(self, line: int) -> None:
+    def _begin(self) -> None:
         if self._next is None:
-            raise self._bad(line, "a block without a joint", "{", "ROOT, JOINT or End Site before it")
+            raise self._bad("a block without a joint", "{", "ROOT, JOINT or End Site before it")
         self._open.append(self._next)
         self._next = None
 
-    def _end(self, line: int) -> None:
+    def _end(self) -> None:
         if not self._open:
-            raise self._bad(line, "unexpected end of a block", "}")
+            raise self._bad("unexpected end of a block", "}")
         done = self._open.pop()
         if done.offset is None:
-            raise self._bad(line, f"{done.name} (line {done.line}) has no OFFSET", allowed="OFFSET x y z")
+            raise self._bad(f"{done.name} (line {done.line}) has no OFFSET", allowed="OFFSET x y z")
         if done.channels is None and not done.is_end:
             raise self._bad(
-                line,
                 f"joint {done.name} (line {done.line}) has no CHANNELS",
                 allowed="for example CHANNELS 3 Zrotation Xrotation Yrotation, or CHANNELS 0",
                 reason="missing_channels",
             )
 
-    def _current(self, line: int, what: str) -> _Draft:
+    def _current(self, what: str) -> _Draft:
         if not self._open:
-            raise self._bad(line, f"{what} outside of a joint")
+            raise self._bad(f"{what} outside of a joint")
         return self._open[-1]
 
-    def _offset(self, line: int, rest: str) -> None:
-        joint = self._current(line, "OFFSET")
+    def _offset(self, rest: str) -> None:
+        joint = self._current("OFFSET")
         if joint.offset is not None:
-            raise self._bad(line, f"{joint.name} has two OFFSETs")
+            raise self._bad(f"{joint.name} has two OFFSETs")
         words = rest.split()
         if len(words) != 3:
-            raise self._bad(line, "OFFSET requires three numbers", f"{len(words)}", "OFFSET x y z")
+            raise self._bad("OFFSET requires three numbers", f"{len(words)}", "OFFSET x y z")
         for word in words:
             if not NUMBER.fullmatch(word.encode()):
-                raise not_a_number(self.path, line, word.encode())
+                raise not_a_number(self.path, self._line, word.encode())
         x, y, z = (float(word) for word in words)
         if not max(abs(x), abs(y), abs(z)) <= MAX_VALUE:
-            raise self._bad(line, "an OFFSET is out of range", rest[:80], f"numbers within +-{MAX_VALUE:g}")
+            raise self._bad("an OFFSET is out of range", rest[:80], f"numbers within +-{MAX_VALUE:g}")
         joint.offset = (x, y, z)
 
-    def _channels(self, line: int, rest: str) -> None:
-        joint = self._current(line, "CHANNELS")
+    def _channels(self, rest: str) -> None:
+        joint = self._current("CHANNELS")
         words = rest.split()
         if joint.is_end:
-            raise self._bad(line, "an End Site has no channels")
+            raise self._bad("an End Site has no channels")
         if joint.channels is not None:
-            raise self._bad(line, f"{joint.name} has two lines of CHANNELS")
+            raise self._bad(f"{joint.name} has two lines of CHANNELS")
         if not words or not words[0].isdecimal() or words[0] != str(len(words) - 1):
             n, names = (words[0][:20] if words else "nothing"), len(words) - 1
             raise self._bad(
-                line,
                 "the number in CHANNELS differs from the number of names",
                 f"{n}, but {max(names, 0)} names",
                 "the number of channels, then their names",
@@ -253,37 +252,24 @@ class _Hierarchy:
         channels = tuple(channels_by_name.get(word.lower(), "") for word in words[1:])
         if "" in channels:
             wrong = words[1 + channels.index("")][:40]
-            raise self._bad(
-                line, f"unknown channel {wrong!r}", allowed=did_you_mean(wrong, channels_by_name.values())
-            )
+            raise self._bad(f"unknown channel {wrong!r}", allowed=did_you_mean(wrong, channels_by_name.values()))
         if len(set(channels)) < len(channels):
-            raise self._bad(line, "duplicate channel", rest[:120])
+            raise self._bad("duplicate channel", rest[:120])
         joint.channels = channels
 
-    def _finish(self, line: int) -> None:
+    def _finish(self) -> None:
         if self._open:
-            raise self._bad(line, f"the block of {self._open[-1].name} (line {self._open[-1].line}) never ends")
+            raise self._bad(f"the block of {self._open[-1].name} (line {self._open[-1].line}) never ends")
         if not self.joints:
-            raise self._bad(line, "the hierarchy has no joints", allowed="ROOT and its joints")
+            raise self._bad("the hierarchy has no joints", allowed="ROOT and its joints")
         root = self.joints[0]
         missing = [c for c in (*POSITIONS, *ROTATIONS) if c not in (root.channels or ())]
         if missing:
-            raise self._bad(
+            raise bvh_error(
+                self.path,
                 root.line,
                 f"the root {root.name} has no {' and no '.join(missing)}",
                 f"CHANNELS {' '.join(root.channels or ())}",
                 "three positions and three rotations",
                 reason="missing_channels",
             )
-
-    def _bad(
-        self,
-        line: int,
-        problem: str,
-        found: object = None,
-        allowed: object = None,
-        fix: str = "export the file again",
-        *,
-        reason: str = "broken_file",
-    ) -> DataError:
-        return bvh_error(self.path, line, problem, found, allowed, reason=reason, fix=fix)

@@ -34,17 +34,17 @@ _UP_LEG = {
     "neck": "Neck1 Neck",
     "head": "Head",
 }
+_LIMBS = ("Hip", "Knee", "Ankle", "Foot", "Collar", "Shoulder", "Elbow", "Wrist", "Hand")
+_SMPL = {
+    "pelvis": "Pelvis",
+    **{f"{{side}}_{limb.lower()}": f"{{Side}}{limb} {{S}}{limb}" for limb in _LIMBS},
+    "neck": "Neck",
+    "head": "Head",
+}
 _XSENS_JOINTS = {
     "pelvis": "Hips",
-    "{side}_hip": "{Side}Hip",
-    "{side}_knee": "{Side}Knee",
-    "{side}_ankle": "{Side}Ankle",
+    **{f"{{side}}_{limb.lower()}": f"{{Side}}{limb}" for limb in _LIMBS},
     "{side}_foot": "{Side}Toe",
-    "{side}_collar": "{Side}Collar",
-    "{side}_shoulder": "{Side}Shoulder",
-    "{side}_elbow": "{Side}Elbow",
-    "{side}_wrist": "{Side}Wrist",
-    "{side}_hand": "{Side}Hand",
     "neck": "Neck",
     "head": "Head",
 }
@@ -58,20 +58,6 @@ _XSENS_SEGMENTS = {
     "{side}_shoulder": "{Side}UpperArm",
     "{side}_elbow": "{Side}ForeArm {Side}LowerArm",
     "{side}_wrist": "{Side}Hand",
-    "neck": "Neck",
-    "head": "Head",
-}
-_SMPL = {
-    "pelvis": "Pelvis",
-    "{side}_hip": "{Side}Hip {S}Hip",
-    "{side}_knee": "{Side}Knee {S}Knee",
-    "{side}_ankle": "{Side}Ankle {S}Ankle",
-    "{side}_foot": "{Side}Foot {S}Foot",
-    "{side}_collar": "{Side}Collar {S}Collar",
-    "{side}_shoulder": "{Side}Shoulder {S}Shoulder",
-    "{side}_elbow": "{Side}Elbow {S}Elbow",
-    "{side}_wrist": "{Side}Wrist {S}Wrist",
-    "{side}_hand": "{Side}Hand {S}Hand",
     "neck": "Neck",
     "head": "Head",
 }
@@ -148,22 +134,18 @@ def _declared(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str
     names = [joint.name for joint in joints]
     for joint, name in declared.items():
         if name and name not in names:
+            # As shown in messages, so that a name of any length is compared in bounded time.
+            close = get_close_matches(shown(name, _COMPARED), [shown(n, _COMPARED) for n in names], 1, _CLOSE)
             raise DataError(
                 f"joint_map: the file has no joint {name!r} for {joint}",
                 reason="unknown_joints",
                 where=str(path),
                 found=f"{len(names)} joints",
                 allowed=listed(names),
-                fix=_meant(name, names)
+                fix=(f"did you mean {close[0]!r}? " if close else "")
                 + "correct joint_map, or move files with other skeletons to a folder of their own",
             )
     return {SMPL24.index(joint): names.index(name) for joint, name in declared.items() if name}
-
-
-def _meant(name: str, names: Sequence[str]) -> str:
-    """Return a question with the name that was probably meant, or nothing."""
-    close = get_close_matches(shown(name, _COMPARED), [shown(n, _COMPARED) for n in names], 1, _CLOSE)
-    return f"did you mean {close[0]!r}? " if close else ""
 
 
 def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], declared: Mapping[str, str]) -> str:

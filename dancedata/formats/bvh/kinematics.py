@@ -41,12 +41,12 @@ def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
     return float(max(apart, default=0.0))
 
 
-def rest_positions(joints: Sequence[BvhJoint], offsets: Floats) -> Floats:
+def rest_positions(parents: Sequence[int], offsets: Floats) -> Floats:
     """Return (J, 3) positions with all angles 0 and the root at 0."""
-    positions = np.zeros((len(joints), 3))
-    for k, joint in enumerate(joints):
-        if joint.parent != -1:
-            positions[k] = positions[joint.parent] + offsets[k]
+    positions = np.zeros((len(parents), 3))
+    for k, parent in enumerate(parents):
+        if parent != -1:
+            positions[k] = positions[parent] + offsets[k]
     return positions
 
 

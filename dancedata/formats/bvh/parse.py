@@ -1,28 +1,7 @@
 """Parser of BVH files (Biovision hierarchy) with any skeleton; errors name the line.
 
-::
-
-    HIERARCHY
-    ROOT Hips
-    {
-        OFFSET 0.0 0.0 0.0
-        CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
-        JOINT Spine
-        {
-            OFFSET 0.0 10.0 0.0
-            CHANNELS 3 Zrotation Yrotation Xrotation
-            End Site
-            {
-                OFFSET 0.0 10.0 0.0
-            }
-        }
-    }
-    MOTION
-    Frames: 2
-    Frame Time: 0.0333333
-    (one line per frame, one number per channel: lengths in the file's unit, angles in degrees)
-
-Time and memory are linear in the file's size; nothing is allocated by the numbers in a header.
+Lengths are in the file's unit, angles in degrees. Time and memory are linear in the file's size; nothing is allocated
+by the numbers in a header.
 """
 
 import math

@@ -1,26 +1,23 @@
-"""Retargets a BVH's skeleton to SMPL's 24 joints: constant rotations, bones with the file's own lengths.
+"""Retargets a BVH's skeleton to SMPL's 24 joints: constant rotations, bones with the file's lengths.
 
 Each mapped joint keeps the file's world rotation, up to a constant that rotates SMPL's rest pose into the file's:
 world rotation = file's world rotation @ align. `align` follows from the file's rest pose (all angles 0):
 
 - A joint of the back or of a limb: the shortest rotation, applied after its parent's `align`, that maps SMPL's rest
   direction of its bone to the file's.
-- The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the
-  hips (the arms) and comes closest to up. Up is the neck for the chest; for the pelvis it is the file's up axis, or
-  the spine if that is more than 60 degrees away from it.
-- Head and neck, whose joints have no standard position: the head as the pelvis, the neck as the chest. Other leaf
-  joints: as their parent.
+- The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the hips
+  (the arms) and comes closest to up: the neck for the chest; for the pelvis the file's up axis, or the spine if that
+  is more than 60 degrees away from it.
+- Head and neck, whose joints have no standard position: as the pelvis and the chest. Other leaf joints: as their
+  parent.
 
-The bones are the file's: an offset is the file's bone in SMPL's rest pose, so where nothing moves between two
-mapped joints, positions agree up to rounding. Where unmapped joints bend in between (four joints of a spine on
-SMPL's three), the upper joint is rotated in every frame to point at the lower one, and the positions agree except
-for the change of length.
+So where nothing moves between two mapped joints, positions agree up to rounding. Where unmapped joints bend in
+between (four joints of a spine on SMPL's three), the upper joint is rotated in each frame to point at the lower one.
 
-The rest pose of some files is not a pose of a body: Rokoko's puts both legs and the spine along +X. The directions
-of the bones then do not determine the rotations about them. Therefore the mean rotation of every joint relative to
-its parent is checked: no dance has a foot or the head rotated by more than 60 degrees on average (120 for hips and
-arms). Where it seems so, `align` is rotated back by the nearest multiple of 90 degrees (180 for hips and arms). This
-has no effect on positions, and none on files whose rest pose is a T-pose or an A-pose.
+The rest pose of some files is not a pose of a body (Rokoko's puts both legs and the spine along +X), and directions
+of bones do not determine the rotations about them. If a joint's mean rotation relative to its parent exceeds 60
+degrees (120 for hips and arms), which no dance has, `align` is rotated back by the nearest multiple of 90 degrees
+(180).
 """
 
 import hashlib
@@ -31,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
-from dancedata.core.rotations import shortest_rotation
+from dancedata.core.rotations import rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.formats.bvh.joint_names import JointMap, ancestors
 from dancedata.formats.bvh.kinematics import bone_offsets, rest_positions, world
@@ -40,6 +37,8 @@ from dancedata.formats.bvh.parse import Bvh
 Floats = NDArray[np.float64]
 
 PELVIS, NECK, HEAD = 0, 12, 15
+#: Rest positions of SMPL's joints relative to the pelvis, (24, 3) metres.
+SMPL_REST = rest_positions(SMPL24.parents, SMPL24.offsets)
 _SPINE = (3, 6, 9)
 _SIDES = ((1, 2), (13, 14), (16, 17))
 #: The child at the end of the bone that defines a joint's rotation.
@@ -78,14 +77,6 @@ class Rig:
     offsets: Floats
 
 
-def smpl_rest() -> Floats:
-    """Return the rest positions of SMPL's joints relative to the pelvis, (24, 3) metres."""
-    positions = np.zeros((24, 3))
-    for j in range(1, 24):
-        positions[j] = positions[SMPL24.parents[j]] + SMPL24.offsets[j]
-    return positions
-
-
 def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     """Compute the constant rotations and the bones.
 
@@ -102,7 +93,7 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     DataError
         ``bad_skeleton`` for legs or hips of length 0 and for bones that change their length.
     """
-    rest = rest_positions(bvh.joints, bone_offsets(bvh))
+    rest = rest_positions([joint.parent for joint in bvh.joints], bone_offsets(bvh))
     places = {s: rest[b] for s, b in joints.of.items()}
     size = max(_norm(a - b) for a in places.values() for b in places.values())
     _check_bones(bvh, joints, places, size)
@@ -135,8 +126,6 @@ def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
     rotations, pelvis
         (T, 24, 3) axis-angle relative to the parent, radians; (T, 3) in the file's unit, +Y up.
     """
-    from dancedata.core.rotations import rotvec_from_matrix
-
     mapped = sorted(rig.joints.of)
     indices = [rig.joints.of[s] for s in mapped]
     rotations = np.empty((bvh.n_frames, 24, 3))
@@ -193,8 +182,8 @@ def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size:
 
 def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Floats:
     """Return the offsets (24, 3) in SMPL's rest pose, in the file's unit."""
-    smpl = smpl_rest()
-    scale = sum(_norm(places[b] - places[a]) for a, b in _LEGS) / sum(_norm(smpl[b] - smpl[a]) for a, b in _LEGS)
+    bones, smpl = (sum(_norm(at[b] - at[a]) for a, b in _LEGS) for at in (places, SMPL_REST))
+    scale = bones / smpl
     inner = set(SMPL24.parents)
     offsets = np.zeros((24, 3))
     for j in range(1, 24):
@@ -243,7 +232,6 @@ class _Aligner:
         self.turns = turns
         self.align = np.tile(np.eye(3), (24, 1, 1))
         self.child_of: dict[int, int] = {}
-        self._smpl = smpl_rest()
         spine = [s for s in _SPINE if s in places]
         self._chest = spine[-1] if spine else PELVIS
 
@@ -264,7 +252,7 @@ class _Aligner:
         if spine is not None:
             bone = self.places[spine] - self.places[PELVIS]
             if bone @ self.up < np.cos(np.radians(60)) * _norm(bone):
-                rest_up, up = self._smpl[spine], bone
+                rest_up, up = SMPL_REST[spine], bone
         return self._frame((1, 2), rest_up, up, np.eye(3))
 
     def _chest_rotation(self) -> Floats:
@@ -273,7 +261,7 @@ class _Aligner:
         neck = next((s for s in (NECK, HEAD) if s in self.places and self._apart(self._chest, s)), None)
         if neck is None:
             return above
-        rest_up = self._smpl[neck] - self._smpl[self._chest]
+        rest_up = SMPL_REST[neck] - SMPL_REST[self._chest]
         return self._frame(sides, rest_up, self.places[neck] - self.places[self._chest], above)
 
     def _frame(self, sides: tuple[int, int], rest_up: Floats, up: Floats, otherwise: Floats) -> Floats:
@@ -292,7 +280,7 @@ class _Aligner:
             start = self.align[PELVIS] if joint == HEAD else self.align[above]
             return self._untwisted(joint, above, start, None)
         self.child_of[joint] = below
-        bone = self._smpl[below] - self._smpl[joint]
+        bone = SMPL_REST[below] - SMPL_REST[joint]
         start = self.align[above]
         aimed = shortest_rotation(start @ bone, self.places[below] - self.places[joint], start[:, 2]) @ start
         return self._untwisted(joint, above, aimed, bone / _norm(bone))

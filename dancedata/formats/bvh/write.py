@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 from dancedata.core.motion import Motion
 from dancedata.files import atomic
 
-__all__ = ["bvh_text", "motion_bvh", "write_bvh"]
-
 Floats = NDArray[np.float64]
-
 
 #: Units per metre.
 UNITS = {"m": 1.0, "cm": 100.0}
@@ -86,50 +83,35 @@ def bvh_text(
 
     orders = [orders] * len(names) if isinstance(orders, str) else list(orders)
     ends = np.zeros((len(names), 3)) if ends is None else ends
-    lines = ["HIERARCHY"]
-    _block(lines, 0, 0, names, parents, offsets, orders, ends)
+    lines, order = ["HIERARCHY"], list[int]()
+
+    def add_block(joint: int, indent: str) -> None:
+        order.append(joint)
+        position = "3 " if indent else "6 Xposition Yposition Zposition "
+        rotation = " ".join(f"{axis}rotation" for axis in orders[joint])
+        lines.extend(
+            f"{indent}{line}"
+            for line in (
+                f"{'JOINT' if indent else 'ROOT'} {names[joint]}",
+                "{",
+                f"\tOFFSET {' '.join(f'{value:.6f}' for value in offsets[joint])}",
+                f"\tCHANNELS {position}{rotation}",
+            )
+        )
+        children = [child for child, parent in enumerate(parents) if parent == joint]
+        for child in children:
+            add_block(child, indent + "\t")
+        if not children:
+            end = " ".join(f"{value:.6f}" if value else "0.0" for value in ends[joint])
+            lines.extend(f"{indent}\t{line}" for line in ("End Site", "{", f"\tOFFSET {end}", "}"))
+        lines.append(f"{indent}}}")
+
+    add_block(0, "")
     columns = [np.asarray(root, dtype=np.float64)]
-    for joint in _file_order(parents):
-        order: Any = orders[joint]
-        columns.append(np.asarray(Rotation.from_matrix(rotations[:, joint]).as_euler(order, degrees=True)))
+    for joint in order:
+        axes: Any = orders[joint]
+        columns.append(np.asarray(Rotation.from_matrix(rotations[:, joint]).as_euler(axes, degrees=True)))
     rows = np.concatenate(columns, axis=1)
     lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {frame_time}"]
     lines += [" ".join(f"{value:.6f}" for value in row) for row in rows]
     return "\n".join(lines) + "\n"
-
-
-def _file_order(parents: Sequence[int], joint: int = 0) -> list[int]:
-    """Return the joints in depth-first order, children in their order."""
-    order = [joint]
-    for child, parent in enumerate(parents):
-        if parent == joint:
-            order += _file_order(parents, child)
-    return order
-
-
-def _block(
-    lines: list[str],
-    joint: int,
-    depth: int,
-    names: Sequence[str],
-    parents: Sequence[int],
-    offsets: Floats,
-    orders: Sequence[str],
-    ends: Floats,
-) -> None:
-    indent = "\t" * depth
-    position = "Xposition Yposition Zposition " if depth == 0 else ""
-    rotation = " ".join(f"{axis}rotation" for axis in orders[joint])
-    children = [child for child, parent in enumerate(parents) if parent == joint]
-    lines += [
-        f"{indent}{'JOINT' if depth else 'ROOT'} {names[joint]}",
-        f"{indent}{{",
-        f"{indent}\tOFFSET {' '.join(f'{value:.6f}' for value in offsets[joint])}",
-        f"{indent}\tCHANNELS {6 if depth == 0 else 3} {position}{rotation}",
-    ]
-    for child in children:
-        _block(lines, child, depth + 1, names, parents, offsets, orders, ends)
-    if not children:
-        end = " ".join(f"{value:.6f}" if value else "0.0" for value in ends[joint])
-        lines += [f"{indent}\tEnd Site", f"{indent}\t{{", f"{indent}\t\tOFFSET {end}", f"{indent}\t}}"]
-    lines.append(f"{indent}}}")

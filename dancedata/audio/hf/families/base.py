@@ -1,4 +1,4 @@
-"""What a family of encoders is: arithmetic on its config, and how its network is loaded and called."""
+"""Family: arithmetic on the config of an encoder, and loading and calling its network."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Timing:
-    """When the frames of an encoder are, in samples at its own rate.
+    """Instants of the frames of an encoder, in samples at the encoder's rate.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def last_hidden_state(network: Any, inputs: torch.Tensor) -> Callable[[], torch.
 def hidden_states(
     run: Callable[[], torch.Tensor], blocks: Sequence[torch.nn.Module], layers: Sequence[int], n_layers: int
 ) -> dict[int, torch.Tensor]:
-    """Run a network, and return the layers that are asked for.
+    """Run a network, and return the hidden states of some layers.
 
     Layer 0 is what enters the first block, layer k what leaves block k, and layer `n_layers` what `run` returns: the
     network's last hidden state, after a final norm where it has one.
@@ -155,7 +155,7 @@ Samples = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class NetworkSpec:
-    """Which class of transformers loads a folder, and what of the weights may differ.
+    """The class of transformers that loads a folder, and permitted differences of the weights.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class NetworkSpec:
     config
         Name of its config class, and the keys for it.
     missing, unexpected
-        Regular expressions of weights that the features do not need: those may lack, or be there beside.
+        Regular expressions of weights that the features do not need: those may be missing, or present without use.
     renamed
         Regular expressions of names in the files, with what they are in the class.
     """
@@ -237,7 +237,7 @@ class Family(ABC):
     @property
     @abstractmethod
     def timing(self) -> Timing:
-        """When its frames are."""
+        """Instants of its frames."""
 
     @property
     @abstractmethod
@@ -279,7 +279,7 @@ class Family(ABC):
 
     @property
     def layers(self) -> range:
-        """Layers that may be asked for."""
+        """Layers that `layers` may name."""
         return range(self.n_layers + 1)
 
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:

@@ -1,4 +1,4 @@
-"""MuQ: a conformer over a log-mel spectrogram, 25 frames per second. Its front end is written anew here.
+"""MuQ: a conformer over a log-mel spectrogram, 25 frames per second.
 
 Zhu et al. 2025, "MuQ: Self-Supervised Music Representation Learning with Mel Residual Vector Quantization". The
 package ``muq`` needs torchaudio, einops, nnAudio, easydict and x_clip; this needs what transformers needs.

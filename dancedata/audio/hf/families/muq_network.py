@@ -15,7 +15,7 @@ _FLOOR = 1e-10
 
 
 class Residual(nn.Module):
-    """Two 3 x 3 convolutions, the first with a stride, beside one with the same stride."""
+    """Two 3 x 3 convolutions, the first with a stride, in parallel to one with the same stride."""
 
     def __init__(self, channels_in: int, channels: int, stride: tuple[int, int]) -> None:
         super().__init__()

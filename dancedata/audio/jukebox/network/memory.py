@@ -16,7 +16,7 @@ MAX_BATCH = 32
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the blocks are.
+    """Locations of the blocks.
 
     Attributes
     ----------

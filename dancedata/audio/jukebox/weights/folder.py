@@ -14,14 +14,14 @@ from dancedata.files.strict_json import read_json
 
 VQVAE_FILE = "vqvae.pth.tar"
 PRIOR_FILE = "prior_level_2.pth.tar"
-#: Limit of JSON files beside the weights, which have some ten kilobytes.
+#: Limit of JSON files in the folder of the weights, which have some ten kilobytes.
 MAX_JSON_BYTES = 1 << 20
 LICENCE = (
     "The Jukebox weights are OpenAI's. They are published under OpenAI's Noncommercial Use License "
     "(https://github.com/openai/jukebox/blob/master/LICENSE): noncommercial use only, and anyone who passes "
     "them on must include that license. They are not part of dancedata, whose own licence does not cover them."
 )
-#: Sizes of another network than the real one, beside OpenAI's files.
+#: Sizes of a network other than the 5b model, in the folder of its weights.
 HPARAMS_FILE = "hparams.json"
 #: Marks a converted folder, see `conversion`.
 DESCRIPTION_FILE = "jukebox.json"

@@ -72,7 +72,7 @@ class LegacyTensor:
 
 
 class _Ignored(dict[Any, Any]):
-    """Replaces other objects beside the tensors (hyperparameters of OpenAI's class, numpy numbers)."""
+    """Placeholder for objects that are not tensors (hyperparameters of OpenAI's class, numpy numbers)."""
 
 
 def _ignored(*_: object) -> _Ignored:

@@ -1,14 +1,14 @@
-"""dancedata view."""
+"""dancedata view and dancedata report: pages for the browser."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.errors import errors_to_exit_codes
-from dancedata.cli.options import Clip, Normalized, ScalerFile
+from dancedata.cli.options import Clip, Normalized, ScalerFile, errors_to_exit_codes
 from dancedata.core.errors import UsageError
+from dancedata.core.text import json_text
 
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
 COMPARE_HELP = "Another dataset, a folder of <clip>.npy or .npz, or one file; repeat it for several."
@@ -75,7 +75,7 @@ def view(
 
 
 def _require_served(options: Mapping[str, object], output: str, fix: str = "") -> None:
-    """Raise UsageError for options that a file would not show; without a file, for those of --compare."""
+    """Raise UsageError for options without effect on the file `output`, or without --compare."""
     named = [name for name, value in options.items() if value not in (None, [])]
     if named:
         raise UsageError(
@@ -101,3 +101,41 @@ def _write_video(
     typer.echo(str(written))
     if not embed:
         typer.echo("  without sound; with the clip's music: --source DIR --audio embed")
+
+
+TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
+CLIPS_HELP = "Clips that the page plays: the most suspicious and others; above 12 in a folder beside the page."
+REPORT_SHARE_HELP = "State that you may share the music although the dataset's licence forbids it."
+
+
+@errors_to_exit_codes
+def report(
+    store: Annotated[Path, typer.Argument(metavar="OUT", help="A built dataset.")],
+    to: Annotated[Path | None, typer.Option(metavar="FILE.html", help=TO_HELP)] = None,
+    clips: Annotated[str, typer.Option(metavar="N|all|none", help=CLIPS_HELP)] = "12",
+    audio: Annotated[str, typer.Option(help="none, or embed: the music of the clips inside the page.")] = "none",
+    source: Annotated[Path | None, typer.Option(help="Folder with the music, for --audio embed.")] = None,
+    may_share: Annotated[bool, typer.Option("--i-may-share-this-music", help=REPORT_SHARE_HELP)] = False,
+    against: Annotated[Path | None, typer.Option(metavar="OTHER", help="Another built dataset beside it.")] = None,
+    max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
+    overwrite: Annotated[bool, typer.Option(help="Replace a file that is there.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
+) -> None:
+    """Write a page that shows what a dataset holds: dancedata report OUT --to FILE.html."""
+    from dancedata.report.document import findings
+    from dancedata.report.write import default_path, write_report
+
+    target = to if to is not None or as_json else default_path(store)
+    chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
+    how: Any = audio
+    written = write_report(
+        store, target, clips=chosen, audio=how, source=source, may_share=may_share, against=against, max_mb=max_mb,
+        overwrite=overwrite,
+    )  # fmt: skip
+    if as_json:
+        typer.echo(json_text(written.to_json()))
+        return
+    if written.path is not None:
+        typer.echo(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
+    for finding in findings(written.numbers):
+        typer.echo(f"  {finding.kind}: {finding.text}")

@@ -1,7 +1,13 @@
-"""dancedata new: a plug-in of any kind and its test, written from a template."""
+"""dancedata list and dancedata new: recipes and plug-ins, and new ones from templates.
 
+Recipes are read and not parsed, so that neither pydantic nor the files of datasets are loaded.
+"""
+
+import dataclasses
+import inspect
 import keyword
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,10 +23,13 @@ from dancedata.core.registry import (
     FILTERS,
     KEYMOTIONS,
     METRICS,
+    REGISTRIES,
     REPRESENTATIONS,
     Registry,
 )
+from dancedata.core.resources import resource, resources
 from dancedata.exports.base.job import EXPORTS
+from dancedata.recipes.yaml import read_yaml
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _TEST = '''"""Conformance of the {kind} {name}."""
@@ -63,9 +72,9 @@ class Kind:
     template
         File of the template.
     recipe
-        How a recipe names a plug-in of this kind, with NAME in place of its name; "" where none does.
+        The key of a recipe that names a plug-in of this kind, with NAME for its name; "" if there is none.
     command
-        The command that uses one then.
+        The command that uses one in that case.
     """
 
     registry: Registry[Any]
@@ -74,7 +83,7 @@ class Kind:
     command: str = ""
 
     def use(self, name: str) -> str:
-        """Return how a plug-in is used, in words."""
+        """Return the use of a plug-in, in words."""
         text = f"a recipe may have: {self.recipe}" if self.recipe else f"it is used by: {self.command}"
         return text.replace("NAME", name)
 
@@ -181,7 +190,38 @@ def _check_name(plugin: NewPlugin) -> None:
 
 
 def _class_name(name: str, template: str) -> str:
-    """Return the name in CamelCase, with Plugin after it if the template uses that name for something else."""
+    """Return the name in CamelCase; append Plugin if the template uses that name otherwise."""
     cls = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
     taken = keyword.iskeyword(cls) or cls == "Path" or re.search(rf"\b{cls}\b", template)
     return f"{cls}Plugin" if taken else cls
+
+
+def catalogue() -> dict[str, Any]:
+    """Return all recipes and plug-ins, each with one line of description and its keys."""
+    files = {name.removesuffix(".yaml"): resource("pipelines", name) for name in resources("pipelines")}
+    entries: dict[str, Any] = {
+        "recipes": {name: {"about": read_yaml(file).get("description", "")} for name, file in files.items()}
+    }
+    for kind, registry in {**REGISTRIES, "exports": EXPORTS}.items():
+        entries[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
+    return entries
+
+
+def _plugin_json(cls: type[Any]) -> dict[str, Any]:
+    summary = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
+    keys = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+    if getattr(cls, "default_contacts", None) is not None:
+        keys["contacts"] = cls.default_contacts
+    return {"about": summary, "keys": keys}
+
+
+def describe_catalogue(kinds: Mapping[str, Any]) -> str:
+    """Return the output of `list`."""
+    lines = []
+    for kind, entries in kinds.items():
+        lines.append(f"{kind}:")
+        for name, entry in entries.items():
+            lines.append(f"  {name}: {entry['about']}")
+            if entry.get("keys"):
+                lines.append(f"    keys: {', '.join(f'{k}={v!r}' for k, v in entry['keys'].items())}")
+    return "\n".join(lines)

