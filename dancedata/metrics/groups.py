@@ -270,7 +270,8 @@ def intersection_frequency(joints: Float64Array, *, radius_m: Sequence[float] = 
     """Return TIF, the trajectory intersection frequency: intersecting pairs (i, j), i != j, per frame.
 
     Le et al. 2023, Music-Driven Group Choreography. Both orders of a pair count, as in their sum. They test
-    the meshes of SMPL, without public code; here bodies are those of `collisions`, so published numbers do not compare.
+    the meshes of SMPL, and their code is not public; here bodies are those of `collisions`, so published numbers do
+    not compare.
     Arguments and errors as `collisions`.
     """
     return float(collisions(joints, radius_m=radius_m).sum(axis=(0, 1)).mean())

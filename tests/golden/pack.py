@@ -43,6 +43,7 @@ CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
 #: Codes of the longest of them.
 N_CODES = 1722
 DUET = "Waltz_5_0"
+INFINITE = "my clip 2 (live)"
 HUMANML = "gHO_sBM_cAll_d19_mHO3_ch07"
 BAILANDO = "gHO_sBM_cAll_d17_mHO1_ch01.7.5fps"
 
@@ -298,8 +299,8 @@ def pack_humanml(golden: Path, out: Path) -> None:
     save(out / "golden.npz", {f"{HUMANML}.{what}": arrays[f"{HUMANML}.{what}"] for what in ("263", "recovered")})
 
 
-def pack_groups(crowd: Path, out: Path) -> None:
-    """Keep the joints of three groups and of a duet, and their scores."""
+def pack_crowd(crowd: Path, out: Path) -> None:
+    """Keep the joints of three groups and of a duet, and their scores, and a clip of InfiniteDance."""
     gcd, duet = load(crowd / "gcd" / "metrics.npz"), load(crowd / "duolando" / "metrics.npz")
     scores = json.loads((crowd / "gcd" / "metrics.json").read_text())
     arrays: Arrays = {}
@@ -313,6 +314,10 @@ def pack_groups(crowd: Path, out: Path) -> None:
     arrays["duet100"] = duet[f"{DUET}.duet100"]
     arrays["bed"] = np.array(json.loads((crowd / "duolando" / "metrics.json").read_text())[DUET]["BED"])
     save(out / "groups.npz", arrays)
+    columns = load(crowd / "infinitedance" / "columns266.npz")
+    joints = np.load(crowd / "inputs" / "infinitedance" / "joints" / f"{INFINITE}.npy")
+    names = {"columns": f"{INFINITE}.266", "recovered": f"{INFINITE}.recovered264"}
+    save(out / "infinitedance.npz", {"joints": joints, **{name: columns[key] for name, key in names.items()}})
 
 
 def pack_keys(path: Path, out: Path) -> None:
@@ -339,7 +344,7 @@ def main(golden: Path, out: Path) -> None:
     pack_jukebox(golden / "jukebox", out / "jukebox")
     pack_bailando(golden / "bailando438", out / "bailando438")
     pack_humanml(golden / "humanml263", out / "humanml263")
-    pack_groups(golden / "crowd", out / "crowd")
+    pack_crowd(golden / "crowd", out / "crowd")
     pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
     sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}
     for path, size in sorted(sizes.items(), key=lambda item: item[1]):
