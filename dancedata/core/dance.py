@@ -25,6 +25,7 @@ OUTCOMES = {
     "no_beats": "the motion or the music has no beat",
     "no_contact": "a foot never touches the ground",
     "few_clips": "the set has too few clips",
+    "few_dancers": "the group has too few dancers",
 }
 
 

@@ -16,12 +16,19 @@ __all__ = [
     "MusicBeats",
     "Undefined",
     "beat_alignment",
+    "beat_echo",
     "bootstrap",
     "chance_level",
+    "collisions",
     "constant_columns",
+    "contact_spans",
     "diversity",
+    "duet_distances",
     "frechet",
     "geometric",
+    "group_correlation",
+    "group_kinetic",
+    "intersection_frequency",
     "jackknife",
     "kinetic",
     "motion_beat_times",
@@ -29,6 +36,7 @@ __all__ = [
     "pbc",
     "pfc",
     "physics",
+    "root_distances",
     "rooted",
     "skating",
 ]
@@ -38,6 +46,16 @@ if TYPE_CHECKING:
     from dancedata.metrics.beats import beat_alignment, chance_level, motion_beat_times, motion_beats
     from dancedata.metrics.foot_skating import skating
     from dancedata.metrics.geometric_features import geometric
+    from dancedata.metrics.groups import (
+        beat_echo,
+        collisions,
+        contact_spans,
+        duet_distances,
+        group_correlation,
+        group_kinetic,
+        intersection_frequency,
+        root_distances,
+    )
     from dancedata.metrics.intervals import Interval, bootstrap, jackknife
     from dancedata.metrics.kinetic_features import kinetic
     from dancedata.metrics.motius_physics import physics
@@ -54,12 +72,19 @@ else:  # type checkers take the imports above, and so find misspelt names
             "MusicBeats": "dancedata.core.dance",
             "Undefined": "dancedata.core.dance",
             "beat_alignment": "dancedata.metrics.beats",
+            "beat_echo": "dancedata.metrics.groups",
             "bootstrap": "dancedata.metrics.intervals",
             "chance_level": "dancedata.metrics.beats",
+            "collisions": "dancedata.metrics.groups",
             "constant_columns": "dancedata.metrics.set_statistics",
+            "contact_spans": "dancedata.metrics.groups",
             "diversity": "dancedata.metrics.set_statistics",
+            "duet_distances": "dancedata.metrics.groups",
             "frechet": "dancedata.metrics.set_statistics",
             "geometric": "dancedata.metrics.geometric_features",
+            "group_correlation": "dancedata.metrics.groups",
+            "group_kinetic": "dancedata.metrics.groups",
+            "intersection_frequency": "dancedata.metrics.groups",
             "jackknife": "dancedata.metrics.intervals",
             "kinetic": "dancedata.metrics.kinetic_features",
             "motion_beat_times": "dancedata.metrics.beats",
@@ -67,6 +92,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "pbc": "dancedata.metrics.physical_contact",
             "pfc": "dancedata.metrics.physical_contact",
             "physics": "dancedata.metrics.motius_physics",
+            "root_distances": "dancedata.metrics.groups",
             "rooted": "dancedata.metrics.root",
             "skating": "dancedata.metrics.foot_skating",
         },

@@ -119,17 +119,27 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
     >>> kinetic(joints, 60).shape
     (72,)
     """
-    positions, step_s = _checked(joints, fps)
     known_name("energy", energy, ("fixed", "code"))
+    return _means(frame_features(joints, fps, energy=energy, up=up))
+
+
+def frame_features(
+    joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: Up = "y", half: int = _HALF
+) -> Float64Array:
+    """Return the kinetic features of the frames 1 ... T - 1 by themselves, (T - 1, J, 3); `kinetic` is their mean.
+
+    Arguments as `kinetic`; `half` is the number of frames on each side that velocity and acceleration are means of.
+    """
+    positions, step_s = _checked(joints, fps)
     n = len(positions)
     frames = np.arange(1, n)
-    first, last = np.maximum(frames - _HALF, 1), np.minimum(frames + _HALF, n - 1)
+    first, last = np.maximum(frames - half, 1), np.minimum(frames + half, n - 1)
     velocity = (positions[last] - positions[first - 1]) / ((last - first + 1) * step_s)[:, None, None]
     earlier, now, later = positions[:-2], positions[1:-1], positions[2:]
     before = now - earlier / step_s if energy == "code" else (now - earlier) / step_s
     acceleration = ((later - now) / step_s - before) / step_s
     # The frames 1 ... T - 2 have an acceleration; frame T - 1 sees those of its neighbours.
-    sums, counts = _box_sums(acceleration, n - 1)
+    sums, counts = _box_sums(acceleration, n - 1, half)
     return _features(velocity, sums / counts[:, None, None], up)
 
 
@@ -142,7 +152,7 @@ def kinetic_megadance(joints: Float64Array, fps: float, *, up: Up = "y") -> Floa
     """
     positions, step_s = _checked(joints, fps)
     velocity = _box_of_zeros(_differences_repeated(positions) / step_s)
-    return _features(velocity, _box_of_zeros(_differences_repeated(velocity) / step_s), up)
+    return _means(_features(velocity, _box_of_zeros(_differences_repeated(velocity) / step_s), up))
 
 
 def kinetic_flowerdance(joints: Float64Array, fps: float, *, up: Up = "y") -> Float64Array:
@@ -153,7 +163,7 @@ def kinetic_flowerdance(joints: Float64Array, fps: float, *, up: Up = "y") -> Fl
     """
     positions, step_s = _checked(joints, fps)
     velocity = _wrapped_velocity(positions, step_s)
-    return _features(velocity, _wrapped_velocity(velocity, step_s), up)
+    return _means(_features(velocity, _wrapped_velocity(velocity, step_s), up))
 
 
 def _checked(joints: Float64Array, fps: float) -> tuple[Float64Array, float]:
@@ -163,22 +173,25 @@ def _checked(joints: Float64Array, fps: float) -> tuple[Float64Array, float]:
 
 
 def _features(velocity: Float64Array, acceleration: Float64Array, up: Up) -> Float64Array:
+    """Return squared horizontal and vertical speed and size of the acceleration, (T, J, 3)."""
     axis = axis_of(up)
     squares = velocity**2
-    vertical = squares[..., axis].mean(axis=0)
-    horizontal = np.delete(squares, axis, axis=2).sum(axis=2).mean(axis=0)
-    energy = np.linalg.norm(acceleration, axis=2).mean(axis=0)
-    return np.asarray(np.stack([horizontal, vertical, energy], axis=1).ravel(), dtype=np.float64)
+    horizontal = np.delete(squares, axis, axis=2).sum(axis=2)
+    return np.stack([horizontal, squares[..., axis], np.linalg.norm(acceleration, axis=2)], axis=2)
 
 
-def _box_sums(values: Float64Array, n: int) -> tuple[Float64Array, Float64Array]:
-    """Return sums over the rows i - 2 ... i + 2 of `values` that exist, and their number, for i = 0 ... n - 1."""
-    padded = np.zeros((n + 2 * _HALF, *values.shape[1:]))
-    exists = np.zeros(n + 2 * _HALF)
-    padded[_HALF : _HALF + len(values)] = values
-    exists[_HALF : _HALF + len(values)] = 1
+def _means(features: Float64Array) -> Float64Array:
+    return np.asarray(features.mean(axis=0).ravel(), dtype=np.float64)
+
+
+def _box_sums(values: Float64Array, n: int, half: int = _HALF) -> tuple[Float64Array, Float64Array]:
+    """Return sums over the rows i - half ... i + half of `values` that exist, and their number, for i < n."""
+    padded = np.zeros((n + 2 * half, *values.shape[1:]))
+    exists = np.zeros(n + 2 * half)
+    padded[half : half + len(values)] = values
+    exists[half : half + len(values)] = 1
     sums, counts = np.zeros((n, *values.shape[1:])), np.zeros(n)
-    for shift in range(2 * _HALF + 1):
+    for shift in range(2 * half + 1):
         sums += padded[shift : shift + n]
         counts += exists[shift : shift + n]
     return sums, counts

@@ -1,4 +1,4 @@
-"""HumanML3D's 263 columns."""
+"""HumanML3D's 263 columns, and InfiniteDance's 264."""
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -22,7 +22,6 @@ from dancedata.representations import _columns as parts
 from dancedata.representations import _humanml as humanml
 from dancedata.representations._columns import Part
 
-_WIDTH = 263
 #: A clip begins at the origin and faces +Z wherever it was danced, and each row is relative to the one before.
 _SPATIAL = Spatial(
     "y",
@@ -99,17 +98,17 @@ class Humanml263(Representation):
         DataError
             "bad_skeleton" for a bone without a length.
         """
-        parts.refuse_rule(contacts, "humanml263")
+        parts.refuse_rule(contacts, self.name)
         if not has_body(motion.skeleton):
             raise UsageError(
-                f"humanml263 cannot hold a motion on skeleton {motion.skeleton.name}",
+                f"{self.name} cannot hold a motion on skeleton {motion.skeleton.name}",
                 found=f"joints {', '.join(motion.skeleton.joints[:4])}, ...",
                 allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
             )
         return humanml.columns_of(humanml.retargeted(motion.joints()[:, : humanml.N_JOINTS]))
 
     def positions(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-        """Return the joint positions (T, 22, 3) of columns (T, 263), metres, as HumanML3D's `recover_from_ric`.
+        """Return the joint positions (T, 22, 3) of columns (T, D), metres, as HumanML3D's `recover_from_ric`.
 
         Raises
         ------
@@ -118,16 +117,56 @@ class Humanml263(Representation):
         DataError
             "nan".
         """
-        return humanml.joints_of(parts.checked(array, _WIDTH, "humanml263"))
+        return humanml.joints_of(self._humanml3d(parts.checked(array, self.columns.width, self.name)))
+
+    def _humanml3d(self, array: Float64Array) -> Float64Array:
+        return array
 
     @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode columns (T, 263), not normalised, into a motion with the positions that they hold.
+        """Decode columns (T, D), not normalised, into a motion with the positions that they hold.
 
         Rotations are fitted to the positions; the columns' own are not used, and neither are velocities of joints.
         How bones turn about themselves is not in the columns. Raises the errors of `positions`.
         """
         return fitted(self.positions(array), HUMANML22, grid)
+
+
+def with_root_angle(array: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return InfiniteDance's columns (T, 264) of HumanML3D's (T, 263)."""
+    angle = np.zeros((len(array), 1))
+    angle[1:, 0] = np.cumsum(array[:-1, 0], dtype=np.float64)
+    return np.concatenate([array[:, 3:4], angle, array[:, :3], array[:, 4:]], axis=1).astype(np.float32)
+
+
+@REPRESENTATIONS.register("humanml264")
+@dataclass(frozen=True)
+class Humanml264(Humanml263):
+    """InfiniteDance's columns: HumanML3D's with the root's height first and its angle beside the turn; 30 per second.
+
+    The angle is the sum of the turns of the rows before, so like them half the angle, 0 in the first row; decoding
+    does not use it. The limit of contacts remains 0.045 m per frame, whatever the rate. A turn past half a circle has
+    the wrong sign in one row, as in HumanML3D.
+    """
+
+    rate: ClassVar[Fraction | None] = Fraction(30)
+    spatial: ClassVar[Spatial | None] = Spatial("y", {**_SPATIAL.roles, "root_angle": "unchanged"})
+
+    @property
+    @override
+    def columns(self) -> Columns:
+        turn, velocity, height = _root()
+        angle = Part(Group("root_angle", 1, "rad, half the angle"), Mirror((0,), (-1,)))
+        root = (height, angle, turn, velocity)
+        return parts.columns_of(*root, _local_positions(), _rotations(), _velocities(), _contacts())
+
+    @override
+    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
+        return with_root_angle(super().encode(motion, contacts))
+
+    @override
+    def _humanml3d(self, array: Float64Array) -> Float64Array:
+        return np.concatenate([array[:, 2:5], array[:, :1], array[:, 5:]], axis=1)
 
 
 def _root() -> tuple[Part, ...]:

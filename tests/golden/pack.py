@@ -1,6 +1,6 @@
 """Make tests/golden/data from the whole reference set: python tests/golden/pack.py GOLDEN OUT.
 
-GOLDEN has the folders `peers`, `metrics`, `jukebox`, `bailando438` and `humanml263`, and the file
+GOLDEN has the folders `peers`, `metrics`, `jukebox`, `bailando438`, `humanml263` and `crowd`, and the file
 `jukebox_keys.csv` beside it. What is left out, and why that changes no comparison, stands in data/README.md. The
 values that stay are the reference's own bits.
 """
@@ -42,6 +42,8 @@ METRIC_SETS = (
 CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
 #: Codes of the longest of them.
 N_CODES = 1722
+DUET = "Waltz_5_0"
+INFINITE = "my clip 2 (live)"
 HUMANML = "gHO_sBM_cAll_d19_mHO3_ch07"
 BAILANDO = "gHO_sBM_cAll_d17_mHO1_ch01.7.5fps"
 
@@ -297,6 +299,27 @@ def pack_humanml(golden: Path, out: Path) -> None:
     save(out / "golden.npz", {f"{HUMANML}.{what}": arrays[f"{HUMANML}.{what}"] for what in ("263", "recovered")})
 
 
+def pack_crowd(crowd: Path, out: Path) -> None:
+    """Keep the joints of three groups and of a duet, and their scores, and a clip of InfiniteDance."""
+    gcd, duet = load(crowd / "gcd" / "metrics.npz"), load(crowd / "duolando" / "metrics.npz")
+    scores = json.loads((crowd / "gcd" / "metrics.json").read_text())
+    arrays: Arrays = {}
+    for key, array in gcd.items():
+        name, _, what = key.rpartition(".")
+        if what in ("joints", "group_kinetic72"):
+            arrays[key] = array
+            arrays[f"{name}.gmc"] = np.array(scores[name]["gmc"])
+    positions = load(crowd / "duolando" / "dd100.npz")
+    arrays["follower"], arrays["leader"] = (positions[f"{DUET}_0{k}.pos3d"].reshape(-1, 55, 3) for k in (0, 1))
+    arrays["duet100"] = duet[f"{DUET}.duet100"]
+    arrays["bed"] = np.array(json.loads((crowd / "duolando" / "metrics.json").read_text())[DUET]["BED"])
+    save(out / "groups.npz", arrays)
+    columns = load(crowd / "infinitedance" / "columns266.npz")
+    joints = np.load(crowd / "inputs" / "infinitedance" / "joints" / f"{INFINITE}.npy")
+    names = {"columns": f"{INFINITE}.266", "recovered": f"{INFINITE}.recovered264"}
+    save(out / "infinitedance.npz", {"joints": joints, **{name: columns[key] for name, key in names.items()}})
+
+
 def pack_keys(path: Path, out: Path) -> None:
     """Names, shapes and types of the real files' tensors."""
     with path.open() as file:
@@ -321,6 +344,7 @@ def main(golden: Path, out: Path) -> None:
     pack_jukebox(golden / "jukebox", out / "jukebox")
     pack_bailando(golden / "bailando438", out / "bailando438")
     pack_humanml(golden / "humanml263", out / "humanml263")
+    pack_crowd(golden / "crowd", out / "crowd")
     pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
     sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}
     for path, size in sorted(sizes.items(), key=lambda item: item[1]):

@@ -24,7 +24,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.spatial import Placement, moved
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations import _humanml as humanml
-from dancedata.representations.humanml263 import HUMANML22, Humanml263, fitted
+from dancedata.representations.humanml263 import HUMANML22, Humanml263, Humanml264, fitted, with_root_angle
 from dancedata.testing.examples import mirrored_motion, random_motion
 from tests.conftest import DATA, Arrays, unpack
 from tests.messages import raises_message
@@ -189,3 +189,17 @@ def test_fitting_takes_any_positions() -> None:
     motion = fitted(positions, HUMANML22, TWENTY)
     assert np.isfinite(motion.joints()).all()
     np.testing.assert_allclose(motion.joints()[:, 0], positions[:, 0], atol=1e-9)
+
+
+def test_infinitedances_columns(tmp_path: Path) -> None:
+    """Its 264 are columns 1 and 3 to 265 of 266; the clip passes half a turn, with the wrong sign in one row."""
+    arrays = Arrays(unpack(DATA / "crowd", tmp_path) / "infinitedance.npz")
+    expected = arrays["columns"][:, [1, *range(3, 266)]]
+    columns = humanml.columns_of(humanml.retargeted(arrays["joints"].astype(np.float64)))
+    made = Humanml264()
+    array = with_root_angle(columns)
+    np.testing.assert_allclose(array[:-1], expected, rtol=0, atol=2e-5)
+    contacts = made.columns.slice("foot_contact")
+    np.testing.assert_array_equal(array[:-1, contacts], expected[:, contacts])
+    np.testing.assert_allclose(made.positions(expected), arrays["recovered"], rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(made.positions(array), MADE.positions(columns))

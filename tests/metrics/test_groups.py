@@ -1,0 +1,103 @@
+"""Scores of groups: against the originals' outputs, a search over points, and planted cases."""
+
+from collections.abc import Mapping
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dancedata.core.dance import Undefined
+from dancedata.metrics import groups
+from dancedata.synthetic import synthesise_motion
+from tests.conftest import DATA, unpack
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def dancers(n: int = 3, n_frames: int = 60) -> Array:
+    names = [f"gBR_sBM_cAll_d0{k}_mBR0_ch01" for k in range(4, 4 + n)]
+    joints = np.stack([synthesise_motion(name, n_frames=n_frames)[0].joints() for name in names])
+    return joints + np.arange(n)[:, None, None, None] * (1.5, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def golden(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Array]:
+    """Groups as GCD's code measures them, a duet as Duolando's does."""
+    folder = unpack(DATA / "crowd", tmp_path_factory.mktemp("crowd"))
+    with np.load(folder / "groups.npz") as file:
+        return dict(file)
+
+
+GROUPS = ("-Ab_cdEf123_01_0_150", "plainid0123_03_0_152", "Zz9_8-7_6Q1_02_300_451")
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_groups_as_gcd_measures_them(golden: Mapping[str, Array], name: str) -> None:
+    """The originals accumulate float32 positions in float64 as here: 2e-7 apart."""
+    joints = golden[f"{name}.joints"]
+    np.testing.assert_allclose(groups.group_kinetic(joints, 30), golden[f"{name}.group_kinetic72"], rtol=1e-6)
+    np.testing.assert_allclose(groups.group_correlation(joints, 30), golden[f"{name}.gmc"], rtol=1e-6)
+
+
+def test_a_duet_as_duolando_measures_it(golden: Mapping[str, Array]) -> None:
+    follower, leader = golden["follower"], golden["leader"]
+    np.testing.assert_allclose(groups.duet_distances(follower, leader), golden["duet100"], atol=1e-6)
+    assert groups.beat_echo(leader, follower, 30) == pytest.approx(float(golden["bed"]), rel=1e-12)
+    spans = [s for s in groups.contact_spans(leader, follower) if (s.joint, s.other_joint) == (20, 21)]
+    assert [(s.start, s.end) for s in spans] == [(19, 51)]  # the made-up hold: 3 cm in the frames 20 ... 50
+
+
+def test_members_order_does_not_matter() -> None:
+    joints = dancers()
+    expected = groups.group_kinetic(joints, 30), groups.group_correlation(joints, 30)
+    for order in permutations(range(3)):
+        np.testing.assert_allclose(groups.group_kinetic(joints[list(order)], 30), expected[0], rtol=1e-12)
+        np.testing.assert_allclose(groups.group_correlation(joints[list(order)], 30), expected[1], rtol=1e-9)
+
+
+def test_the_warping_path_of_a_delayed_copy() -> None:
+    rows = np.random.default_rng(0).normal(size=(40, 3))
+    path = groups.warping_path(rows, np.concatenate([rows[:1].repeat(5, axis=0), rows]))
+    assert path[0].tolist() == [0, 0]
+    assert path[-1].tolist() == [39, 44]
+    assert {tuple(p) for p in path} >= {(k, k + 5) for k in range(40)}
+    assert (np.diff(path, axis=0) >= 0).all()
+
+
+def test_segments_against_a_search_over_points() -> None:
+    rng = np.random.default_rng(1)
+    p, q, r, s = rng.normal(size=(4, 60, 3))
+    q[:20] = p[:20]  # points
+    s[20:40] = r[20:40] + 2 * (q - p)[20:40]  # parallel
+    steps = np.linspace(0, 1, 101)
+    first = p[:, None] + steps[:, None] * (q - p)[:, None]
+    second = r[:, None] + steps[:, None] * (s - r)[:, None]
+    searched = np.linalg.norm(first[:, :, None] - second[:, None], axis=3).min(axis=(1, 2))
+    distances = groups._segment_distances(p, q, r, s)
+    assert (distances <= searched + 1e-12).all()
+    np.testing.assert_allclose(distances, searched, atol=0.05)
+
+
+def test_collisions_of_bodies_that_pass_through_each_other() -> None:
+    joints = dancers(2)
+    joints[1] = joints[0] + np.linspace(-3, 3, 60)[:, None, None] * (1, 0, 0)
+    hits = groups.collisions(joints)[0, 1]
+    assert hits[30]
+    assert not hits[[0, -1]].any()
+    assert groups.intersection_frequency(joints) == pytest.approx(2 * hits.mean())
+    assert not groups.collisions(dancers() + np.arange(3)[:, None, None, None] * (5, 0, 0)).any()
+
+
+def test_a_planted_contact() -> None:
+    first, second = dancers(2)
+    second[20:50, 20] = first[20:50, 21] + (0.03, 0, 0)
+    (span,) = [s for s in groups.contact_spans(first, second) if (s.joint, s.other_joint) == (21, 20)]
+    assert (span.start, span.end) == (20, 50)
+    assert span.distance_m == pytest.approx(0.03)
+    assert groups.contact_spans(first, second, least_frames=31) == []
+
+
+def test_one_dancer_has_no_correlation() -> None:
+    with pytest.raises(Undefined, match="too few dancers"):
+        groups.group_correlation(dancers(1), 30)
