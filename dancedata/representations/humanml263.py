@@ -1,4 +1,4 @@
-"""HumanML3D's 263 columns, and InfiniteDance's 264."""
+"""HumanML3D's 263 columns."""
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -23,7 +23,7 @@ from dancedata.representations import _humanml as humanml
 from dancedata.representations._columns import Part
 
 #: A clip begins at the origin and faces +Z wherever it was danced, and each row is relative to the one before.
-_SPATIAL = Spatial(
+SPATIAL = Spatial(
     "y",
     {
         "root_turn": "unchanged",
@@ -67,14 +67,14 @@ class Humanml263(Representation):
     axes: ClassVar[str] = "right-handed, +Y up, each frame facing +Z; metres, metres per frame"
     rotation_6d: ClassVar[str | None] = "first two columns of the matrix, one after the other (Zhou et al. 2019)"
     rate: ClassVar[Fraction | None] = Fraction(20)
-    spatial: ClassVar[Spatial | None] = _SPATIAL
+    spatial: ClassVar[Spatial | None] = SPATIAL
     grounded: ClassVar[bool] = True
     positions_only: ClassVar[bool] = True
 
     @property
     @override
     def columns(self) -> Columns:
-        return parts.columns_of(*_root(), _local_positions(), _rotations(), _velocities(), _contacts())
+        return parts.columns_of(*root_parts(), *body_parts())
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
@@ -132,49 +132,18 @@ class Humanml263(Representation):
         return fitted(self.positions(array), HUMANML22, grid)
 
 
-def with_root_angle(array: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return InfiniteDance's columns (T, 264) of HumanML3D's (T, 263)."""
-    angle = np.zeros((len(array), 1))
-    angle[1:, 0] = np.cumsum(array[:-1, 0], dtype=np.float64)
-    return np.concatenate([array[:, 3:4], angle, array[:, :3], array[:, 4:]], axis=1).astype(np.float32)
-
-
-@REPRESENTATIONS.register("humanml264")
-@dataclass(frozen=True)
-class Humanml264(Humanml263):
-    """InfiniteDance's columns: HumanML3D's with the root's height first and its angle beside the turn; 30 per second.
-
-    The angle is the sum of the turns of the rows before, so like them half the angle, 0 in the first row; decoding
-    does not use it. The limit of contacts remains 0.045 m per frame, whatever the rate. A turn past half a circle has
-    the wrong sign in one row, as in HumanML3D.
-    """
-
-    rate: ClassVar[Fraction | None] = Fraction(30)
-    spatial: ClassVar[Spatial | None] = Spatial("y", {**_SPATIAL.roles, "root_angle": "unchanged"})
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        turn, velocity, height = _root()
-        angle = Part(Group("root_angle", 1, "rad, half the angle"), Mirror((0,), (-1,)))
-        root = (height, angle, turn, velocity)
-        return parts.columns_of(*root, _local_positions(), _rotations(), _velocities(), _contacts())
-
-    @override
-    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        return with_root_angle(super().encode(motion, contacts))
-
-    @override
-    def _humanml3d(self, array: Float64Array) -> Float64Array:
-        return np.concatenate([array[:, 2:5], array[:, :1], array[:, 5:]], axis=1)
-
-
-def _root() -> tuple[Part, ...]:
+def root_parts() -> tuple[Part, ...]:
+    """Return the root's turn, velocity and height."""
     return (
         Part(Group("root_turn", 1, "rad, half the angle"), Mirror((0,), (-1,))),
         Part(Group("root_velocity", 2, "m", ("x", "z")), Mirror((0, 1), (-1, 1))),
         Part(Group("root_height", 1, "m"), Mirror((0,), (1,))),
     )
+
+
+def body_parts() -> tuple[Part, ...]:
+    """Return what follows the root: local positions, rotations, velocities, contacts."""
+    return (_local_positions(), _rotations(), _velocities(), _contacts())
 
 
 def _local_positions() -> Part:

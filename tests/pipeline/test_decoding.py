@@ -62,7 +62,7 @@ def test_a_batch_is_its_motions(name: str) -> None:
         np.testing.assert_array_equal(motion.joints(), one.joints())
 
 
-@pytest.mark.parametrize(("name", "rate"), [("edge151", 30), ("fact219", 60), ("humanml263", 20)])
+@pytest.mark.parametrize(("name", "rate"), [("edge151", 30), ("fact219", 60), ("humanml263", 20), ("humanml264", 30)])
 def test_the_rate_that_nobody_gave(name: str, rate: int) -> None:
     assert dancedata.decode(_columns(name)[1], name).grid == FrameGrid.of(rate)
 

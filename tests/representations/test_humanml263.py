@@ -24,7 +24,8 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.spatial import Placement, moved
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations import _humanml as humanml
-from dancedata.representations.humanml263 import HUMANML22, Humanml263, Humanml264, fitted, with_root_angle
+from dancedata.representations.humanml263 import HUMANML22, Humanml263, fitted
+from dancedata.representations.humanml264 import Humanml264, with_root_angle
 from dancedata.testing.examples import mirrored_motion, random_motion
 from tests.conftest import DATA, Arrays, unpack
 from tests.messages import raises_message
