@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.motion import Motion
 from dancedata.core.text import shown
 
+#: A value of a free column.
+ColumnValue = str | int | float | bool | tuple[str, ...] | tuple[int, ...] | tuple[float, ...]
 #: Most characters of the texts of a reject: of names, of paths, and of sentences.
 _MAX_NAME, _MAX_PATH, _MAX_DETAIL = 300, 4400, 3000
 _LIMITS = {
@@ -38,6 +41,20 @@ class ClipRef:
         The fix for a missing `audio_path`, such as a file to rename; "" if unknown.
     body
         Name of the body that the motion is on, where files differ and the scan can tell; "" if unknown.
+    group
+        Name of the sequence whose dancers move in one world; "" for a single dancer.
+    member
+        Number of the dancer in the group's source, from 0; -1 for a single dancer.
+    role
+        Part of the dancer in the group, such as "leader" or "follower"; "" if there is none.
+    keys
+        What a rule of splits can keep together: (name, value), such as ("video", "-Ab_cdEf123").
+    columns
+        Further facts for the table of clips: (name, value), where all values of a name have one type.
+    audio_start
+        Second of the audio file at frame 0, exact; negative where the music begins later.
+    source_start, source_end
+        Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
     """
 
     id: str
@@ -53,6 +70,19 @@ class ClipRef:
     declared: tuple[tuple[str, str], ...] = ()
     music_fix: str = ""
     body: str = ""
+    group: str = ""
+    member: int = -1
+    role: str = ""
+    keys: tuple[tuple[str, str], ...] = ()
+    columns: tuple[tuple[str, ColumnValue], ...] = ()
+    audio_start: Fraction = Fraction(0)
+    source_start: Fraction | None = None
+    source_end: Fraction | None = None
+
+
+def member_id(group: str, member: int) -> str:
+    """Return the id of a group's dancer where the source names none: ``<group>_p<member>``."""
+    return f"{group}_p{member}"
 
 
 @dataclass(frozen=True, eq=False)

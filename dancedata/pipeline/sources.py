@@ -44,7 +44,21 @@ class SourceClip:
         """Return the clip's metadata, and the hashes of its motion and music."""
         ref = self.ref
         attributes = [ref.id, ref.split, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.lists, ref.declared]
-        return attributes, self.motion_sha256, self.signal.sha256 if self.signal else None
+        further = {
+            "group": [ref.group, ref.member, ref.role] if ref.group else None,
+            "keys": ref.keys,
+            "columns": ref.columns,
+            "audio_start": str(ref.audio_start) if ref.audio_start else None,
+            "source": [str(t) for t in (ref.source_start, ref.source_end)]
+            if ref.source_end or ref.source_start
+            else None,
+        }
+        stated = {name: value for name, value in further.items() if value}
+        return (
+            [*attributes, stated] if stated else attributes,
+            self.motion_sha256,
+            self.signal.sha256 if self.signal else None,
+        )
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Plug-ins on motion: datasets, contact rules, representations, key motion finders, window filters."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,6 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins.plugin import Float32Array, Plugin
 from dancedata.core.rotations import Float64Array
+from dancedata.core.segments import Segment
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.spatial import Spatial
 
@@ -61,6 +62,14 @@ class Dataset(Plugin):
     @abstractmethod
     def load(self, ref: ClipRef) -> Motion:
         """Read one clip's motion into canonical form. DataError for anything wrong with it."""
+
+    def load_group(self, refs: Sequence[ClipRef]) -> list[Motion]:
+        """Read the dancers of one group into one world; by default each by itself."""
+        return [self.load(ref) for ref in refs]
+
+    def segments(self, ref: ClipRef) -> Sequence[Segment]:
+        """Return what the source states about spans and instants of a clip. Reads no motion."""
+        return ()
 
     @abstractmethod
     def make_example(self, folder: Path) -> None:
