@@ -69,7 +69,7 @@ class SourceMusic:
             for clip in store.clips
             if (clip.source or clip.id) in recordings
         }
-        return cls(source, files, music_hashes(store.meta))
+        return cls(source, files, music_hashes(store.clips))
 
     def missing(self, clips: list[ClipView]) -> list[str]:
         """Return the songs, or clips whose song has no name, that have no audio file."""
