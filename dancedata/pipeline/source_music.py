@@ -115,7 +115,7 @@ def is_source(store: Store, folder: Path) -> bool:
             places += [path for path in folder.iterdir() if path.is_dir()]
         for place in filter(Path.is_dir, places):
             named = (path for path in place.iterdir() if path.stem in clips and path.is_file())
-            if any(sha256_file(p)[:DIGITS] == clips[p.stem].split()[0] for p in islice(named, _COMPARED)):
+            if any(sha256_file(p)[:DIGITS] == clips[p.stem][:DIGITS] for p in islice(named, _COMPARED)):
                 return True
     except OSError:
         pass  # a folder above that may not be listed

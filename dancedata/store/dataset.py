@@ -146,14 +146,20 @@ class Store:
                 shard.close()
 
     def require_intact(self, clips: Iterable[str] | None = None, sha256: FileHash = sha256_file) -> None:
-        """Raise StoreError if a shard's bytes differ from the build's; reading rows does not compare them.
+        """Raise StoreError if bytes of shards or tables differ from the build's; reading rows does not compare them.
 
-        Only the shards of `clips` are read, by default all; `sha256` gives the hash of a file.
+        Only the files of `clips` are read, by default all; `sha256` gives the hash of a file.
         """
-        shards = sum(self._shards.values(), ())
+        shards, splits = sum(self._shards.values(), ()), set(self.splits)
         if clips is not None:
             places = [self._place(clip) for clip in clips]
             shards = tuple({self._shards[t.split][int(t.shard_of(row))] for t, row in places})
+            splits = {tables.split for tables, _ in places}
+        for split in splits:
+            entry = self._description.splits.get(split)
+            for file in (entry.tables, entry.segments) if entry is not None else ():
+                if file is not None:
+                    self._files[file.file].require_bytes(sha256)
         for shard in shards:
             shard.require_bytes(sha256)
 
@@ -367,7 +373,7 @@ class Store:
             raise UsageError("there are no windows to read", where=str(self.path), found=f"field {field}")
         if (windows.length != windows.length[0]).any():
             lengths = sorted({int(n) for n in windows.length})
-            raise UsageError("the windows differ in length", where=str(self.path), found=lengths)
+            raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
         n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
         shards: list[ShardReader] = []
         shard, first = np.zeros(len(windows), dtype=np.int32), np.zeros(len(windows), dtype=np.int64)
