@@ -25,6 +25,7 @@ class Crop(SampleAugmentation):
         window's own first one to before that of the next window, so that an epoch covers a clip evenly.
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "world"
     version: ClassVar[int] = 1
     chooses_windows: ClassVar[bool] = True
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from dancedata.augment._parameters import require_number
 from dancedata.core.draw import Draw
@@ -31,6 +31,7 @@ class Drop(SampleAugmentation):
         Whether all of them are masked together, or each by itself.
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "world"
     version: ClassVar[int] = 1
 
     fields: tuple[str, ...] = ()

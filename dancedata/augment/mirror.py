@@ -23,6 +23,7 @@ class MirrorImage(CopyAugmentation, SampleAugmentation):
     permuted, not labelled again. It works for every representation whose columns have a mirror image.
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "world"
     version: ClassVar[int] = 1
     changes: ClassVar[Literal["rows", "motion", "time"]] = "rows"
 
@@ -42,7 +43,9 @@ class MirrorImage(CopyAugmentation, SampleAugmentation):
             _mirror_of(field.columns)
 
     @override
-    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+    def change_sample(
+        self, rows: Float32Array, field: SampleField, draw: Draw, about: Float64Array | None = None
+    ) -> Float32Array:
         return _mirror_of(field.columns).apply(rows)
 
     @override

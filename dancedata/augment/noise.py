@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
         Of copies: the noise of each is a pure function of (seed, clip id).
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "body"
     version: ClassVar[int] = 1
 
     std_degrees: float = 2.0
@@ -53,7 +54,7 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
         require_seed(self.seed)
 
     @override
-    def change_motion(self, motion: Motion, clip: str) -> Motion:
+    def change_motion(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
         return self._noisy(motion, Draw.of_clip(self.seed, clip))
 
     @override
@@ -67,7 +68,9 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
             _decodable(field)
 
     @override
-    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+    def change_sample(
+        self, rows: Float32Array, field: SampleField, draw: Draw, about: Float64Array | None = None
+    ) -> Float32Array:
         if not self.std_degrees:
             return rows
         representation = _decodable(field)

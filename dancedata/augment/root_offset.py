@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from dancedata.augment._parameters import require_number, require_seed, spatial_of
 from dancedata.core.draw import Draw
@@ -30,6 +30,7 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
         Of copies: the shift of each is a pure function of (seed, clip id).
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "world"
     version: ClassVar[int] = 1
 
     max_m: float = 0.5
@@ -40,7 +41,7 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
         require_seed(self.seed)
 
     @override
-    def change_motion(self, motion: Motion, clip: str) -> Motion:
+    def change_motion(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
         return moved(motion, self._shift(Draw.of_clip(self.seed, clip)))
 
     @override
@@ -48,7 +49,9 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
         spatial_of(field)
 
     @override
-    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+    def change_sample(
+        self, rows: Float32Array, field: SampleField, draw: Draw, about: Float64Array | None = None
+    ) -> Float32Array:
         spatial = spatial_of(field)
         return rows if spatial is None else spatial.moved(rows, field.columns, self._shift(draw))
 

@@ -32,6 +32,7 @@ class Tempo(CopyAugmentation):
         The speed of a copy is a pure function of (seed, clip id).
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "world"
     version: ClassVar[int] = 1
     changes: ClassVar[Literal["rows", "motion", "time"]] = "time"
 

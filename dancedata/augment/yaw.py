@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from dancedata.augment._parameters import require_number, require_seed, spatial_of
 from dancedata.core.draw import Draw
@@ -32,6 +32,7 @@ class Yaw(CopyAugmentation, SampleAugmentation):
         Of copies: the angle of each is a pure function of (seed, clip id).
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "world"
     version: ClassVar[int] = 1
 
     max_degrees: float = 180.0
@@ -42,17 +43,19 @@ class Yaw(CopyAugmentation, SampleAugmentation):
         require_seed(self.seed)
 
     @override
-    def change_motion(self, motion: Motion, clip: str) -> Motion:
-        return moved(motion, self._turn(Draw.of_clip(self.seed, clip)))
+    def change_motion(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
+        return moved(motion, self._turn(Draw.of_clip(self.seed, clip)), about)
 
     @override
     def check_sample(self, field: SampleField) -> None:
         spatial_of(field)
 
     @override
-    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+    def change_sample(
+        self, rows: Float32Array, field: SampleField, draw: Draw, about: Float64Array | None = None
+    ) -> Float32Array:
         spatial = spatial_of(field)
-        return rows if spatial is None else spatial.moved(rows, field.columns, self._turn(draw))
+        return rows if spatial is None else spatial.moved(rows, field.columns, self._turn(draw), about)
 
     @override
     def scaler_bounds(

@@ -68,7 +68,7 @@ class Spatial:
             if not whole or (role == "root_rotation" and _matrix_rows(columns, group.name) not in (2, 3)):
                 raise UsageError(f"column group {group.name!r} cannot be a {role}", found=f"width {group.width}")
 
-    def moved(self, rows: Array, columns: Columns, by: Placement) -> Array:
+    def moved(self, rows: Array, columns: Columns, by: Placement, about: Float64Array | None = None) -> Array:
         """Return rows (L, D), not normalised, of the dancer at another place, in another direction.
 
         Parameters
@@ -76,7 +76,9 @@ class Spatial:
         columns
             The D columns.
         by
-            The axis of its turn goes through the root in the first of these rows.
+            The axis of its turn goes through the root in the first of these rows,
+        about
+            or through this point (3,) of the columns' world, for dancers who turn together.
 
         Returns
         -------
@@ -85,7 +87,9 @@ class Spatial:
         """
         out = rows.copy()
         turn, shift = self._turn(by.turn_rad), self._shift(by)
-        root = self._root(rows[:1], columns)
+        root = self.root(rows[0], columns)
+        if root is not None and about is not None:
+            root = np.asarray(about, dtype=np.float64)
         for group in columns.groups:
             role, indices = self.roles[group.name], columns.slice(group.name)
             if role == "root_rotation" and by.turn_rad:
@@ -147,25 +151,31 @@ class Spatial:
     def _shift(self, by: Placement) -> Float64Array:
         return np.array([by.x_m, 0.0, by.z_m] if self.up == "y" else [by.x_m, -by.z_m, 0.0])
 
-    def _root(self, first: Array, columns: Columns) -> Float64Array | None:
-        """Return the root's place (3,) in the first row; None if the columns have no places."""
+    def root(self, row: Array, columns: Columns) -> Float64Array | None:
+        """Return the root's place (3,) in a row (D,); None if the columns have no places."""
         for group in columns.names:
             if self.roles[group] == "place":
                 start = columns.slice(group).start
-                return np.asarray(first[0, start : start + 3], dtype=np.float64)
+                return np.asarray(row[start : start + 3], dtype=np.float64)
         return None
 
 
-def moved(motion: Motion, by: Placement) -> Motion:
+def middle_of(roots: Array) -> Float64Array:
+    """Return the middle of the least and greatest coordinates of points (P, 3), whose order does not matter."""
+    return np.asarray((roots.min(axis=0) + roots.max(axis=0)) / 2, dtype=np.float64)
+
+
+def moved(motion: Motion, by: Placement, about: Float64Array | None = None) -> Motion:
     """Return a motion at another place, in another direction.
 
     Joints follow exactly: the position p of each becomes T (p - r) + r + shift, where r is the root's position in the
-    first frame. The root's rest position is the same before and after it, so the translation follows too.
+    first frame. The root's rest position is the same before and after it, so the translation follows too. `about` is
+    the translation that the dancer would have with the root on the axis, for dancers who turn together.
     """
     if not by.turn_rad and not by.x_m and not by.z_m:
         return motion
     turn = Spatial("y")._turn(by.turn_rad)
-    first = motion.translation[0]
+    first = motion.translation[0] if about is None else np.asarray(about, dtype=np.float64)
     translation = (motion.translation - first) @ turn.T + first + (by.x_m, 0.0, by.z_m)
     if not by.turn_rad:
         return replace(motion, translation=translation)

@@ -17,6 +17,7 @@ __all__ = [
     "BucketSampler",
     "ClipDataset",
     "EpochSampler",
+    "GroupDataset",
     "WindowDataset",
     "pack_clips",
     "pad_clips",
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from dancedata.readers.buckets import BucketSampler
     from dancedata.readers.clip_collate import pack_clips, pad_clips
     from dancedata.readers.clips import ClipDataset
+    from dancedata.readers.groups import GroupDataset
     from dancedata.readers.sampler import EpochSampler
     from dancedata.readers.windows import WindowDataset
 else:  # type checkers take the imports above, and so find misspelt names
@@ -41,6 +43,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "BucketSampler": "dancedata.readers.buckets",
             "ClipDataset": "dancedata.readers.clips",
             "EpochSampler": "dancedata.readers.sampler",
+            "GroupDataset": "dancedata.readers.groups",
             "WindowDataset": "dancedata.readers.windows",
             "pack_clips": "dancedata.readers.clip_collate",
             "pad_clips": "dancedata.readers.clip_collate",

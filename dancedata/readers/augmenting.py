@@ -14,6 +14,7 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Augmentation, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
+from dancedata.core.rotations import Float64Array
 from dancedata.readers.arguments import probability
 from dancedata.store.dataset import Store
 from dancedata.store.motion_fields import stored_contacts, stored_representation
@@ -157,22 +158,37 @@ class Augmenter:
                 start = step.augmentation.choose_start(start, starts, stride, self._draw(step, epoch, index))
         return start
 
-    def rows(self, field: str, rows: npt.NDArray[Any], epoch: int, index: int) -> npt.NDArray[Any]:
+    def rows(
+        self,
+        field: str,
+        rows: npt.NDArray[Any],
+        epoch: int,
+        index: int,
+        member: int | None = None,
+        about: Float64Array | None = None,
+    ) -> npt.NDArray[Any]:
         """Return the rows of a field of sample `index`, (L, D), not normalised; the same array if nothing changes it.
 
-        The input array is not modified.
+        The input array is not modified. Of a group's sample, `member` is the dancer's number and `about` a point of
+        the axis that they turn about.
         """
         if not self.steps:
             return rows
         sample_field = next(candidate for candidate in self.fields if candidate.name == field)
-        if sample_field.kind == "audio":
+        if sample_field.kind in ("audio", "scene"):
             return rows
         for step in self._active_steps(epoch, index):
             read_only = rows.view()
             read_only.flags.writeable = False
-            changed = np.asarray(
-                step.augmentation.change_sample(read_only, sample_field, self._draw(step, epoch, index))
-            )
+            plugin, key = step.augmentation, (epoch, index, _WHAT)
+            if member is None:
+                changed = np.asarray(plugin.change_sample(read_only, sample_field, self._draw(step, *key)))
+            elif plugin.acts_on == "body":
+                changed = np.asarray(plugin.change_sample(read_only, sample_field, self._draw(step, *key, member)))
+            else:
+                changed = np.asarray(
+                    plugin.change_sample(read_only, sample_field, self._draw(step, *key), about=about)
+                )
             if changed is read_only:
                 continue
             if changed.shape != rows.shape:
@@ -215,8 +231,8 @@ class Augmenter:
             if step.p >= 1 or (step.p > 0 and self._draw(step, epoch, index, _WHETHER).uniform() < step.p):
                 yield step
 
-    def _draw(self, step: _Step, epoch: int, index: int, what: int = _WHAT) -> Draw:
-        return Draw(self.seed, _AUGMENT_STREAM, step.stream, epoch, index, what)
+    def _draw(self, step: _Step, epoch: int, index: int, what: int = _WHAT, *member: int) -> Draw:
+        return Draw(self.seed, _AUGMENT_STREAM, step.stream, epoch, index, what, *member)
 
 
 def _steps(augment: Augment | None) -> Iterator[_Step]:

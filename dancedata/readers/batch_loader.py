@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch.utils.data import BatchSampler, SequentialSampler, default_collate
+from torch.utils.data import BatchSampler, SequentialSampler
 
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
 from dancedata.readers.batch_reader import BatchReader, MemoryPool, Request
+from dancedata.readers.clip_collate import collate_values
 from dancedata.readers.sampler import EpochSampler
 from dancedata.readers.windows import WindowDataset
 
@@ -220,4 +221,4 @@ class _Iteration(Iterator[dict[str, Any]]):
 def _read(dataset: WindowDataset, reader: BatchReader, request: Request, tensors: Buffer) -> dict[str, Any]:
     """Read a batch into tensors, and return the other values of its samples; in a thread."""
     reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
-    return {name: default_collate(values) for name, values in dataset._metadata(request).items()}
+    return {name: collate_values(values) for name, values in dataset._metadata(request).items()}

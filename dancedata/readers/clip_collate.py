@@ -58,11 +58,19 @@ def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
     """
     batch = samples[0].batch if isinstance(samples[0], Sample) else None
     if batch is None or len(samples) != batch.size or not all(isinstance(s, Sample) for s in samples):
-        return default_collate([dict(s) if isinstance(s, Sample) else s for s in samples])
+        rows = [dict(s) if isinstance(s, Sample) else s for s in samples]
+        if not all(isinstance(row, dict) for row in rows):
+            return default_collate(rows)
+        return {name: collate_values([row[name] for row in rows]) for name in rows[0]}
     return {
-        name: batch.tensors[name] if _are_rows(batch, name, samples) else default_collate([s[name] for s in samples])
+        name: batch.tensors[name] if _are_rows(batch, name, samples) else collate_values([s[name] for s in samples])
         for name in samples[0]
     }
+
+
+def collate_values(values: list[Any]) -> Any:
+    """Make one value of a batch, as torch's default_collate does; lists, such as those of a group, stay lists."""
+    return values if values and isinstance(values[0], list) else default_collate(values)
 
 
 def _are_rows(batch: Batch, name: str, samples: Sequence[Any]) -> bool:

@@ -37,7 +37,16 @@ class SampleField:
 
 
 class Augmentation(Plugin):
-    """Common base of the two kinds: a plug-in derives from `CopyAugmentation`, `SampleAugmentation`, or both."""
+    """Common base of the two kinds: a plug-in derives from `CopyAugmentation`, `SampleAugmentation`, or both.
+
+    Attributes
+    ----------
+    acts_on
+        What changes in a group of dancers: "world", one change for all of them, by the group's draw and about one
+        axis; "body", each dancer by a draw of his own. None: groups are refused.
+    """
+
+    acts_on: ClassVar[Literal["world", "body"] | None] = None
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -68,7 +77,7 @@ class CopyAugmentation(Augmentation):
         """Raise UsageError if copies of a motion or key motion field with these columns cannot be made."""
         return
 
-    def change_motion(self, motion: Motion, clip: str) -> Motion:
+    def change_motion(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
         """Return the motion of the copy: as many frames, the same rate and trim_start, a body of the same family.
 
         Parameters
@@ -76,7 +85,9 @@ class CopyAugmentation(Augmentation):
         motion
             The clip as the dataset loads it, at the rate of its source.
         clip
-            Id of the clip, for what differs from clip to clip, such as a seed.
+            Id of the clip, for what differs from clip to clip, such as a seed; of a group, where it acts on worlds.
+        about
+            A point (3,) of the axis that a group turns about, as a translation of this dancer; None: his own root.
         """
         return motion
 
@@ -119,7 +130,9 @@ class SampleAugmentation(Augmentation):
         """Raise UsageError, with the reason, if samples with this field cannot be changed when they are read."""
         return
 
-    def change_sample(self, rows: Float32Array, field: SampleField, draw: Draw) -> Float32Array:
+    def change_sample(
+        self, rows: Float32Array, field: SampleField, draw: Draw, about: Float64Array | None = None
+    ) -> Float32Array:
         """Return the rows of one field of one sample, in the shape and dtype of `rows`; for motion and key motions.
 
         Parameters
@@ -128,6 +141,8 @@ class SampleAugmentation(Augmentation):
             (L, D), read-only, not normalised.
         draw
             Random numbers of the sample; each field gets the same ones.
+        about
+            A point (3,) of the axis that a group turns about, in the columns' world; None: the root in the first row.
         """
         return rows
 

@@ -1,0 +1,345 @@
+"""GroupDataset: windows of groups of dancers, all dancers of a window in one sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Reject
+from dancedata.core.draw import Draw
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.spatial import middle_of
+from dancedata.core.typing import override
+from dancedata.readers.arguments import whole
+from dancedata.readers.augmenting import Augment
+from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request
+from dancedata.readers.scalers import ScalerLike
+from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.readers.windows import WindowDataset
+from dancedata.store.dataset import Store
+from dancedata.store.window_list import IntArray, WindowList
+
+Array = npt.NDArray[Any]
+Choose = Literal["stored", "seed", "left_to_right"]
+#: Stream of random numbers that choose dancers; 1 to 5 are those of orders, mirroring, primitives and augmentations.
+_CHOICE_STREAM = 6
+
+
+class GroupDataset(WindowDataset):
+    """Windows of groups of one split: the same frames of all dancers, each a dict of tensors and metadata.
+
+    ``dataset[i]`` is ``{motion field: tensor (P, L, D), music and scene field: (L, D), "person_mask": bool (P,),
+    "members": int (P,), the dancers' numbers in the source, -1 where nobody is, "group": id, "clips" and "roles":
+    lists of P texts, "start", "length", "split", "genre", "music", ...}`` as in a `WindowDataset`. Rows of absent
+    dancers are 0 after normalising, that is the scaler's middle; codes are the codebook's `pad`.
+
+    What changes the world (mirror, yaw, root_offset) is one change for the group, about one axis; noise is drawn for
+    each dancer. Nothing depends on the order of a group's members except bytes of "stored" and "seed".
+
+    Parameters
+    ----------
+    store, split, fields, normalize, mirror, augment, length_s, length_frames, stride_s, stride_frames, trim
+        As in `WindowDataset`. Augmentations have to say what they act on (`Augmentation.acts_on`).
+    persons
+        Dancers of a sample, P. Default: those of the split's largest group.
+    exactly
+        Only groups of this many dancers, which is then P.
+    choose
+        Which dancers where there are more than P, and their order. "stored": the first, as in the source. "seed":
+        drawn for each (seed, epoch, index), in a new order also where there are exactly P, as GCD does.
+        "left_to_right": by x in the first frame, as given out.
+    singles
+        Whether single dancers are groups of one; else they are left out and counted in `rejects`.
+    scaler, clip, mapped, seed
+        As in `WindowDataset`.
+
+    Raises
+    ------
+    StoreError
+        If there is no finished dataset at `store`.
+    UsageError
+        If no window is left, for an unknown choice, and for augmentations that do not say what they act on.
+
+    Attributes
+    ----------
+    windows
+        (N) the windows, each as that of the group's first dancer.
+    rejects
+        Single dancers, groups of another size and groups without a window, and why.
+
+    Examples
+    --------
+    >>> from dancedata.readers import GroupDataset
+    >>> ds = GroupDataset("data/groups", "train", persons=3)
+    >>> ds[0]["edge151"].shape
+    torch.Size([3, 150, 151])
+    """
+
+    def __init__(
+        self,
+        store: str | Path | Store,
+        split: str = "train",
+        fields: Sequence[str] | None = None,
+        *,
+        persons: int | None = None,
+        exactly: int | None = None,
+        choose: Choose = "stored",
+        singles: bool = False,
+        normalize: bool | Sequence[str] | None = None,
+        mirror: float = 0.0,
+        augment: Augment | None = None,
+        length_s: float | str | None = None,
+        length_frames: int | None = None,
+        stride_s: float | str | None = None,
+        stride_frames: int | None = None,
+        trim: bool | None = None,
+        scaler: ScalerLike = None,
+        clip: bool | None = None,
+        mapped: bool = True,
+        seed: int = 0,
+    ) -> None:
+        SplitDataset.__init__(self, store, split, fields, None, None)
+        if choose not in get_args(Choose):
+            raise UsageError(f"unknown choice of dancers {choose!r}", fix=did_you_mean(choose, get_args(Choose)))
+        if persons is not None and exactly is not None:
+            raise UsageError("both persons and exactly are given", fix="give one of them")
+        self.choose = choose
+        lengths = {"length_s": length_s, "length_frames": length_frames}
+        requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
+        dancers = self._select(requested, trim, None, None)
+        self._group_windows(dancers.windows, exactly, singles, list(dancers.rejects))
+        sizes = self._sizes[self._group_of]
+        self.persons = whole("persons", persons or exactly or int(sizes.max(initial=1)), 1)
+        changes = Changes(
+            mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=False,
+            normalizer_covers=(), normalizer_over="train", scaler=scaler, clip=clip, seed=seed,
+        )  # fmt: skip
+        self._prepare(changes)
+        self._check_augmentations()
+        self._is_random |= choose == "seed"
+        self._primitives = None
+        self.relative_root, self._roots, self.mapped = False, {}, mapped
+        self._stride = self.store.window_grid(**self._choice.windows).stride
+        self._starts, self._cached_reader, self._pool = {}, None, MemoryPool()
+
+    def _group_windows(self, dancers: WindowList, exactly: int | None, singles: bool, rejects: list[Reject]) -> None:
+        """Reduce the windows of dancers to those of each group's first one; set windows, groups and rejects."""
+        tables = self.store.tables(self.split)
+        of_clip = np.asarray(tables.columns.get("group", np.full(tables.n_clips, -1)), dtype=np.int64)
+        single = np.flatnonzero(of_clip < 0)
+        first = np.concatenate([np.asarray(tables.groups.get("first", ()), dtype=np.int64), single])
+        count = np.concatenate([np.asarray(tables.groups.get("count", ()), dtype=np.int64), np.ones_like(single)])
+        n_groups = len(first) - len(single)
+        kept = np.ones(len(first), dtype=np.bool_)
+        kept[n_groups:] = singles
+        if exactly is not None:
+            kept &= count == exactly
+        if not singles and len(single):
+            clips = f"{len(single)} single dancers, the first is {tables.ids[int(single[0])]}"
+            rejects.append(Reject("single", detail=f"{clips}; singles=True reads them as groups of one"))
+        others = int((count[:n_groups] != exactly).sum()) if exactly is not None else 0
+        if others:
+            rejects.append(Reject("group_size", detail=f"{others} groups of another size than {exactly}"))
+        group_of_first = np.full(tables.n_clips, -1, dtype=np.int64)
+        group_of_first[first[kept]] = np.flatnonzero(kept)
+        places = np.flatnonzero(group_of_first[dancers.clip] >= 0)
+        if not len(places):
+            raise UsageError(
+                f"split {self.split!r} has no windows of groups",
+                where=str(self.store.path),
+                found=f"{n_groups} groups, {len(single)} single dancers; "
+                + "; ".join(r.detail for r in rejects[-2:]),
+                fix="give singles=True, another exactly=, shorter windows, or read dancers with WindowDataset",
+            )
+        self.windows, self.rejects = dancers.take(places), tuple(rejects)
+        self._group_of, self._sizes = group_of_first[self.windows.clip], count
+        sizes = count[self._group_of]
+        self._begin = np.concatenate([[0], np.cumsum(sizes)])
+        member = np.arange(self._begin[-1]) - np.repeat(self._begin[:-1], sizes)
+        clip = np.repeat(self.windows.clip.astype(np.int64), sizes) + member
+        start = np.repeat(self.windows.start.astype(np.int64), sizes)
+        length = int(self.windows.length[0])
+        self._dancers = WindowList.equally_long(self.split, self.windows.clip_ids, clip, start, length)
+
+    def _check_augmentations(self) -> None:
+        for step in self._augmenter.steps:
+            if step.augmentation.acts_on is None:
+                raise UsageError(
+                    f"the augmentation {step.name} does not say what it does to a group",
+                    fix='set `acts_on` in its class: "world" for one change of all dancers, "body" for one of each',
+                )
+
+    @override
+    def _batch_reader(self) -> BatchReader:
+        if self._cached_reader is None:
+            self._cached_reader = GroupReader(self)
+        return self._cached_reader
+
+    def dancers(self, place: int, epoch: int) -> npt.NDArray[np.int64]:
+        """Return the positions in their group of a window's dancers, (at most `persons`,), in their order.
+
+        For "left_to_right" those of all dancers: their order is known when they are read.
+        """
+        n = int(self._sizes[self._group_of[place]])
+        if self.choose == "seed":
+            # n numbers, the same for any number of persons: with the places of the P least, dancers in drawn order.
+            draw = Draw(self.seed, _CHOICE_STREAM, epoch, place)
+            keys = [draw.uniform() for _ in range(n)]
+            return np.argsort(keys, kind="stable")[: self.persons]
+        return np.arange(n if self.choose == "left_to_right" else min(n, self.persons))
+
+    @override
+    def _metadata(
+        self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
+    ) -> dict[str, list[Any]]:
+        values = super()._metadata(request, windows, changes)
+        tables = self.store.tables(self.split)
+        chosen = self._reader_of_groups().chosen(request)
+        first = self.windows.clip[np.asarray(request.places, dtype=np.int64)].tolist()
+        records = [
+            [tables.record(row + int(member)) for member in members]
+            for row, members in zip(first, chosen, strict=True)
+        ]
+        groups = [of_sample[0].group or of_sample[0].id for of_sample in records]
+        values["id"] = [
+            name.replace(clip, group, 1)
+            for name, clip, group in zip(values["id"], values["clip"], groups, strict=True)
+        ]
+        blank = [[""] * (self.persons - len(of_sample)) for of_sample in records]
+        del values["clip"], values["dancer"]
+        return values | {
+            "group": groups,
+            "clips": [[c.id for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
+            "roles": [[c.role for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
+        }
+
+    def _reader_of_groups(self) -> GroupReader:
+        reader = self._batch_reader()
+        assert isinstance(reader, GroupReader)  # noqa: S101 (made by this class alone)
+        return reader
+
+    def __repr__(self) -> str:
+        return f"Group{super().__repr__().removeprefix('Window')[:-1]}; {self.persons} persons, {self.choose})"
+
+
+class GroupReader(BatchReader):
+    """Reads batches of group windows: motion fields (B, P, L, D), shared ones (B, L, D), masks and members (B, P)."""
+
+    def __init__(self, dataset: GroupDataset) -> None:
+        self._dataset, self._tables = dataset, dataset.store.tables(dataset.split)
+        store = dataset.store
+        windows = {n: dataset._dancers if store.field(n).per_clip else dataset.windows for n in dataset.fields}
+        rows = {n: store.window_rows(windows[n], n, mapped=dataset.mapped) for n in dataset.fields}
+        fields = [
+            FieldReader(n, rows[n], dataset._mirrors.get(n), None, dataset._normalizers.get(n), dataset.clip)
+            for n in dataset.fields
+        ]
+        super().__init__(store, dataset.windows, fields, dataset._augmenter, None, lambda place, epoch: 0)
+        self._per_dancer = {f.name for f in self.fields if store.field(f.name).per_clip}
+
+    @cached_property
+    def layout(self) -> Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]:
+        """Shape and type of every array of one sample, in a sample's order."""
+        persons = self._dataset.persons
+        layouts: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
+        for field in self.fields:
+            people = (persons,) if field.name in self._per_dancer else ()
+            layouts[field.name] = (*people, *field.rows.shape), field.dtype
+        layouts["person_mask"] = (persons,), np.dtype(np.bool_)
+        layouts["members"] = (persons,), np.dtype(np.int64)
+        return layouts
+
+    def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
+        """Read windows into `out`: an array (B, *shape) for each name in `layout`."""
+        order = sorted(range(len(request)), key=request.places.__getitem__)
+        self._read_ahead(request, order)
+        chosen = self.chosen(request)
+        for nth in order:
+            place, members = request.places[nth], chosen[nth]
+            row = int(self._dataset.windows.clip[place])
+            out["person_mask"][nth] = np.arange(self._dataset.persons) < len(members)
+            out["members"][nth] = -1
+            out["members"][nth, : len(members)] = [self._tables.record(row + int(m)).member for m in members]
+            for field in self.fields:
+                target = out[field.name][nth]
+                if field.name not in self._per_dancer:
+                    self._copy(field, self._shared(field, request, nth), target)
+                    continue
+                rows = self._rows_of_group(field, request, nth, members)
+                for person in range(len(members)):
+                    self._copy(field, rows[person], target[person])
+                codebook = self._store.field(field.name).codebook
+                target[len(members) :] = 0 if codebook is None else codebook.pad
+            for name in self._augmenter.dropped(request.epoch, place):
+                out[name][nth] = 0
+
+    def _read_ahead(self, request: Request, order: Sequence[int]) -> None:
+        """Ask the system for the pages of the windows; of groups, for all dancers."""
+        begin = self._dataset._begin
+        for field in self.fields:
+            places = [request.places[nth] for nth in order]
+            if field.name in self._per_dancer:
+                places = [k for place in places for k in range(int(begin[place]), int(begin[place + 1]))]
+            field.rows.read_ahead(places)
+
+    def chosen(self, request: Request) -> list[IntArray]:
+        """Return for each window of a request the positions of its dancers in their group, in their order."""
+        chosen = [self._dataset.dancers(place, request.epoch) for place in request.places]
+        if self._dataset.choose != "left_to_right":
+            return chosen
+        return [self._left_to_right(request, nth, members) for nth, members in enumerate(chosen)]
+
+    def _left_to_right(self, request: Request, nth: int, members: IntArray) -> IntArray:
+        """Sort dancers by x in the first frame, then z, as they are given out."""
+        for field in self.fields:
+            if field.name in self._per_dancer:
+                rows = self._rows_of_group(field, request, nth, members)
+                roots = self._roots(field.name, rows)
+                if roots is not None:
+                    across = roots.round(9)
+                    return members[np.lexsort((members, across[:, 2], across[:, 0]))][: self._dataset.persons]
+        raise UsageError(
+            "dancers cannot be sorted from left to right: no field has their places",
+            where=str(self._store.path),
+            found=", ".join(sorted(self._per_dancer)),
+            fix='read a field with places, such as edge151, or give choose="stored"',
+        )
+
+    def _rows_of_group(self, field: FieldReader, request: Request, nth: int, members: IntArray) -> Array:
+        """Read the rows of dancers, (P, L, D) of the stored type, mirrored and augmented as one world."""
+        place = request.places[nth]
+        shift = self._store.grid.rows(request.shifts[nth], of=self._store.field(field.name).grid)
+        rows = np.empty((len(members), *field.rows.shape), dtype=field.rows.dtype)
+        begin = int(self._dataset._begin[place])
+        for person, member in enumerate(members.tolist()):
+            field.read(begin + member, shift, request.mirrored[nth], rows[person])
+        if not self._augmenter.steps or self._store.field(field.name).codebook is not None:
+            return rows
+        roots = self._roots(field.name, rows)
+        about = None if roots is None else middle_of(roots)
+        for person, member in enumerate(members.tolist()):
+            rows[person] = self._augmenter.rows(field.name, rows[person], request.epoch, place, member, about)
+        return rows
+
+    def _roots(self, name: str, rows: Array) -> Array | None:
+        """Return the places of roots in the first row, (P, 3); None where columns hold none, or are not known."""
+        field = next(candidate for candidate in self._augmenter.fields if candidate.name == name)
+        spatial = None if field.representation is None else field.representation.spatial
+        places = [] if spatial is None else [spatial.root(of_dancer[0], field.columns) for of_dancer in rows]
+        found = [place for place in places if place is not None]
+        return np.stack(found) if found else None
+
+    def _shared(self, field: FieldReader, request: Request, nth: int) -> Array:
+        shift = self._store.grid.rows(request.shifts[nth], of=self._store.field(field.name).grid)
+        rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
+        field.read(request.places[nth], shift, request.mirrored[nth], rows)
+        return rows
+
+    @staticmethod
+    def _copy(field: FieldReader, rows: Array, target: Array) -> None:
+        target[...] = field.scale(rows)

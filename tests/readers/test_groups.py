@@ -1,0 +1,361 @@
+"""Groups of dancers: samples of all dancers of a window, in one world."""
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch.utils.data import DataLoader
+
+import dancedata
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24
+from dancedata.readers import BatchLoader, BatchStream, EpochSampler, GroupDataset, WindowDataset
+from dancedata.readers.groups import Choose
+from dancedata.store import Store, open_store, verify_store, write_store
+from dancedata.store.schema import Field, StoreHeader
+from dancedata.store.stored_clip import AudioBlock, StoredClip
+from dancedata.testing.stores import random_columns
+from tests.messages import raises_message
+
+EDGE = REPRESENTATIONS.make("edge151", {})
+JOINTS = REPRESENTATIONS.make("joints", {})
+CONTACT_RULE = CONTACTS.make("velocity", {})
+GRID = FrameGrid(Fraction(30))
+#: Dancers of each group, by split.
+SIZES = {"train": (2, 3, 5, 3), "test": (2, 2)}
+LENGTH = 20
+
+
+def motion(rng: np.random.Generator, n: int, place: Sequence[float]) -> Motion:
+    rotations = np.cumsum(rng.normal(scale=0.03, size=(n, 24, 3)), axis=0)
+    translation = np.cumsum(rng.normal(scale=0.02, size=(n, 3)), axis=0) + place
+    return Motion(rotations=rotations, translation=translation, grid=GRID, skeleton=SMPL24)
+
+
+def stored(sizes: dict[str, tuple[int, ...]], order: Callable[[list[int]], list[int]] = list) -> list[StoredClip]:
+    """Groups of dancers on a line, 1.2 m apart; `order` permutes the dancers of a group, as a tracker might."""
+    rng = np.random.default_rng(0)
+    clips = []
+    for split, of_split in sizes.items():
+        for number, size in enumerate(of_split):
+            n = 60 + 10 * number
+            music = rng.normal(size=(n + 5, 4)).astype(np.float32)
+            motions = [motion(rng, n, (1.2 * k, 0.9, 0.3 * k * k)) for k in range(size)]
+            for member, dancer in enumerate(order(list(range(size)))):
+                rows = {
+                    "edge151": EDGE.encode(motions[dancer], CONTACT_RULE),
+                    "joints": JOINTS.encode(motions[dancer]),
+                }
+                clips.append(
+                    StoredClip(
+                        id=f"{split}{number}_p{member}", split=split, n_frames=n, group=f"{split}{number}",
+                        member=member, role=f"dancer {dancer}", music=f"{split} song {number}", motion=rows,
+                        starts=tuple(range(0, n - LENGTH + 1, 10)),
+                        audio={"tune": (AudioBlock(f"{split}{number}", music, 2),)},
+                    )
+                )  # fmt: skip
+    alone = motion(rng, 50, (0, 0.9, 0))
+    clips.append(
+        StoredClip(
+            id="alone", split="train", n_frames=50, starts=(0, 10), music="train song 0",
+            motion={"edge151": EDGE.encode(alone, CONTACT_RULE), "joints": JOINTS.encode(alone)},
+            audio={"tune": (AudioBlock("alone", rng.normal(size=(50, 4)).astype(np.float32)),)},
+        )
+    )  # fmt: skip
+    return clips
+
+
+HEADER = StoreHeader(
+    scope="track", fps=Fraction(30), length=LENGTH, stride=10, skeleton=SMPL24,
+    fields=(
+        Field("edge151", "motion", EDGE.columns, Fraction(30)),
+        Field("joints", "motion", JOINTS.columns, Fraction(30)),
+        Field("tune", "audio", random_columns(4, mirror=False), Fraction(30)),
+    ),
+    meta={"recipe": {"name": "groups", "motion": {"edge151": {"contacts": {"velocity": {}}}, "joints": {}}}},
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("groups")
+    write_store(out, HEADER, stored(SIZES), shard_bytes=300_000)
+    return out
+
+
+@pytest.fixture(scope="module")
+def store(folder: Path) -> Store:
+    return open_store(folder)
+
+
+def distances(joints: torch.Tensor, mask: torch.Tensor) -> list[float]:
+    """Distances of all pairs of roots in all frames, sorted."""
+    roots = joints[mask][:, :, :3].double()
+    pairs = itertools.combinations(range(len(roots)), 2)
+    return sorted(x for a, b in pairs for x in (roots[a] - roots[b]).norm(dim=-1).tolist())
+
+
+def raw(store: Store, **options: Any) -> GroupDataset:
+    return GroupDataset(store, fields=("joints", "tune"), normalize=False, **options)
+
+
+def test_the_store_is_sound_and_groups_are_whole(folder: Path, store: Store) -> None:
+    assert verify_store(folder) == []
+    assert store.meta["counts"]["train"]["groups"] == 4
+    assert store.meta["counts"]["train"]["scene_hours"] < store.meta["counts"]["train"]["hours"]
+    tables = store.tables("train")
+    assert len(tables.shard_begin) > 3
+    assert [(tables.groups["id"][k], int(tables.groups["count"][k])) for k in range(4)] == [
+        ("train0", 2), ("train1", 3), ("train2", 5), ("train3", 3),
+    ]  # fmt: skip
+    clip = store.clip("train2_p3")
+    assert (clip.group, clip.member, clip.role) == ("train2", 3, "dancer 3")
+    assert store.clip("alone").group == ""
+
+
+def test_a_sample_holds_the_rows_of_all_dancers(store: Store) -> None:
+    dataset = raw(store)
+    assert dataset.persons == 5
+    assert len(dataset) == sum(len(store.windows_of(f"train{k}_p0")) for k in range(4))
+    for index in range(len(dataset)):
+        sample = dataset[index]
+        n = int(sample["person_mask"].sum())
+        assert sample["members"].tolist() == [*range(n), *[-1] * (5 - n)]
+        assert sample["roles"][:n] == [f"dancer {k}" for k in range(n)]
+        assert sample["clips"] == [f"{sample['group']}_p{k}" for k in range(n)] + [""] * (5 - n)
+        for person in range(n):
+            rows = store.clip(sample["clips"][person]).read("joints")[sample["start"] :][:LENGTH]
+            np.testing.assert_array_equal(sample["joints"][person], rows)
+        assert not sample["joints"][n:].any()
+        music = store.clip(sample["clips"][0]).read("tune")[sample["start"] :][:LENGTH]
+        np.testing.assert_array_equal(sample["tune"], music)
+        assert sample["id"] == f"{sample['group']}@{sample['start']}+{LENGTH}"
+        assert not {"clip", "dancer"} & sample.keys()
+
+
+def test_dancers_are_read_one_by_one_too(store: Store) -> None:
+    dancers = WindowDataset(store, fields=("joints",), normalize=False)
+    groups = raw(store, singles=True)
+    rows = {s["joints"].numpy().tobytes() for s in (dancers[k] for k in range(len(dancers)))}
+    of_groups = [groups[k] for k in range(len(groups))]
+    assert {row.numpy().tobytes() for s in of_groups for row in s["joints"][s["person_mask"]]} == rows
+
+
+@pytest.mark.parametrize(("options", "n"), [({"persons": 2}, 2), ({"persons": 7}, 7), ({"exactly": 3}, 3)])
+def test_more_and_fewer_dancers_than_places(store: Store, options: dict[str, int], n: int) -> None:
+    dataset = raw(store, **options)
+    samples = [dataset[k] for k in range(len(dataset))]
+    assert {tuple(s["joints"].shape) for s in samples} == {(n, LENGTH, 72)}
+    sizes = {s["group"]: int(s["person_mask"].sum()) for s in samples}
+    if "exactly" in options:
+        assert sizes == {"train1": 3, "train3": 3}
+        assert {r.reason for r in dataset.rejects} == {"single", "group_size"}
+    else:
+        assert sizes == {f"train{k}": min(n, size) for k, size in enumerate(SIZES["train"])}
+
+
+def test_absent_dancers_are_the_middle_of_the_scaler(store: Store) -> None:
+    dataset = GroupDataset(store, fields=("edge151",))
+    sample = dataset[0]
+    assert not sample["edge151"][~sample["person_mask"]].any()
+    scaled = dataset.normalizer("edge151").normalize(store.clip("train0_p1").read("edge151")[:LENGTH])
+    np.testing.assert_array_equal(sample["edge151"][1], scaled)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"mirror": 1.0},
+        {"augment": ["yaw"]},
+        {"augment": [{"root_offset": {"max_m": 2}}]},
+        {"augment": ["yaw", "root_offset", "mirror"]},
+        {"augment": ["yaw"], "choose": "left_to_right"},
+        {"augment": ["yaw"], "choose": "seed"},
+    ],
+    ids=str,
+)
+def test_the_world_changes_as_one(store: Store, options: dict[str, Any]) -> None:
+    plain, changed = raw(store), raw(store, **options)
+    changed.set_epoch(3)
+    moved = 0
+    for index in range(0, len(plain), 3):
+        one, two = plain[index], changed[index]
+        before, after = (distances(s["joints"], s["person_mask"]) for s in (one, two))
+        np.testing.assert_allclose(after, before, atol=1e-6)
+        moved += not torch.equal(one["joints"], two["joints"])
+    assert moved
+
+
+def test_noise_is_drawn_for_each_body(store: Store) -> None:
+    dataset = GroupDataset(store, fields=("edge151",), normalize=False, augment=[{"noise": {"std_degrees": 2}}])
+    dataset.set_epoch(0)
+    plain = GroupDataset(store, fields=("edge151",), normalize=False)
+    change = (dataset[0]["edge151"] - plain[0]["edge151"])[:2]
+    assert change.abs().amax() > 0
+    assert not torch.equal(change[0], change[1])
+
+
+def test_an_augmentation_says_what_it_acts_on(store: Store) -> None:
+    from dancedata.augment.yaw import Yaw
+
+    class Old(Yaw):
+        acts_on = None  # type: ignore[assignment]
+
+    with raises_message(UsageError):
+        GroupDataset(store, fields=("edge151",), augment=[Old()])
+
+
+def test_left_to_right_is_by_x_as_given_out(store: Store) -> None:
+    dataset = raw(store, choose="left_to_right", mirror=0.5, persons=3)
+    dataset.set_epoch(1)
+    mirrored = 0
+    for index in range(len(dataset)):
+        sample = dataset[index]
+        n = int(sample["person_mask"].sum())
+        across = sample["joints"][:n, 0, 0].tolist()
+        assert across == sorted(across)
+        mirrored += sample["mirrored"]
+        if sample["group"] == "train2":
+            roles = [f"dancer {k}" for k in ((4, 3, 2) if sample["mirrored"] else (0, 1, 2))]
+            assert sample["roles"] == roles
+    assert 0 < mirrored < len(dataset)
+
+
+def test_dancers_are_drawn_by_seed_epoch_and_index(store: Store) -> None:
+    drawn = {}
+    for epoch in range(30):
+        dataset = raw(store, choose="seed", persons=3, seed=5)
+        dataset.set_epoch(epoch)
+        again = raw(store, choose="seed", persons=3, seed=5)
+        again.set_epoch(epoch)
+        index = next(k for k in range(len(dataset)) if dataset[k]["group"] == "train2")
+        members = dataset[index]["members"].tolist()
+        assert again[index]["members"].tolist() == members
+        assert len(set(members)) == 3
+        drawn[tuple(members)] = epoch
+        whole = next(k for k in range(len(dataset)) if dataset[k]["group"] == "train1")
+        assert sorted(dataset[whole]["members"].tolist()) == [0, 1, 2]
+    assert len(drawn) > 20
+    assert {m for members in drawn for m in members} == set(range(5))
+
+
+@pytest.mark.parametrize("ranks", range(1, 9))
+def test_each_window_once_per_epoch_for_any_number_of_ranks(store: Store, ranks: int) -> None:
+    dataset = raw(store, mirror=0.5, choose="seed")
+    samplers = [EpochSampler(len(dataset), seed=1, rank=rank, world_size=ranks) for rank in range(ranks)]
+    orders = [sampler.order(2).tolist() for sampler in samplers]
+    seen = [index for order in zip(*orders, strict=True) for index in order]
+    assert set(seen) == set(range(len(dataset)))
+    assert len(seen) - len(dataset) < ranks
+
+
+def test_a_stream_resumes_anywhere_with_the_same_batches(store: Store) -> None:
+    def stream(start: int) -> BatchStream:
+        dataset = raw(store, mirror=0.5, augment=["yaw"], choose="seed", persons=2)
+        return BatchStream(dataset, 4, seed=3, start_step=start, steps=14 - start, collate=dataset.collate)
+
+    whole = list(stream(0))
+    for start in (1, 5, 13):
+        rest = list(stream(start))
+        assert len(rest) == 14 - start
+        for one, two in zip(whole[start:], rest, strict=True):
+            assert one["id"] == two["id"]
+            assert torch.equal(one["joints"], two["joints"])
+            assert torch.equal(one["members"], two["members"])
+
+
+@pytest.mark.parametrize("choose", ["stored", "seed", "left_to_right"])
+def test_loaders_give_the_samples(store: Store, choose: Choose) -> None:
+    dataset = GroupDataset(
+        store, fields=("edge151", "tune"), mirror=0.5, augment=["yaw"], choose=choose, persons=3, seed=2
+    )
+    dataset.set_epoch(4)
+    wanted = [dataset[k] for k in range(len(dataset))]
+    loaders: list[Any] = [
+        BatchLoader(dataset, 4),
+        DataLoader(dataset, 4, collate_fn=dataset.collate),
+        DataLoader(dataset, 4, collate_fn=dataset.collate, num_workers=1),
+    ]
+    for loader in loaders:
+        seen = 0
+        for batch in loader:
+            assert batch["edge151"].shape[1:] == (3, LENGTH, 151)
+            for nth, index in enumerate(batch["index"].tolist()):
+                for name in ("edge151", "tune", "person_mask", "members"):
+                    assert torch.equal(batch[name][nth], wanted[index][name]), name
+                assert batch["clips"][nth] == wanted[index]["clips"]
+                seen += 1
+        assert seen == len(dataset)
+
+
+def test_the_order_of_the_tracker_does_not_matter(store: Store, tmp_path: Path) -> None:
+    clips = stored(SIZES, order=lambda numbers: numbers[::-1])
+    write_store(tmp_path, HEADER, clips)
+    other = open_store(tmp_path)
+    for name in ("mean", "std", "min", "max"):
+        np.testing.assert_array_equal(
+            store.stats["fields"]["edge151"]["scaler"]["data_min"],
+            other.stats["fields"]["edge151"]["scaler"]["data_min"],
+        )
+        np.testing.assert_allclose(
+            store.stats["fields"]["joints"][name], other.stats["fields"]["joints"][name], rtol=1e-12, atol=1e-15
+        )
+    datasets = [
+        GroupDataset(s, fields=("joints",), normalize=False, augment=["yaw"], mirror=0.5) for s in (store, other)
+    ]
+    for dataset in datasets:
+        dataset.set_epoch(0)
+    for index in range(len(datasets[0])):
+        one, two = (
+            {rows.numpy().tobytes() for rows in s["joints"][s["person_mask"]]} for s in (d[index] for d in datasets)
+        )
+        assert one == two
+
+
+BAD: dict[str, Callable[[StoredClip], dict[str, Any]]] = {
+    "frames": lambda c: {"n_frames": c.n_frames - 1, "motion": {n: r[:-1] for n, r in c.motion.items()}},
+    "music": lambda c: {"music": "another"},
+    "windows": lambda c: {"starts": c.starts[1:]},
+    "number": lambda c: {"member": 0},
+    "no number": lambda c: {"member": -1},
+    "split": lambda c: {"split": "test"},
+    "offset": lambda c: {"audio": {"tune": (dataclasses.replace(c.audio["tune"][0], offset=1),)}},
+    "trim": lambda c: {"trim_start": 3},
+}
+
+
+@pytest.mark.parametrize("change", BAD.values(), ids=BAD)
+def test_dancers_of_a_group_share_their_time(tmp_path: Path, change: Callable[[StoredClip], dict[str, Any]]) -> None:
+    clips = stored({"train": (3,)})
+    clips[1] = dataclasses.replace(clips[1], **change(clips[1]))
+    with raises_message(StoreError):
+        write_store(tmp_path, HEADER, clips)
+
+
+def test_no_groups_and_unknown_choices(tmp_path: Path, store: Store) -> None:
+    write_store(tmp_path, HEADER, stored({"train": ()}))
+    with raises_message(UsageError):
+        GroupDataset(tmp_path, fields=("joints",), normalize=False)
+    assert len(GroupDataset(tmp_path, fields=("joints",), normalize=False, singles=True)) == 2
+    with raises_message(UsageError):
+        raw(store, choose="tallest")
+    with raises_message(UsageError):
+        raw(store, persons=2, exactly=2)
+    with raises_message(UsageError):
+        raw(store, exactly=4)
+
+
+def test_other_windows_and_repr(store: Store) -> None:
+    dataset = raw(store, length_frames=12, stride_frames=4)
+    assert dataset[0]["joints"].shape == (5, 12, 72)
+    assert "5 persons, stored" in repr(dataset)
+    assert dancedata.open(store.path).splits == ("train", "test")
