@@ -1,6 +1,6 @@
 """The stages in their order."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dancedata.core.clip import Reject
@@ -10,6 +10,7 @@ from dancedata.execution.units import Jobs
 from dancedata.pipeline.copies import CopySource, make_copies
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.features import extract_features, stored_clip
+from dancedata.pipeline.groups import members_of, whole_groups
 from dancedata.pipeline.sources import Sources
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import check_ids
@@ -42,12 +43,21 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
     encoded, unreadable = encode_clips(cache, recipe, sources, jobs=jobs, progress=progress)
     windowed, without_windows = cut_windows(recipe, encoded)
     extracted, without_features = extract_features(cache, recipe, windowed, jobs=jobs, progress=progress)
+    members = members_of(sources.scan.clips)
+    extracted, incomplete = whole_groups(recipe, extracted, members, lambda clip: clip.source.ref)
     extracted = sorted(extracted, key=lambda clip: clip.source.ref.id)
-    clips = [stored_clip(recipe, clip) for clip in extracted]
+    clips = [
+        replace(
+            stored_clip(recipe, clip),
+            segments=tuple(recipe.dataset.segments(clip.source.ref)),
+            group_size=len(members.get(clip.source.ref.group, ())),
+        )
+        for clip in extracted
+    ]
     originals = [CopySource(c, e.source) for c, e in zip(clips, extracted, strict=True)]
     copies, not_copied = make_copies(cache, recipe, originals, sources.content, jobs=jobs, progress=progress)
     return ComputedClips(
         clips=(*clips, *copies),
-        rejects=(*sources.rejects, *unreadable, *without_windows, *without_features, *not_copied),
+        rejects=(*sources.rejects, *unreadable, *without_windows, *without_features, *incomplete, *not_copied),
         quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.motion.flags),
     )

@@ -18,6 +18,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.encode import EncodedClip, encode_sources
 from dancedata.pipeline.features import extract_features, stored_clip
+from dancedata.pipeline.groups import segments_of_copy
 from dancedata.pipeline.motion import MotionResult
 from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import cut_windows
@@ -109,7 +110,8 @@ def _retimed(context: _Context, originals: Sequence[CopySource], rejects: list[R
     for clip in sorted(extracted, key=lambda clip: clip.source.ref.id):
         original_clip = of_copy[clip.source.ref.id]
         # Flags and rate are of the source, whose frames the copy has.
-        about = {name: getattr(original_clip, name) for name in ("id", "n_flags", "source_rate")}
+        kept = ("id", "n_flags", "source_rate", "segments", "group_size")
+        about = {name: getattr(original_clip, name) for name in kept}
         # The song is that of the original: stretched music is not a decoded file.
         stored.append(replace(stored_clip(recipe, clip), song="", signal=None, **about))
     return stored
@@ -117,9 +119,10 @@ def _retimed(context: _Context, originals: Sequence[CopySource], rejects: list[R
 
 def _faster(spec: CopySpec, clip: SourceClip) -> SourceClip:
     """Return the source of a copy: its id, and music and tempo at the copy's speed."""
-    ref, speed = clip.ref, spec.speed_of(clip.ref.id)
+    ref, speed = clip.ref, spec.speed_of(clip.ref.group or clip.ref.id)
     bpm = None if ref.tempo_bpm is None else float(Fraction(ref.tempo_bpm) * speed)
-    renamed = replace(ref, id=spec.clip_id(ref.id), music=spec.music_of(ref.music, ref.id), tempo_bpm=bpm)
+    music = spec.music_of(ref.music, ref.group or ref.id)
+    renamed = replace(ref, id=spec.clip_id(ref.id), music=music, tempo_bpm=bpm)
     return replace(clip, ref=renamed, signal=None if clip.signal is None else clip.signal.at_speed(speed))
 
 
@@ -135,7 +138,10 @@ def _copied(
     """
     motion = {name: _CopiedArray(a, fields[name], spec, clip.id) for name, a in (arrays or clip.motion).items()}
     group = spec.clip_id(clip.group) if clip.group else ""
-    return replace(clip, id=spec.clip_id(clip.id), group=group, source=clip.id, motion=motion, made_of="")
+    segments = segments_of_copy(clip, spec)
+    return replace(
+        clip, id=spec.clip_id(clip.id), group=group, source=clip.id, motion=motion, segments=segments, made_of=""
+    )
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,15 @@ from dancedata.core.clip import Reject
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
-from dancedata.pipeline.motion import MotionKeys, MotionResult, encode_motion, known_motion
+from dancedata.pipeline.groups import groups_of, require_places
+from dancedata.pipeline.motion import (
+    MotionKeys,
+    MotionResult,
+    encode_group,
+    encode_motion,
+    known_group,
+    known_motion,
+)
 from dancedata.pipeline.sources import SourceClip, Sources
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.recipe import Recipe
@@ -47,9 +55,25 @@ def encode_sources(
 ) -> list[MotionResult | Reject]:
     """Return the encoded motion of each clip, or of its copy; or a reject."""
     motion_keys = MotionKeys(recipe, content, copies)
-    keys = [motion_keys.of(clip.ref, clip.motion_sha256) for clip in clips]
+    singles = [clip for clip in clips if not clip.ref.group]
+    keys = [motion_keys.of(clip.ref, clip.motion_sha256) for clip in singles]
     cached = [known_motion(cache, recipe, clip_keys) for clip_keys in keys]
     motion_recipe = recipe.without_audio
-    calls = [(cache, motion_recipe, c.ref, c.motion_sha256, k, copies) for c, k in zip(clips, keys, strict=True)]
+    calls = [(cache, motion_recipe, c.ref, c.motion_sha256, k, copies) for c, k in zip(singles, keys, strict=True)]
     label = "encoding motion" if copies is None else f"encoding copies ({copies.name})"
-    return run_units(encode_motion, calls, known=cached, jobs=jobs, label=label, progress=progress)
+    results: dict[str, MotionResult | Reject] = {}
+    if singles or not clips:
+        encoded = run_units(encode_motion, calls, known=cached, jobs=jobs, label=label, progress=progress)
+        results |= zip((clip.ref.id for clip in singles), encoded, strict=True)
+    groups = groups_of(clips, lambda clip: clip.ref)
+    if groups:
+        require_places(recipe)
+        units = [[(c.ref, c.motion_sha256) for c in members] for members in groups.values()]
+        of_unit = [[(r, sha, motion_keys.of(r, sha, unit)) for r, sha in unit] for unit in units]
+        known = [known_group(cache, recipe, [k for _, _, k in unit]) for unit in of_unit]
+        group_calls = [(cache, motion_recipe, unit, copies) for unit in of_unit]
+        label = f"{label} of groups"
+        encoded_groups = run_units(encode_group, group_calls, known=known, jobs=jobs, label=label, progress=progress)
+        for unit, of_members in zip(units, encoded_groups, strict=True):
+            results |= zip((ref.id for ref, _ in unit), of_members, strict=True)
+    return [results[clip.ref.id] for clip in clips]

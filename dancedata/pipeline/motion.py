@@ -1,10 +1,11 @@
 """Units of work on motion: functions that worker processes run. Each takes and returns small, picklable things."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.files.regular_file import sha256_file
+from dancedata.pipeline.groups import group_motions
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.documents import document_of
@@ -133,11 +135,16 @@ class MotionKeys:
         }
         self._recipe = recipe
 
-    def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
-        """Return the keys of a clip, by its id (the parts of FineDance's 004 have one file) and its file's hash."""
+    def of(self, ref: ClipRef, sha256: str, group: Sequence[tuple[ClipRef, str]] = ()) -> ClipKeys:
+        """Return the keys of a clip, by its id (the parts of FineDance's 004 have one file) and its file's hash.
+
+        `group` are all dancers of its group, whose length, floor and place shape its rows, with their files' hashes.
+        """
+        partners = {"group": [[other.id, other.declared, of_file] for other, of_file in group]} if group else {}
 
         def key(common: str, **crossing: int) -> str:
-            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **crossing)
+            clip = [ref.id, ref.declared]
+            return Cache.key("clip", common=common, clip=clip, file=sha256, **partners, **crossing)
 
         body = self._recipe.dataset.body_of(ref)
         crossing = {clip_field.name for clip_field in self._recipe.clip_fields if _crosses(clip_field, body)}
@@ -190,9 +197,25 @@ def _encode_missing(
         return info, arrays
     motion = recipe.dataset.load(ref)
     motion = motion if copies is None else copies.motion_of(motion, ref.id)
+    return _published(cache, recipe, ref, keys, sha256, motion, arrays)
+
+
+def _published(
+    cache: Cache,
+    recipe: Recipe,
+    ref: ClipRef,
+    keys: ClipKeys,
+    sha256: str,
+    motion: Motion,
+    arrays: dict[str, CachedArray | None],
+    floors: Mapping[str, float] = MappingProxyType({}),
+) -> tuple[ClipInfo, dict[str, CachedArray | None]]:
+    """Encode a loaded motion for the fields that are missing, and publish them; `floors` are those of its group."""
     if motion.rotations.size * 3 <= _REMEMBERED:
         motion = motion.with_cache()  # for all fields, and in window scope for all windows
-    encoded = {f.name: _encode(recipe, f, motion) for f in recipe.clip_fields if arrays[f.name] is None}
+    encoded = {
+        f.name: _encode(recipe, f, motion, floors.get(f.name)) for f in recipe.clip_fields if arrays[f.name] is None
+    }
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
     content = content_hashes(recipe.dataset, cache.file_sha256)
@@ -232,7 +255,39 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
     return count
 
 
-def _encode(recipe: Recipe, clip_field: MotionField | KeyMotionField, motion: Motion) -> npt.NDArray[np.float32]:
+def encode_group(
+    cache: Cache, recipe: Recipe, members: Sequence[tuple[ClipRef, str, ClipKeys]], copies: CopySpec | None = None
+) -> list[MotionResult | Reject]:
+    """Load, check, resample and encode the dancers of one group, or their copies, in one time and one world."""
+    refs = [ref for ref, _, _ in members]
+    try:
+        with cache.lock("clips", members[0][2].info):
+            encoded = [_encoded(cache, keys) for _, _, keys in members]
+            if any(info is None or None in arrays.values() for info, arrays in encoded):
+                motions = group_motions(recipe, refs, copies)
+                grounded = [f for f in recipe.motion if f.representation.grounded]
+                floors = {f.name: min(f.representation.floor(motion) for motion in motions) for f in grounded}
+                encoded = [
+                    _published(cache, recipe, ref, keys, sha256, motion, arrays, floors)
+                    for (ref, sha256, keys), motion, (_, arrays) in zip(members, motions, encoded, strict=True)
+                ]
+        return [_result(recipe, info, arrays) for info, arrays in encoded if info is not None]
+    except DataError as error:
+        return [reject_of(error, clip=ref.id, file=ref.motion_path) for ref in refs]
+
+
+def known_group(cache: Cache, recipe: Recipe, keys: Sequence[ClipKeys]) -> list[MotionResult | Reject] | None:
+    """Return the cached result of `encode_group`, None if a part is missing."""
+    known = [known_motion(cache, recipe, of_member) for of_member in keys]
+    results = [result for result in known if result is not None]
+    return [*results] if len(results) == len(known) else None
+
+
+def _encode(
+    recipe: Recipe, clip_field: MotionField | KeyMotionField, motion: Motion, floor_m: float | None = None
+) -> npt.NDArray[np.float32]:
+    if floor_m is not None and isinstance(clip_field, MotionField):
+        return np.asarray(clip_field.encode_above(motion.resampled(clip_field.grid), floor_m))
     if recipe.scope == "track":
         return np.asarray(clip_field.encode(motion.resampled(clip_field.grid)))
     length = recipe.windows.length

@@ -8,6 +8,7 @@ import numpy as np
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.pipeline.audio import window_samples
 from dancedata.pipeline.encode import EncodedClip
+from dancedata.pipeline.groups import groups_of
 from dancedata.pipeline.motion import MotionResult, motion_window_count
 from dancedata.pipeline.rejects import short_audio, too_short
 from dancedata.pipeline.sources import SourceClip
@@ -25,14 +26,26 @@ class WindowedClip:
 
 def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[WindowedClip], list[Reject]]:
     """Cut clips into windows. Windows without music, and windows that the filter leaves out, become rejects."""
-    windowed, rejects = [], []
+    cut: dict[str, tuple[int, ...]] = {}
+    filtered: dict[str, list[Reject]] = {}
+    rejects = []
     for clip in clips:
+        ref = clip.source.ref
         starts, problems = _starts(recipe, clip.source, clip.motion)
         rejects += problems
-        starts, problems = _filtered(recipe, clip.source.ref, clip.motion, starts)
-        rejects += problems
-        if starts:
-            windowed.append(WindowedClip(clip.source, clip.motion, starts))
+        cut[ref.id], filtered[ref.id] = _filtered(recipe, ref, clip.motion, starts)
+    for members in groups_of(clips, lambda clip: clip.source.ref).values():
+        # A window goes only if the filter rejects it for every dancer: one who stands still is choreography.
+        ids = [clip.source.ref.id for clip in members]
+        kept = {start for clip_id in ids for start in cut[clip_id]}
+        for clip_id in ids if kept else ():
+            cut[clip_id] = tuple(sorted(kept))
+            filtered[clip_id] = [r for r in filtered[clip_id] if r.window is not None and r.window not in kept]
+    windowed = []
+    for clip in clips:
+        rejects += filtered[clip.source.ref.id]
+        if cut[clip.source.ref.id]:
+            windowed.append(WindowedClip(clip.source, clip.motion, cut[clip.source.ref.id]))
     return windowed, rejects
 
 

@@ -13,6 +13,7 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import CopyAugmentation
+from dancedata.core.rotations import Float64Array
 from dancedata.recipes.documents import document_of
 
 #: The split whose clips are copied.
@@ -69,15 +70,21 @@ class CopySpec:
         speed = self.speed_of(clip)
         return f"{music}__{float(speed):.6g}x" if music and speed != 1 else music
 
-    def motion_of(self, motion: Motion, clip: str) -> Motion:
+    def motion_of(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
         """Return the motion of a clip's copy, at another rate where it has another speed.
+
+        Of a group `clip` is its name, and `about` a point of the axis that it turns about.
 
         Raises
         ------
         UsageError
             If `change_motion` changes frames, rate or trim_start.
         """
-        changed = self.augmentation.change_motion(motion, clip)
+        changed = (
+            self.augmentation.change_motion(motion, clip)
+            if about is None
+            else self.augmentation.change_motion(motion, clip, about=about)
+        )
         times = [(m.n_frames, str(m.grid), m.trim_start) for m in (changed, motion)]
         if times[0] != times[1]:
             raise UsageError(

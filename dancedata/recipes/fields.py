@@ -113,6 +113,10 @@ class MotionField(FieldSpec):
             document["contacts"] = {self.contacts.name: document_of(self.contacts)}
         return document
 
+    def encode_above(self, motion: Motion, floor_m: float) -> npt.NDArray[np.float32]:
+        """Return the rows of a dancer of a group whose ground is at a height, metres."""
+        return self.representation.encode_above(motion, floor_m, contacts=self.contacts)
+
     def encode(self, motion: Motion) -> npt.NDArray[np.float32]:
         """Return (T, D) columns of a motion at the field's rate."""
         return self.representation.encode(motion, contacts=self.contacts)

@@ -158,7 +158,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     """
     problems = Problems()
     sections = {name: _checked(document, name, problems) for name in _KEYS}
-    top, lengths, store = sections[""], sections["windows"], sections["store"]
+    top, lengths, store, groups = (sections[name] for name in ("", "windows", "store", "groups"))
     grid = problems.catch(partial(frame_grid, document.get("fps", 30)))
     windows = None
     if lengths is not None and grid is not None:
@@ -166,7 +166,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     by_window = document.get("scope") == "window"
     slots = make_slots(document, grid, windows, by_window=by_window, problems=problems)
     dataset, windows = slots.dataset, slots.windows
-    if problems or top is None or store is None or grid is None or dataset is None or windows is None:
+    if problems or not (top and store and groups) or grid is None or dataset is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
     return Recipe(
@@ -181,6 +181,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         keymotion=slots.keymotion,
         augment=slots.augment,
         shard_mb=store["shard_mb"],
+        incomplete_groups=groups["incomplete"],
     )
 
 
@@ -268,6 +269,7 @@ _KEYS = {
         "windows": _Key(_MISSING),
         **dict.fromkeys(("motion", "audio", "keymotion", "augment"), _Key()),
         "store": _Key({}),
+        "groups": _Key({}),
     },
     "windows": {
         "length_s": _SECONDS,
@@ -278,4 +280,5 @@ _KEYS = {
         "filter": _Key(),
     },
     "store": {"shard_mb": replace(_COUNT, default=256)},
+    "groups": {"incomplete": _choice("set_aside", "keep")},
 }

@@ -32,6 +32,7 @@ class Recipe:
     keymotion: tuple[KeyMotionField, ...]
     augment: tuple[CopySpec, ...]
     shard_mb: int
+    incomplete_groups: Literal["set_aside", "keep"] = "set_aside"
 
     def __repr__(self) -> str:
         fields = ", ".join(field.name for field in self.fields)
@@ -74,6 +75,8 @@ class Recipe:
             "keymotion": {field.name: field.document() for field in self.keymotion},
             "augment": augment_document(self.augment),
             "store": {"shard_mb": self.shard_mb},
+            # Absent by default, so that the hashes of earlier recipes stay.
+            **({"groups": {"incomplete": "keep"}} if self.incomplete_groups == "keep" else {}),
         }
 
     @cached_property

@@ -1,7 +1,7 @@
 """The layout that EDGE, Lodge and FineDance share: contacts 4, root translation 3, J joint rotations in 6D."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -148,11 +148,25 @@ class SmplX6D(Representation):
         UsageError
             For another family of bodies, or without a rule.
         """
-        if not self.grounded:
-            return self.reencode(on_body(motion, self.skeleton), contacts)
-        is_smpl = motion.skeleton.joints == SMPL24.joints
-        placed = on_body(motion, self.skeleton, keep="translation" if is_smpl else "pelvis")
-        return self.reencode(grounded(placed), contacts)
+        placed = self._placed(motion)
+        return self.reencode(grounded(placed) if self.grounded else placed, contacts)
+
+    @override
+    def floor(self, motion: Motion) -> float:
+        placed = self._placed(motion)
+        return float(placed.translation[0, 1] - grounded(placed).translation[0, 1]) if self.grounded else 0.0
+
+    @override
+    def encode_above(
+        self, motion: Motion, floor_m: float, contacts: ContactRule | None = None
+    ) -> npt.NDArray[np.float32]:
+        placed = self._placed(motion)
+        return self.reencode(replace(placed, translation=placed.translation - (0.0, floor_m, 0.0)), contacts)
+
+    def _placed(self, motion: Motion) -> Motion:
+        """Put a motion on the layout's bones."""
+        keeps_numbers = self.grounded and motion.skeleton.joints == SMPL24.joints
+        return on_body(motion, self.skeleton, keep="translation" if keeps_numbers else "pelvis")
 
     @override
     def reencode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:

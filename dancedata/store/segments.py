@@ -104,11 +104,12 @@ def segments_of(table: SegmentTable, row: int, layers: Sequence[Layer], ids: Seq
     for k in table.rows_of(row):
         start, end = (Fraction(int(columns[name][k]), TICKS_PER_SECOND) for name in ("start_t", "end_t"))
         other, data = int(columns["other"][k]), columns["data"][k]
+        texts, mirrored, tokens = (columns[name][k] for name in ("texts", "texts_mirrored", "tokens"))
+        value = float(columns["value"][k])
         segments.append(
             Segment(
-                layers[int(columns["layer"][k])], start, end, columns["label"][k],
-                texts=columns["texts"][k], texts_mirrored=columns["texts_mirrored"][k], tokens=columns["tokens"][k],
-                value=float(columns["value"][k]), other=ids[other] if other >= 0 else "",
+                layers[int(columns["layer"][k])], start, end, columns["label"][k], texts, mirrored, tokens,
+                value=math.nan if math.isnan(value) else value, other=ids[other] if other >= 0 else "",
                 joint=int(columns["joint"][k]), whole=bool(columns["whole"][k]),
                 data=json.loads(data) if data else {},
             )

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import dancedata
+from tests.groups_store import write_groups
 
 MODULES = ("readers", "metrics", "core.grid", "core.motion", "core.skeleton", "core.rotations", "store", "keymotion")
 MODULES += ("synthetic", "testing.examples", "testing.stores", "testing.conformance")
@@ -39,6 +40,7 @@ def doc_files(built: Path, corpus: Path, tmp_path_factory: pytest.TempPathFactor
     folder = tmp_path_factory.mktemp("docstrings")
     for name in ("aistpp", "the-same-again"):
         shutil.copytree(built, folder / "data" / name)
+    write_groups(folder / "data" / "groups")
     (folder / "aist_plusplus_final").symlink_to(corpus)
     shutil.copy(sorted((corpus / "wavs").iterdir())[0], folder / "song.wav")
     with dancedata.open(built) as ds:

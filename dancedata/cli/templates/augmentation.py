@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class TemplateName(CopyAugmentation):
         Distance in metres.
     """
 
+    acts_on: ClassVar[Literal["world", "body"]] = "world"  # in a group: the same change for all dancers
     version: ClassVar[int] = 1  # raise it whenever the copies change: it is part of the cache key of changed motion
 
     step_m: float = 0.5
@@ -34,6 +35,6 @@ class TemplateName(CopyAugmentation):
         if not math.isfinite(self.step_m):
             raise UsageError("step_m must be finite", found=self.step_m, allowed="metres")
 
-    def change_motion(self, motion: Motion, clip: str) -> Motion:
+    def change_motion(self, motion: Motion, clip: str, about: object = None) -> Motion:
         """Return the motion of the copy; frames, rate and trim_start are unchanged."""
         return replace(motion, translation=np.add(motion.translation, (self.step_m, 0.0, 0.0)))

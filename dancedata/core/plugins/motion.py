@@ -135,6 +135,16 @@ class Representation(Plugin):
         """Return the motion of (T, D) columns at the rate of `grid`. UsageError where that is not possible."""
         raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
 
+    def floor(self, motion: Motion) -> float:
+        """Return the height of the ground that `encode` takes off, metres; 0 where it leaves the dancer in place."""
+        return 0.0
+
+    def encode_above(self, motion: Motion, floor_m: float, contacts: ContactRule | None = None) -> Float32Array:
+        """Return (T, D) columns with the ground at a height: dancers of a group have one, the least of `floor`."""
+        if self.grounded:
+            raise UsageError(f"the representation {self.name} takes each dancer of a group to the ground")
+        return self.encode(motion, contacts)
+
     def reencode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
         """Return (T, D) columns of a motion that `decode` returned and that was changed since.
 

@@ -1,0 +1,250 @@
+"""Groups of dancers in a build: one time, one world, whole or not at all."""
+
+import itertools
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+import soundfile
+
+import dancedata
+from dancedata.core.clip import ClipRef, Scan, member_id
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.core.segments import Layer, Segment
+from dancedata.core.skeleton import SMPL24
+from dancedata.readers import GroupDataset
+from dancedata.store import Store, verify_store
+from tests.messages import raises_message
+
+MOVES = Layer("moves", language="en", sided="mirrored", mirror=(("left turn", "right turn"),))
+WORDS = Layer("words", language="en")
+
+
+@dataclass(frozen=True)
+class Ensemble(Dataset):
+    """One .npz per sequence, all dancers together, and a .wav; world +Y up."""
+
+    name: ClassVar[str] = "ensemble"
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = "none"
+    citation: ClassVar[str] = "none"
+
+    def scan(self, source: Path) -> Scan:
+        clips = []
+        for path in sorted(source.glob("*.npz")):
+            with np.load(path) as file:
+                members = file["members"].tolist()
+            for place, member in enumerate(members):
+                clips.append(
+                    ClipRef(
+                        member_id(path.stem, member), path, path.with_suffix(".wav"), "train", music=path.stem,
+                        group=path.stem, member=member, declared=(("place", str(place)),),
+                        role=("leader", "follower")[place] if len(members) == 2 else "",
+                        keys=(("video", path.stem[:1]),), columns=(("level", place),),
+                    )
+                )  # fmt: skip
+        return Scan("ensemble", tuple(sorted(clips, key=lambda ref: ref.id)))
+
+    def load(self, ref: ClipRef) -> Motion:
+        place = int(dict(ref.declared)["place"])
+        with np.load(ref.motion_path) as file:
+            n = int(file["lengths"][place])
+            poses, trans = file["poses"][place][:n], file["trans"][place][:n]
+        if np.isnan(trans).any():
+            raise DataError("NaN", reason="nan", where=ref.motion_path)
+        return Motion(trans, poses, FrameGrid.of(60), SMPL24, trim_start=place)
+
+    def segments(self, ref: ClipRef) -> list[Segment]:
+        moves = Segment(MOVES, Fraction(1), Fraction(2), "left turn", ("turns left",), ("turns right",))
+        return [moves, Segment(WORDS, Fraction(0), Fraction(5, 2), "", (f"dancer {ref.member}",))]
+
+    def make_example(self, folder: Path) -> None:
+        write(folder, "a", 3)
+
+
+def write(folder: Path, name: str, size: int, **change: Any) -> None:
+    """Dancers 1.2 m apart; the second, if there is one, is carried 60 cm up."""
+    rng = np.random.default_rng(len(name) + size)
+    folder.mkdir(exist_ok=True)
+    n = 360
+    trans = np.cumsum(rng.normal(scale=0.01, size=(size, n, 3)), axis=1)
+    trans += [[[1.2 * k, 0.9 + 0.6 * (k == 1), 0.4 * k]] for k in range(size)]
+    poses = np.cumsum(rng.normal(scale=0.01, size=(size, n, 24, 3)), axis=1)
+    arrays = {"trans": trans, "poses": poses, "lengths": np.full(size, n), "members": np.arange(size)} | change
+    np.savez(folder / f"{name}.npz", **arrays)
+    soundfile.write(folder / f"{name}.wav", rng.normal(scale=0.1, size=6 * 16_000), 16_000)
+
+
+@pytest.fixture(autouse=True)
+def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    DATASETS.names()
+    monkeypatch.setitem(DATASETS._classes, "ensemble", Ensemble)
+
+
+def build(source: Path, out: Path, cache: Path, **keys: Any) -> Store:
+    document = {
+        "recipe": 1, "name": "groups", "dataset": {"ensemble": {}}, "fps": 30,
+        "windows": {"length_s": 2, "stride_s": 1}, "motion": {"joints": {}, "edge151": {}}, "audio": {},
+    } | keys  # fmt: skip
+    return dancedata.build(document, source, out, jobs=1, cache=cache, progress=False).open()
+
+
+def roots(store: Store, group: str, field: str = "joints") -> np.ndarray:
+    """Roots of a group's dancers, (P, T, 3)."""
+    clips = [clip for clip in store.clips if clip.group == group]
+    return np.stack([clip.read(field)[:, :3] for clip in clips]).astype(np.float64)
+
+
+def distances(roots: np.ndarray) -> np.ndarray:
+    return np.stack([np.linalg.norm(a - b, axis=-1) for a, b in itertools.combinations(roots, 2)])
+
+
+def test_a_group_is_built_whole(tmp_path: Path, cache: Path) -> None:
+    source = tmp_path / "source"
+    write(source, "a", 3)
+    write(source, "b", 2)
+    store = build(source, tmp_path / "out", cache, audio={"librosa35": {}})
+    assert verify_store(tmp_path / "out") == []
+    assert [(c.id, c.group, c.member, c.role) for c in store.clips] == [
+        ("a_p0", "a", 0, ""), ("a_p1", "a", 1, ""), ("a_p2", "a", 2, ""),
+        ("b_p0", "b", 0, "leader"), ("b_p1", "b", 1, "follower"),
+    ]  # fmt: skip
+    assert store.clip("b_p1").columns == {"video": "b", "level": 1}
+    # The largest trim of the group, at the store's rate; the rows of one song.
+    assert {c.trim_start for c in store.clips if c.group == "a"} == {1}
+    assert len({store.locate(store.windows_of(c)[0], "librosa35").first for c in ("a_p0", "a_p1", "a_p2")}) == 1
+    source_roots = np.load(source / "a.npz")["trans"][:, ::2]
+    offset = np.asarray(SMPL24.offsets)[0] if np.ndim(SMPL24.offsets) == 2 else 0.0
+    np.testing.assert_allclose(distances(roots(store, "a")), distances(source_roots + offset), atol=1e-5)
+    sample = GroupDataset(store, fields=("joints", "librosa35"), normalize=False)[0]
+    assert sample["joints"].shape == (3, 60, 72)
+    tables = store.tables("train")
+    assert [int(n) for n in tables.groups["n_source"]] == [3, 2]
+    assert len(tables.songs["id"]) == 2
+
+
+def test_a_group_lacks_no_dancer_silently(tmp_path: Path, cache: Path) -> None:
+    source = tmp_path / "source"
+    write(source, "a", 3)
+    write(source, "b", 2)
+    trans = dict(np.load(source / "a.npz"))["trans"]
+    trans[1, 7] = np.nan
+    write(source, "a", 3, trans=trans)
+    store = build(source, tmp_path / "out", cache)
+    assert {clip.group for clip in store.clips} == {"b"}
+    reasons = {row["clip"]: row["reason"] for row in store.rejects}
+    # One pickle holds all dancers: none of it can be used.
+    assert reasons == dict.fromkeys(("a_p0", "a_p1", "a_p2"), "nan")
+
+
+def test_a_dancer_who_is_left_out_sets_the_group_aside(tmp_path: Path, cache: Path, monkeypatch: Any) -> None:
+    from dancedata.core.clip import Reject
+    from dancedata.pipeline import encode
+
+    source = tmp_path / "source"
+    write(source, "a", 3)
+    write(source, "b", 2)
+    plain = encode.encode_sources
+
+    def lossy(cache: Any, recipe: Any, clips: Any, *rest: Any, **options: Any) -> Any:
+        results = plain(cache, recipe, clips, *rest, **options)
+        return [Reject("nan", c.ref.id) if c.ref.id == "a_p1" else r for c, r in zip(clips, results, strict=True)]
+
+    monkeypatch.setattr(encode, "encode_sources", lossy)
+    store = build(source, tmp_path / "out", cache)
+    assert {clip.group for clip in store.clips} == {"b"}
+    rows = {row["clip"]: row for row in store.rejects}
+    assert (rows["a_p1"]["reason"], rows["a_p0"]["reason"]) == ("nan", "incomplete_group")
+    assert "without a_p1" in rows["a_p2"]["detail"]
+    kept = build(source, tmp_path / "kept", cache, groups={"incomplete": "keep"})
+    assert [c.member for c in kept.clips if c.group == "a"] == [0, 2]
+    assert int(kept.tables("train").groups["n_source"][0]) == 3
+    assert verify_store(tmp_path / "kept") == []
+
+
+@pytest.mark.parametrize(("shorter", "frames"), [(4, 178), (20, None)])
+def test_dancers_are_cut_to_the_shortest_within_a_tolerance(
+    tmp_path: Path, cache: Path, shorter: int, frames: int | None
+) -> None:
+    source = tmp_path / "source"
+    write(source, "a", 2, lengths=np.array([360, 360 - shorter]))
+    write(source, "b", 2)
+    store = build(source, tmp_path / "out", cache)
+    lengths = {clip.n_frames for clip in store.clips if clip.group == "a"}
+    assert lengths == ({frames} if frames else set())
+    if not frames:
+        assert {row["reason"] for row in store.rejects} == {"length_mismatch"}
+
+
+@pytest.mark.parametrize("augmentation", ["yaw", "root_offset", "mirror", "tempo"])
+def test_copies_are_of_one_world(tmp_path: Path, cache: Path, augmentation: str) -> None:
+    source = tmp_path / "source"
+    write(source, "a", 3)
+    parameters: dict[str, Any] = {"speeds": [1.1]} if augmentation == "tempo" else {}
+    store = build(source, tmp_path / "out", cache, augment={augmentation: parameters or True})
+    copy = f"a__{augmentation}"
+    assert [c.id for c in store.clips if c.group == copy] == [f"a_p{k}__{augmentation}" for k in range(3)]
+    assert verify_store(tmp_path / "out") == []
+    for field in ("joints",):
+        before, after = distances(roots(store, "a", field)), distances(roots(store, copy, field))
+        if augmentation != "tempo":
+            np.testing.assert_allclose(after, before, atol=2e-6)
+        else:
+            np.testing.assert_allclose(after[:, 0], before[:, 0], atol=2e-6)
+    assert not np.allclose(roots(store, "a")[0][:20], roots(store, copy)[0][:20])
+
+
+def test_one_floor_keeps_a_lifted_partner_in_the_air(tmp_path: Path, cache: Path) -> None:
+    source = tmp_path / "source"
+    write(source, "a", 2)
+    store = build(source, tmp_path / "out", cache, motion={"lodge139": {}, "joints": {}})
+    heights = [store.clip(f"a_p{k}").read("lodge139")[:, 5] for k in range(2)]  # 4 contacts, then x y z
+    joints = [store.clip(f"a_p{k}").read("joints")[:, 1] for k in range(2)]
+    np.testing.assert_allclose(heights[1] - heights[0], joints[1] - joints[0], atol=1e-5)
+
+
+def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None:
+    """A partner's file shapes the length, floor and place of a dancer."""
+    from dancedata.pipeline.motion import MotionKeys
+    from dancedata.recipes.parse import load_recipe
+
+    recipe = replace(load_recipe("aist++"), dataset=Ensemble())
+    refs = [ClipRef(f"a_p{k}", Path(f"a{k}.npz"), None, "train", group="a", member=k) for k in range(2)]
+    keys = MotionKeys(recipe, {})
+    one = keys.of(refs[0], "1" * 64, [(refs[0], "1" * 64), (refs[1], "2" * 64)])
+    two = keys.of(refs[0], "1" * 64, [(refs[0], "1" * 64), (refs[1], "3" * 64)])
+    assert one.info != two.info
+    assert one.fields["edge151"] != two.fields["edge151"]
+    assert keys.of(refs[0], "1" * 64).info == MotionKeys(recipe, {}).of(replace(refs[0], group=""), "1" * 64).info
+
+
+@pytest.mark.parametrize("keys", [{"motion": {"humanml263": {}}, "fps": 20}, {"scope": "window"}], ids=str)
+def test_what_cannot_hold_a_group_is_refused(tmp_path: Path, cache: Path, keys: dict[str, Any]) -> None:
+    write(tmp_path / "source", "a", 2)
+    with raises_message(UsageError):
+        build(tmp_path / "source", tmp_path / "out", cache, **keys)
+
+
+def test_segments_come_back_and_go_with_copies(tmp_path: Path, cache: Path) -> None:
+    write(tmp_path / "source", "a", 2)
+    store = build(tmp_path / "source", tmp_path / "out", cache, augment={"mirror": True, "tempo": {"speeds": [1.25]}})
+    assert verify_store(tmp_path / "out") == []
+    assert {layer["name"]: layer["rows"] for layer in store.meta["layers"]} == {"moves": 6, "words": 4}
+    plain, mirrored, faster = (store.segments(f"a_p0{copy}") for copy in ("", "__mirror", "__tempo"))
+    assert sorted(plain, key=lambda s: s.layer.name) == sorted(
+        Ensemble().segments(ClipRef("", Path(), None, "", member=0)), key=lambda s: s.layer.name
+    )
+    assert [(s.label, s.texts, s.texts_mirrored) for s in mirrored] == [
+        ("right turn", ("turns right",), ("turns left",))
+    ]
+    assert store.segments("a_p0__tempo", "moves")[0].end == Fraction(8, 5)
+    assert len(faster) == 2
+    with raises_message(UsageError):
+        store.segments("a_p0", "wrods")
