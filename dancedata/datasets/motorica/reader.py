@@ -104,9 +104,9 @@ class Motorica(Dataset):
         Returns
         -------
         Scan
-            Clips by name with split, song, genre and dancer. Rejects, each by name: ``missing_music``, ``ignored`` (leaks, of
-            official-clean), ``missing_motion`` (an official test recording without a file), ``unused_music``,
-            ``extra_file``. Notes state the trims, the lists, and what they share.
+            Clips by name with split, song, genre and dancer. Rejects, each by name: ``missing_music``, ``ignored``
+            (in train, with a song of test; official-clean), ``missing_motion`` (an official test recording without a
+            file), ``unused_music``, ``extra_file``. Notes state the trims, the lists, and what they share.
 
         Raises
         ------
