@@ -107,8 +107,50 @@ def _smplh52() -> Skeleton:
 #: SMPL-H: the body of SMPL (as in SMPL24), with SMPL-X's fingers at its wrists.
 SMPLH52 = _smplh52()
 
+#: Joints of Motorica's BVH files without the fingers, each with its parent and its usual offset in centimetres
+#: (mean bones of the features that LDA's repository publishes; Alexanderson et al. 2023).
+_MOTORICA_BONES = (
+    ("Hips", "", (0, 0, 0)),
+    ("Spine", "Hips", (0, 7.8, 0)),
+    ("Spine1", "Spine", (0, 22.7, 0)),
+    ("Neck", "Spine1", (0, 24.9, 0)),
+    ("Head", "Neck", (0, 14.8, 1.2)),
+    *(
+        (f"{side}{name}", f"{side}{parent}" if parent != "Spine1" else parent, (sign * x, y, 0))
+        for side, sign in (("Left", 1), ("Right", -1))
+        for name, parent, x, y in (
+            ("Shoulder", "Spine1", 3.8, 20.8),
+            ("Arm", "Shoulder", 12.5, 0),
+            ("ForeArm", "Arm", 28.7, 0),
+            ("Hand", "ForeArm", 23.6, 0),
+        )
+    ),
+    *(
+        (f"{side}{name}", f"{side}{parent}" if parent != "Hips" else parent, (sign * x, y, z))
+        for side, sign in (("Left", 1), ("Right", -1))
+        for name, parent, x, y, z in (
+            ("UpLeg", "Hips", 9.5, 0, 0),
+            ("Leg", "UpLeg", 0, -35.7, 0),
+            ("Foot", "Leg", 0, -40.6, 0),
+            ("ToeBase", "Foot", 0, -6, 13),
+        )
+    ),
+)
+
+
+def _motorica21() -> Skeleton:
+    joints = tuple(name for name, *_ in _MOTORICA_BONES)
+    parents = tuple(joints.index(parent) if parent else -1 for _, parent, _ in _MOTORICA_BONES)
+    pairs = tuple((j, joints.index(f"Right{name[4:]}")) for j, name in enumerate(joints) if name.startswith("Left"))
+    offsets = np.array([offset for *_, offset in _MOTORICA_BONES], dtype=np.float64) / 100
+    return Skeleton("motorica21", joints, parents, offsets, pairs, (15, 19, 16, 20))
+
+
+#: The body of Motorica Dance, the root at the translation; recordings have the same joints with their own bones.
+MOTORICA21 = _motorica21()
+
 #: The skeletons of the package, by name.
-SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE, SMPLX22, SMPLX52, SMPLX55)}
+SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE, SMPLX22, SMPLX52, SMPLX55, MOTORICA21)}
 
 #: In the cache keys of motion that crosses from one body to another; raised by hand when it gets other numbers there.
 CROSSING = 2

@@ -135,8 +135,8 @@ class _Hierarchy:
     def take(self, line: int, text: str) -> bool:
         """Parse a statement; return True for MOTION."""
         self._line, self._bad = line, partial(bvh_error, self.path, line)
-        word, _, rest = text.partition(" ") if " " in text else text.partition("\t")
-        kind, rest = word.upper(), rest.strip()
+        word, rest = (*text.split(maxsplit=1), "")[:2]
+        kind = word.upper()
         if self._next is not None and kind != "{":
             raise self._bad(f"{self._next.name} has no block", text, "{")
         if kind in ("ROOT", "JOINT") or kind.startswith("END"):

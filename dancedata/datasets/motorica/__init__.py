@@ -1,0 +1,14 @@
+"""Motorica Dance (Alexanderson et al. 2023): motion capture of eight genres, 6 hours, 120 FPS.
+
+.. code-block:: text
+
+    SOURCE/
+        bvh/NAME.bvh      one recording: centimetres, +Y up, degrees, fingers
+        wav/NAME.wav      its music, under the same name, here or beside the motion; some recordings have none
+
+SOURCE may be the folder that contains ``bvh/`` or its parent. LDA's features are not read.
+"""
+
+from dancedata.datasets.motorica.reader import Motorica
+
+__all__ = ["Motorica"]

@@ -1,0 +1,257 @@
+"""The dataset reader motorica: names, lists and their leaks, trims, music, BVH; joints against LDA's code."""
+
+import json
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dancedata.core.bodies import MOTORICA21
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.datasets.motorica import Motorica
+from dancedata.datasets.motorica.motion import load_motion, write_example, write_recording
+from dancedata.datasets.motorica.names import IN_BOTH, TEST, parse_name
+from tests.datasets.scans import notes, rejects, splits
+from tests.messages import raises_message
+
+JAZZ = "kthjazz_gJZ_sFM_cAll_d02_mJZ_ch01_madeupswing_001"
+TAP = "kthjazz_gTP_sFM_sngl_d02_015"
+HIPHOP = "kthstreet_gLH_sFM_cAll_d01_mLH4_ch04"
+POPPING = "kthstreet_gPO_sFM_cAll_d01_mPO_ch01_bombom_002"
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("motorica") / "мой dänce"
+    write_example(folder, dance_s=2)
+    return folder
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that writes files of these names, without content: a scan reads none."""
+
+    def write(*names: str, without_music: tuple[str, ...] = ()) -> Path:
+        for folder in ("bvh", "wav"):
+            (tmp_path / "source" / folder).mkdir(parents=True, exist_ok=True)
+        for name in names:
+            (tmp_path / "source" / "bvh" / f"{name}.bvh").write_bytes(b"")
+            if name not in without_music:
+                (tmp_path / "source" / "wav" / f"{name}.wav").write_bytes(b"")
+        return tmp_path / "source"
+
+    return write
+
+
+# ---- names
+
+
+@pytest.mark.parametrize(
+    ("stem", "song", "genre", "dancer"),
+    [
+        ("kthstreet_gPO_sFM_cAll_d02_mPO_ch01_bombom_001", "bombom", "popping", "kthstreet_d02"),
+        (HIPHOP, "mLH4", "hiphop", "kthstreet_d01"),
+        ("kthstreet_gLH_sFM_cAll_d01_mLH_ch01_danstrams", "danstrams", "hiphop", "kthstreet_d01"),
+        ("kthmisc_gCA_sFM_cAll_d01_mCA_ch0", "kthmisc_gCA_sFM_cAll_d01_mCA_ch0", "casual", "kthmisc_d01"),
+        (TAP, TAP, "tap", "kthjazz_d02"),
+        ("kthstreet_gXX_sFM_d01_two_words_001", "two_words", "", "kthstreet_d01"),
+        ("any name", "any name", "", ""),
+        ("", "", "", ""),
+    ],
+)
+def test_names(stem: str, song: str, genre: str, dancer: str) -> None:
+    name = parse_name(stem)
+    assert (name.id, name.song, name.genre, name.dancer) == (stem, song, genre, dancer)
+
+
+# ---- scan
+
+
+def test_scan(example: Path) -> None:
+    scan = Motorica().scan(example)
+    assert splits(scan) == {JAZZ: "train", TAP: "test", HIPHOP: "train", POPPING: "test"}
+    first = scan.clips[0]
+    assert (first.music, first.genre, first.dancer) == ("madeupswing", "jazz", "kthjazz_d02")
+    assert (first.lists, first.keys) == (("lda_train",), (("song", "madeupswing"),))
+    assert first.audio_path == example / "wav" / f"{JAZZ}.wav"
+    assert len(rejects(scan, "missing_motion")) == len(TEST) - 2
+    assert "Trims: off." in notes(scan), "off by default, and said"
+    assert "read as 1/120 s exactly" in notes(scan)
+
+
+def test_what_official_lists_share(source: Callable[..., Path]) -> None:
+    both, same_song = IN_BOTH[0], "kthstreet_gLH_sFM_cAll_d02_mLH_ch01_thisisit_009"
+    folder = source(both, same_song, *TEST)
+    official = Motorica().scan(folder)
+    assert splits(official)[both] == "test"
+    assert splits(official)[f"{both}_lda-train"] == splits(official)[same_song] == "train"
+    assert {c.lists for c in official.clips if both in c.id} == {("lda_train", "lda_test")}
+    assert f"Leak: {both} is in LDA's lists of train and test" in notes(official)
+    assert "thisisit (1 recording)" in notes(official)
+    clean = Motorica(split="official-clean").scan(folder)
+    assert set(splits(clean)) == set(TEST)
+    assert rejects(clean, "ignored") == [same_song]
+
+
+def test_by_song_keeps_songs_together(source: Callable[..., Path]) -> None:
+    names = [f"kthstreet_gPO_sFM_cAll_d01_mPO_ch01_song{k}_00{n}" for k in range(60) for n in range(2)]
+    scan = Motorica(split="by-song").scan(source(*names))
+    for k in range(0, len(names), 2):
+        assert splits(scan)[names[k]] == splits(scan)[names[k + 1]]
+    assert {"train", "val", "test"} == set(splits(scan).values())
+    assert not rejects(scan, "missing_motion")
+
+
+def test_recordings_without_music(source: Callable[..., Path]) -> None:
+    folder = source(TAP, JAZZ, without_music=(TAP,))
+    assert rejects(Motorica().scan(folder), "missing_music") == [TAP]
+    scan = Motorica(music="optional").scan(folder)
+    assert scan.clips[1].audio_path is None
+
+
+def test_music_beside_the_motion(source: Callable[..., Path]) -> None:
+    folder = source(TAP, without_music=(TAP,))
+    (folder / "bvh" / f"{TAP}.wav").write_bytes(b"")
+    (folder / "bvh" / "readme.txt").write_bytes(b"")
+    (folder / "wav" / "other.wav").write_bytes(b"")
+    scan = Motorica().scan(folder)
+    assert scan.clips[0].audio_path == folder / "bvh" / f"{TAP}.wav"
+    assert rejects(scan, "extra_file") == ["bvh/readme.txt"]
+    assert rejects(scan, "unused_music") == ["wav/other.wav"]
+
+
+def test_offsets_of_music(example: Path) -> None:
+    scan = Motorica(audio_start={"mLH4": 0.08, TAP: "-1/3"}).scan(example)
+    starts = {clip.id: clip.audio_start for clip in scan.clips}
+    assert starts == {JAZZ: 0, TAP: Fraction(-1, 3), HIPHOP: Fraction(2, 25), POPPING: 0}
+    assert "audio_start states the offset of 2 clips" in notes(scan)
+    with raises_message(SourceError):
+        Motorica(audio_start={"nothing": 1}).scan(example)
+    with raises_message(UsageError):
+        Motorica(audio_start={TAP: "late"})
+
+
+def test_trims(tmp_path: Path) -> None:
+    write_example(tmp_path, ((JAZZ, "mJB2", 0.0),), dance_s=2, pose_s=1)
+    reader = Motorica(trim_s=1, audio_start={JAZZ: 0.5})
+    (clip,) = reader.scan(tmp_path).clips
+    assert (clip.source_start, clip.source_end, clip.audio_start) == (1, 3, Fraction(3, 2))
+    whole, part = Motorica().load(Motorica().scan(tmp_path).clips[0]), reader.load(clip)
+    assert (whole.n_frames, part.n_frames) == (480, 240)
+    assert np.array_equal(part.rotations, whole.rotations[120:360])
+    assert not whole.rotations[:120].any(), "the T-pose"
+    long = Motorica(trim_s=2)
+    with raises_message(DataError):
+        long.load(long.scan(tmp_path).clips[0])
+
+
+def test_other_folders(tmp_path: Path) -> None:
+    with raises_message(SourceError):
+        Motorica().scan(tmp_path / "nothing")
+    (tmp_path / "motorica_dance").mkdir()
+    with raises_message(SourceError):
+        Motorica().scan(tmp_path)
+
+
+@pytest.mark.parametrize("bad", [{"split": "official_clean"}, {"trim_s": -1}, {"fingers": "no"}, {"music": "none"}])
+def test_invalid_parameters(bad: dict[str, object]) -> None:
+    with raises_message(UsageError):
+        Motorica(**bad)  # type: ignore[arg-type]
+
+
+# ---- motion
+
+
+def test_motion(example: Path) -> None:
+    reader, kept = Motorica(), Motorica(fingers="keep")
+    clip = reader.scan(example).clips[0]
+    motion, full = reader.load(clip), kept.load(clip)
+    assert (motion.n_frames, motion.grid.rate) == (240, 120), "0.008333 is 1/120"
+    assert motion.skeleton.joints == MOTORICA21.joints
+    assert motion.skeleton.name.startswith("motorica21:")
+    np.testing.assert_allclose(motion.skeleton.offsets, MOTORICA21.offsets, atol=1e-8)
+    assert full.skeleton.n_joints == 51
+    body = [full.skeleton.index(joint) for joint in MOTORICA21.joints]
+    np.testing.assert_array_equal(full.joints()[:, body], motion.joints())
+    assert [full.skeleton.joints[j] for pair in full.skeleton.pairs[-1:] for j in pair] == [
+        "LeftToeBase",
+        "RightToeBase",
+    ]
+
+
+def _change(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("Frame Time: 0.008333", "Frame Time: 0.0333", "bad_rate"),
+        ("CHANNELS 6 Xposition", "CHANNELS 5", "missing_channels"),
+        ("JOINT LeftToeBase", "JOINT LeftToe", "bad_skeleton"),
+        ("OFFSET 0.000000 -35.700000", "OFFSET 0.000000 -0.357000", "bad_unit"),
+        ("Frames: 60", "Frames: 61", "truncated"),
+        ("\n0.000000 8", "\nnan 8", "nan"),
+        ("\n0.000000 8", "\n0,000000 8", "broken_file"),
+    ],
+)
+def test_bad_files(tmp_path: Path, old: str, new: str, reason: str) -> None:
+    path = tmp_path / "a.bvh"
+    write_recording(path, 0, dance_s=0.5)
+    if reason == "missing_channels":
+        rows = path.read_text().split("Frame Time: 0.008333\n")[1].splitlines()
+        for row in rows:
+            _change(path, row, row.split(" ", 1)[1])
+    if reason in ("nan", "broken_file"):
+        first = path.read_text().split("Frame Time: 0.008333")[1].split()[0]
+        old, new = f"\n{first} ", "\nnan " if reason == "nan" else f"\n{first.replace('.', ',')} "
+    _change(path, old, new)
+    with raises_message(DataError) as caught:
+        load_motion(path, fingers=False)
+    assert caught.value.reason == reason
+
+
+@pytest.mark.parametrize("frame_time", ["0.008333", "0.0083333", "0.00833", ".00833333333"])
+def test_rounded_frame_times(tmp_path: Path, frame_time: str) -> None:
+    write_recording(tmp_path / "a.bvh", 0, dance_s=0.1, frame_time=frame_time)
+    assert load_motion(tmp_path / "a.bvh", fingers=False).grid.rate == 120
+
+
+def test_other_spellings(tmp_path: Path) -> None:
+    path, other = tmp_path / "a.bvh", tmp_path / "b.bvh"
+    write_recording(path, 0, dance_s=0.1)
+    text = path.read_text().replace("End Site", "end site").replace("OFFSET ", "OFFSET\t").replace("\n", "\r\n")
+    other.write_bytes(text.encode())
+    np.testing.assert_array_equal(
+        load_motion(other, fingers=True).rotations, load_motion(path, fingers=True).rotations
+    )
+
+
+# ---- LDA's own numbers
+
+
+def test_joints_and_rotations_are_ldas(shared: Path) -> None:
+    crowd = shared / "golden" / "crowd"
+    facts = json.loads((crowd / "motorica" / "facts.json").read_text())
+    arrays = np.load(crowd / "motorica" / "expmap61.npz")
+    files = sorted((crowd / "inputs" / "motorica" / "bvh").glob("*.bvh"))
+    assert files
+    for path in files:
+        motion = load_motion(path, fingers=False)
+        assert list(motion.skeleton.joints) == facts["position_joints"]
+        joints, n = motion.joints() * 100, motion.n_frames
+        expected = arrays[f"{path.stem}.joint_positions_cm_first_mid_last"]
+        np.testing.assert_allclose(joints[[0, n // 2, n - 1]], expected, atol=1e-4)
+        names = [column.split("_") for column in facts["columns"]]
+        for take in (0, 1):
+            rows = arrays[f"{path.stem}_0{take}"]
+            np.testing.assert_allclose(rows[:, 57], joints[2 * take :: 4, 0, 1], atol=1e-4)
+            for column, (joint, axis) in enumerate(names[:54]):
+                ours = motion.rotations[
+                    2 * take :: 4, motion.skeleton.index(joint), ["alpha", "beta", "gamma"].index(axis)
+                ]
+                np.testing.assert_allclose(rows[:, column], ours, atol=1e-5)

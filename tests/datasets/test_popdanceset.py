@@ -1,0 +1,199 @@
+"""The dataset reader popdanceset: lists and what they share, scale, axes, matrices; columns against POPDG's."""
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dancedata.contacts.velocity import Velocity
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.skeleton import SMPL24_EDGE
+from dancedata.datasets.popdanceset import PopDanceSet
+from dancedata.datasets.popdanceset.motion import load_motion, write_example
+from dancedata.representations.edge151 import Edge151
+from tests.datasets.scans import notes, rejects, splits
+from tests.messages import raises_message
+
+FIRST, SECOND = "BVaaaaaaaa1a_Clip_1", "BVaaaaaaaa1a_Clip_2"
+MATRICES, TEST = "BVbbbbbbbb2b_Clip_1", "BVcccccccc3c_Clip_7"
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    write_example(tmp_path / "мой dänce")
+    return tmp_path / "мой dänce"
+
+
+def change(path: Path, **changes: Any) -> None:
+    """Replace values of a pickle; None removes a key."""
+    content = {**pickle.loads(path.read_bytes()), **changes}
+    path.write_bytes(pickle.dumps({key: value for key, value in content.items() if value is not None}))
+
+
+# ---- scan
+
+
+def test_scan(source: Path) -> None:
+    scan = PopDanceSet().scan(source)
+    assert splits(scan) == {FIRST: "train", SECOND: "train", MATRICES: "train", TEST: "test"}
+    first = scan.clips[0]
+    assert (first.music, first.dancer, first.keys) == ("BVaaaaaaaa1a", "BVaaaaaaaa1a", (("video", "BVaaaaaaaa1a"),))
+    assert (first.lists, scan.clips[1].lists) == (("train", "high_quality"), ("train",))
+    assert not scan.rejects
+    assert "3 train, 1 test (1,012 and 24 in POPDG's repository), no val; 1 on high_quality_dataset" in notes(scan)
+    assert "Leak" not in notes(scan)
+    assert "Scale: none" in notes(scan)
+    assert "Scale: translation x pred_camera" in notes(PopDanceSet(scale="multiply").scan(source))
+
+
+def test_what_the_lists_share(source: Path) -> None:
+    (source / "splits" / "test.txt").write_text(f"{SECOND}\n{TEST}")
+    (source / "splits" / "train.txt").write_text(f"{FIRST}\n{MATRICES}\nBVcccccccc3c_Clip_8")
+    scan = PopDanceSet().scan(source)
+    assert "Leak: 2 of 2 test clips are of videos of train (BVaaaaaaaa1a, BVcccccccc3c)" in notes(scan)
+    assert rejects(scan, "missing_motion") == ["BVcccccccc3c_Clip_8"]
+    by_video = PopDanceSet(split="by-video").scan(source)
+    assert splits(by_video)[FIRST] == splits(by_video)[SECOND]
+    assert "Leak of the official lists, which are not used" in notes(by_video)
+
+
+def test_lists_beside_the_motion(source: Path) -> None:
+    for name in ("train", "test"):
+        (source / "splits" / f"{name}.txt").rename(source / f"{name}.txt")
+    assert len(splits(PopDanceSet().scan(source))) == 4
+
+
+def test_lists_that_cannot_be_used(source: Path) -> None:
+    (source / "splits" / "test.txt").write_text(FIRST)
+    with raises_message(SourceError):
+        PopDanceSet().scan(source)
+    (source / "splits" / "test.txt").unlink()
+    with raises_message(SourceError):
+        PopDanceSet().scan(source)
+    assert len(PopDanceSet(split="by-video").scan(source).clips) == 4
+
+
+def test_what_is_left_out(source: Path) -> None:
+    (source / "splits" / "train.txt").write_text(f"{FIRST}\n{SECOND}\n")
+    (source / "wavs" / f"{SECOND}.wav").unlink()
+    (source / "wavs" / "BVzzzzzzzz9z_Clip_1.wav").write_bytes(b"")
+    (source / "motions" / "other.pkl").write_bytes(b"")
+    scan = PopDanceSet().scan(source)
+    assert splits(scan) == {FIRST: "train", TEST: "test"}
+    assert rejects(scan, "unassigned") == [MATRICES]
+    assert rejects(scan, "missing_music") == [SECOND]
+    assert rejects(scan, "unused_music") == ["wavs/BVzzzzzzzz9z_Clip_1.wav"]
+    assert rejects(scan, "extra_file") == ["motions/other.pkl"]
+    assert splits(PopDanceSet(music="optional").scan(source))[SECOND] == "train"
+
+
+@pytest.mark.parametrize("bad", [{"split": "video"}, {"scale": "divide"}, {"music": "no"}])
+def test_invalid_parameters(bad: dict[str, Any]) -> None:
+    with raises_message(UsageError):
+        PopDanceSet(**bad)
+
+
+# ---- motion
+
+
+def test_motion_stands_upright_in_metres(source: Path) -> None:
+    path = source / "motions" / f"{FIRST}.pkl"
+    content = pickle.loads(path.read_bytes())
+    motion = load_motion(path, "none")
+    assert (motion.n_frames, motion.grid.rate, motion.skeleton) == (181, 30, SMPL24_EDGE)
+    np.testing.assert_allclose(motion.translation, content["transl"] * [1, -1, -1], atol=1e-6)
+    joints = motion.joints()
+    assert (joints[:, 15, 1] > joints[:, 0, 1]).all(), "the head is above the pelvis"
+    scaled = load_motion(path, "multiply")
+    expected = content["transl"] * content["pred_camera"] * [1, -1, -1] + [0, 1, 5]
+    np.testing.assert_allclose(scaled.translation, expected, atol=1e-5)
+    np.testing.assert_array_equal(scaled.rotations, motion.rotations)
+
+
+@pytest.mark.parametrize("shape", [(180, 24, 3), (180, 216), (180, 24, 3, 3), (180, 24, 9)])
+def test_shapes_of_rotations(source: Path, shape: tuple[int, ...]) -> None:
+    path = source / "motions" / f"{SECOND}.pkl"
+    expected = load_motion(path, "none").joints()
+    thetas = pickle.loads(path.read_bytes())["pred_thetas"].astype(np.float64)
+    if np.prod(shape[1:]) == 216:
+        thetas = Rotation.from_rotvec(thetas.reshape(-1, 3)).as_matrix()
+    change(path, pred_thetas=thetas.reshape(shape))
+    np.testing.assert_allclose(load_motion(path, "none").joints(), expected, atol=1e-6)
+
+
+def bad(key: str, array: Any) -> Any:
+    return lambda content: {key: array(content[key])}
+
+
+@pytest.mark.parametrize(
+    ("reason", "make"),
+    [
+        ("missing_key", lambda c: {"pred_camera": None}),
+        ("bad_shape", bad("transl", lambda a: a[:, :2])),
+        ("bad_shape", bad("pred_thetas", lambda a: a[:, :69])),
+        ("bad_shape", bad("pred_camera", lambda a: np.repeat(a, 3, axis=1))),
+        ("length_mismatch", bad("pred_thetas", lambda a: a[1:])),
+        ("length_mismatch", bad("pred_camera", lambda a: a[1:])),
+        ("empty", lambda c: {key: c[key][:0] for key in ("transl", "pred_thetas", "pred_camera")}),
+        ("nan", bad("transl", lambda a: np.where(np.arange(len(a))[:, None] == 7, np.nan, a))),
+        ("bad_rotation", lambda c: {"pred_thetas": np.tile(np.diag([1.0, 1.0, -1.0]), (len(c["transl"]), 24, 1, 1))}),
+        ("not_rotations", bad("pred_thetas", np.degrees)),
+    ],
+)
+def test_bad_files(source: Path, reason: str, make: Any) -> None:
+    path = source / "motions" / f"{FIRST}.pkl"
+    change(path, **make(pickle.loads(path.read_bytes())))
+    with raises_message(DataError) as caught:
+        load_motion(path, "multiply")
+    assert caught.value.reason == reason
+
+
+def test_pred_camera_is_not_read_without_scale(source: Path) -> None:
+    path = source / "motions" / f"{FIRST}.pkl"
+    change(path, pred_camera=None)
+    assert load_motion(path, "none").n_frames == 181
+
+
+def test_pickles_that_run_code_are_refused(source: Path, unpickled_marker: Any) -> None:
+    marker, attack = unpickled_marker
+    path = source / "motions" / f"{FIRST}.pkl"
+    path.write_bytes(attack())
+    with pytest.raises(DataError) as caught:
+        load_motion(path, "multiply")
+    assert caught.value.reason == "unsafe_pickle"
+    assert not marker.exists()
+
+
+# ---- POPDG's own numbers
+
+
+def test_columns_are_popdgs(shared: Path) -> None:
+    crowd = shared / "golden" / "crowd"
+    reader = PopDanceSet(scale="multiply")
+    refs = {clip.id: clip for clip in reader.scan(crowd / "inputs" / "popdanceset").clips}
+    facts = json.loads((crowd / "popdg" / "facts.json").read_text())
+    arrays = np.load(crowd / "popdg" / "windows.npz")
+    unsure = {tuple(place) for place in facts["contacts_too_near_to_call"]}
+    joints = [7, 8, 10, 11, 15, 20, 21, 22, 23]
+    ends = [0, 1, 148, 149]
+    for split in ("train", "test"):
+        for w, name in enumerate(facts["order"][split]):
+            clip, piece = name.rsplit("_slice", 1)
+            window = reader.load(refs[clip]).part(15 * int(piece), 15 * int(piece) + 150)
+            columns, expected = (
+                Edge151().encode(window, Velocity(max_speed_m_s=0.3)),
+                arrays[f"{split}.raw_first_last"][w],
+            )
+            np.testing.assert_allclose(columns[ends, 4:], expected[:, :147], atol=1e-5)
+            places = window.joints()[:, joints]
+            steps = np.linalg.norm(np.diff(places, axis=0, append=places[-1:]), axis=-1)
+            wrong = np.argwhere((steps < 0.01) != arrays[f"{split}.contacts"][w])
+            assert {(name, int(frame), int(column)) for frame, column in wrong} <= unsure
+        if split == "train":
+            clip = facts["order"][split][0].rsplit("_slice", 1)[0]
+            columns = Edge151().encode(reader.load(refs[clip]).part(0, 150), Velocity(max_speed_m_s=0.3))
+            np.testing.assert_allclose(columns[:, 4:], arrays["train.raw_0"][:, :147], atol=1e-5)
