@@ -213,6 +213,7 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
             "clips": dict(left_out),
         },
         "dataset": recipe.dataset.name,
+        **({"split_rule": "official"} if recipe.dataset.official_split else {}),
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,
         "axes": {motion_field.name: motion_field.representation.axes for motion_field in recipe.motion},

@@ -314,3 +314,14 @@ def test_a_tempo_that_is_infinite_is_unknown(make_store: Any) -> None:
     edit(made.path, "clips/tempo_bpm", 0, np.inf, TABLES)
     with open_store(made.path) as store:
         assert next(iter(store.clips)).tempo_bpm is None
+
+
+def test_what_official_splits_share_is_a_counted_note(make_store: Any, tmp_path: Path) -> None:
+    made = make_store()
+    clips = [dataclasses.replace(c, music="mBR0") for c in made.clips]
+    header = dataclasses.replace(made.header, meta={**made.header.meta, "split_rule": "official"})
+    (tmp_path / "out").mkdir()
+    write_store(tmp_path / "out", header, clips)
+    problems = verify_store(tmp_path / "out")
+    assert {p.severity for p in problems} == {"note"}
+    assert any("the official train and test share 1 song: mBR0" in p.message for p in problems)

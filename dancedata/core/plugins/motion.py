@@ -44,6 +44,11 @@ class Dataset(Plugin):
     explicit_only: ClassVar[bool] = False
 
     @property
+    def official_split(self) -> bool:
+        """Whether the splits are published lists: what they share is then a note of `check`, not an error."""
+        return False
+
+    @property
     def genre_ids(self) -> Mapping[str, int]:
         """Number of each genre; empty where the dataset has none."""
         return {}

@@ -93,6 +93,11 @@ class Motorica(Dataset):
         for name in self.audio_start or {}:
             self._starts(name)
 
+    @property
+    @override
+    def official_split(self) -> bool:
+        return self.split == "official"
+
     @override
     def body_of(self, ref: ClipRef) -> Skeleton | None:
         return MOTORICA21 if self.fingers == "drop" else None

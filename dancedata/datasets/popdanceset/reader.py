@@ -121,6 +121,11 @@ class PopDanceSet(Dataset):
         require_choice("popdanceset", "scale", self.scale, ("multiply", "none"))
         require_choice("popdanceset", "music", self.music, ("required", "optional"))
 
+    @property
+    @override
+    def official_split(self) -> bool:
+        return self.split == "official"
+
     @override
     def body_of(self, ref: ClipRef) -> Skeleton:
         return SMPL24_EDGE
