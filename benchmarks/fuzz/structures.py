@@ -22,7 +22,7 @@ from hypothesis.extra import numpy as hnp
 from mutations import MAX_BYTES
 from programs import AROUND, ATOMS, programs
 from targets import TARGETS
-from valid_files import MANIFEST, RECIPE, SHARD, npy, pickles, store
+from valid_files import MANIFEST, RECIPE, TABLES, npy, pickles, store
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
 
@@ -288,15 +288,15 @@ def _wavs(draw: Draw) -> bytes:
 
 
 _DATASETS = st.sampled_from(
-    ["clips/id", "clips/lists", "clips/n_frames", "clips/tempo_bpm", "clips/motion/pose/start",
-     "clips/audio/music/offset", "windows/clip", "windows/start", "windows/rows/pose", "motion/pose", "audio/music"]
+    ["clips/id/offset", "clips/id/bytes", "clips/lists/list", "clips/lists/offset", "clips/n_frames", "clips/by_id",
+     "clips/tempo_bpm", "clips/motion/pose/start", "clips/audio/music/offset", "windows/clip", "windows/start"]
 )  # fmt: skip
 
 
 @st.composite
 def _shards(draw: Draw) -> bytes:
-    """A shard with a dataset that is another, by h5py's own means."""
-    memory = io.BytesIO(store()[SHARD])
+    """Tables with a dataset that is another, by h5py's own means."""
+    memory = io.BytesIO(store()[TABLES])
     with h5py.File(memory, "r+") as file:
         for _ in range(draw(st.integers(1, 2))):
             name = draw(_DATASETS)
@@ -325,7 +325,7 @@ def _shards(draw: Draw) -> bytes:
             elif kind == "replace":
                 _replace(draw, file, name, shape, dtype)
     # libhdf5 may have made room for what was only announced.
-    return memory.getvalue() if memory.getbuffer().nbytes < MAX_BYTES else store()[SHARD]
+    return memory.getvalue() if memory.getbuffer().nbytes < MAX_BYTES else store()[TABLES]
 
 
 def _replace(draw: Draw, file: h5py.File, name: str, shape: tuple[int, ...], dtype: Any) -> None:
@@ -409,7 +409,6 @@ STRATEGIES: dict[str, st.SearchStrategy[bytes]] = {
     "dataset_json": _documents("dataset_json"),
     "stats": _documents("stats"),
     "rejects": _lines("rejects"),
-    "quality": _lines("quality"),
     "recipe": _recipes(),
     "csv": _csv(),
     "jsonl": _jsonl(),

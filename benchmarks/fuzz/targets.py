@@ -18,7 +18,7 @@ import numpy as np
 from valid_files import (
     MANIFEST,
     RECIPE,
-    SHARD,
+    TABLES,
     body_models,
     bvh,
     encoded,
@@ -279,13 +279,16 @@ def _read_weights(path: Path) -> None:
                 file.read_into(tensor, name, memoryview(bytearray(tensor.span(1) * tensor.item_bytes)))
 
 
-def _read_shard(path: Path) -> None:
-    """Read a shard as if it had been published: dataset.json has its size and hash."""
+def _read_tables(path: Path) -> None:
+    """Read tables as if they had been published: dataset.json has their size and hash."""
     from dancedata.store import open_store, verify_store
 
     data = path.read_bytes()
+    for name in store():
+        if name != path.name:
+            (path.parent / name).write_bytes(store()[name])
     document = json.loads(store()["dataset.json"])
-    document["shards"][0] |= {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    document["splits"]["train"]["tables"] |= {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     _seal(path.parent, document)
     try:
         verify_store(path.parent)
@@ -354,7 +357,6 @@ TARGETS: dict[str, Target] = {
     "dataset_json": Target("json", "dataset.json", lambda: [store()["dataset.json"]], _read_description, text=True),
     "stats": Target("json", "stats.json", lambda: [store()["stats.json"]], _read_stats, text=True),
     "rejects": Target("jsonl", "rejects.jsonl", lambda: [store()["rejects.jsonl"]], _read_lines, text=True),
-    "quality": Target("jsonl", "quality.jsonl", lambda: [store()["quality.jsonl"]], _read_lines, text=True),
     "recipe": Target("yaml", "r.yaml", _text(RECIPE), _read_recipe, text=True),
     "csv": Target(
         "csv",
@@ -369,7 +371,7 @@ TARGETS: dict[str, Target] = {
     ),
     "file_names": Target("names", "names.bin", lambda: [b"001\0gBR_sBM_cAll_d04_mBR2_ch08"], _read_file_names),
     "weights": Target("torch", "a.pth.tar", weights, _read_weights),
-    "hdf5": Target("hdf5", SHARD, lambda: [store()[SHARD]], _read_shard, also=("clip train_c",)),
+    "hdf5": Target("hdf5", TABLES, lambda: [store()[TABLES]], _read_tables, also=("clip train_c",)),
 }
 
 #: Not a reader, see `_defect`.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-SHARD = "train-00000-of-00001.h5"
+TABLES = "train-tables.h5"
 MANIFEST = """motion,audio,split,genre,dancer,tempo_bpm,fps,up,unit
 a/b.bvh,s.wav,train,waltz,anna,120,,,cm
 a/c.npz,s.wav,train,waltz,"anna, b",120,,,
@@ -217,6 +217,16 @@ def store() -> dict[str, bytes]:
             length=20,
             stride=10,
             rejects=[Reject("nan", "x", "x.pkl", 3, "why", {"audio_s": 1.5}), Reject("no_audio", file="s.wav")],
-            quality=[{"clip": "a", "kind": "k", "joint": "j", "frame": 3, "value": 1.5, "unit": "deg", "rate": "30"}],
+            quality=[
+                {
+                    "clip": "train_c00",
+                    "kind": "k",
+                    "joint": "j",
+                    "frame": 3,
+                    "value": 1.5,
+                    "unit": "deg",
+                    "rate": "30",
+                }
+            ],
         )
         return {path.name: path.read_bytes() for path in made.path.iterdir()}

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from types import MappingProxyType
 from typing import Any, Literal
 
 from dancedata.core.errors import DataError
@@ -89,7 +88,7 @@ class Segment:
     other: str = ""
     joint: int = -1
     whole: bool = False
-    data: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    data: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.end < self.start:
@@ -114,8 +113,9 @@ class Segment:
         frame, halves up, one frame long.
         """
         if self.layer.kind == "instant":
-            begin = math.floor(self.start * grid.rate + Fraction(1, 2))
-            return (begin, begin + 1) if 0 <= begin < n_frames else (0, 0)
+            place = self.start * grid.rate
+            begin = min(math.floor(place + Fraction(1, 2)), n_frames - 1)
+            return (begin, begin + 1) if begin >= 0 and place < n_frames else (0, 0)
         begin, end = (min(max(math.ceil(t * grid.rate), 0), n_frames) for t in (self.start, self.end))
         return (begin, end) if begin < end else (0, 0)
 

@@ -1,4 +1,4 @@
-"""dancedata build: one recipe, one source, one dataset of format 1."""
+"""dancedata build: one recipe, one source, one dataset."""
 
 from __future__ import annotations
 
@@ -158,7 +158,8 @@ class _Build:
         computed = replace(computed, rejects=tuple(relative_to(r, self.source) for r in computed.rejects))
         if not computed.clips:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
-        meta = {**_meta(self.recipe, sources, record), "quality_flags": len(computed.quality)}
+        stored = {clip.id for clip in computed.clips}
+        meta = {**_meta(self.recipe, sources, record.to_json(stored)), "quality_flags": len(computed.quality)}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
         return True
@@ -191,12 +192,12 @@ def _write(
             rejects=sorted(computed.rejects, key=_reject_order),
             quality=computed.quality,
             shard_bytes=recipe.shard_mb * 2**20,
-            card=dataset_card(recipe, scan, computed, songs_of(computed.clips, meta), _networks(recipe)),
+            card=dataset_card(recipe, scan, computed, songs_of(computed.clips), _networks(recipe)),
             progress=lambda done, total: advance(1),
         )
 
 
-def _meta(recipe: Recipe, sources: Sources, record: SourceRecord) -> dict[str, Any]:
+def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     versions = {"libsndfile": libsndfile_version()}
     packages.update(name for job in recipe.audio for name in job.feature.packages)
@@ -209,7 +210,7 @@ def _meta(recipe: Recipe, sources: Sources, record: SourceRecord) -> dict[str, A
         "source": {
             "layout": sources.scan.layout,
             "notes": list(sources.scan.notes),
-            "clips": record.to_json(),
+            "clips": dict(left_out),
         },
         "dataset": recipe.dataset.name,
         "licence": recipe.dataset.licence,

@@ -110,7 +110,8 @@ def _retimed(context: _Context, originals: Sequence[CopySource], rejects: list[R
         original_clip = of_copy[clip.source.ref.id]
         # Flags and rate are of the source, whose frames the copy has.
         about = {name: getattr(original_clip, name) for name in ("id", "n_flags", "source_rate")}
-        stored.append(replace(stored_clip(recipe, clip), **about))
+        # The song is that of the original: stretched music is not a decoded file.
+        stored.append(replace(stored_clip(recipe, clip), song="", signal=None, **about))
     return stored
 
 
@@ -133,7 +134,8 @@ def _copied(
     `arrays` are the encoded rows of the copy's motion; None: those of the clip.
     """
     motion = {name: _CopiedArray(a, fields[name], spec, clip.id) for name, a in (arrays or clip.motion).items()}
-    return replace(clip, id=spec.clip_id(clip.id), source=clip.id, motion=motion)
+    group = spec.clip_id(clip.group) if clip.group else ""
+    return replace(clip, id=spec.clip_id(clip.id), group=group, source=clip.id, motion=motion, made_of="")
 
 
 @dataclass(frozen=True)

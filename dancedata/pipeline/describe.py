@@ -114,7 +114,7 @@ def _flagged(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     """Count the clips that have flags of each kind."""
     clips = {str(kind): len({str(flag["clip"]) for flag in rows}) for kind, rows in _grouped(flags, "kind").items()}
     kinds = ", ".join(f"{kind} in {counted(n, 'clip')}" for kind, n in sorted(clips.items()))
-    return [f"  flagged, not repaired (quality.jsonl): {kinds}"] if kinds else []
+    return [f"  flagged, not repaired: {kinds}"] if kinds else []
 
 
 def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapping[str, Any]]]:
@@ -138,7 +138,7 @@ def dataset_card(
     notes = "\n".join(f"- {note}" for note in scan.notes)
     counts = Counter(r.reason for r in computed.rejects)
     reasons = [f"- {reason}: {n}" for reason, n in sorted(counts.items())] or ["- nothing"]
-    flags = f"{len(computed.quality)} quality flags in quality.jsonl; what they point at was not repaired."
+    flags = f"{len(computed.quality)} quality flags among the segments; what they point at was not repaired."
     parts = [
         f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
         _splits_table(recipe, computed, splits, songs),
@@ -254,7 +254,7 @@ def describe_store(path: Path) -> str:
 def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     if not flags:
         return ["  no quality flags"]
-    lines = ["  quality flags (quality.jsonl), not repaired:"]
+    lines = ["  quality flags, not repaired:"]
     for clip, of_clip in _grouped(flags, "clip").items():
         worst = max(of_clip, key=lambda f: float(f.get("value", 0)))
         frames = len({f.get("frame") for f in of_clip})

@@ -28,7 +28,7 @@ from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import WindowedClip
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.recipe import Recipe
-from dancedata.store import AudioBlock, StoredClip
+from dancedata.store import AudioBlock, Signal, StoredClip
 
 Blocks = tuple[AudioBlock, ...]
 
@@ -61,7 +61,7 @@ def extract_features(
 
 def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
     """Return a clip as it is stored."""
-    ref, motion = clip.source.ref, clip.motion
+    ref, motion, signal = clip.source.ref, clip.motion, clip.source.signal
     return StoredClip(
         id=ref.id,
         split=ref.split,
@@ -78,6 +78,16 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
         starts=clip.starts,
         motion=motion.stored(recipe, clip.starts),
         audio=dict(clip.audio),
+        group=ref.group,
+        member=ref.member,
+        role=ref.role,
+        song="" if signal is None else ref.music or signal.sha256[:12],
+        signal=None if signal is None else Signal(signal.sha256, signal.sample_rate, signal.n_samples),
+        source_start=ref.source_start,
+        source_end=ref.source_end,
+        audio_start=ref.audio_start,
+        made_of=clip.source.made_of,
+        columns={**dict(ref.keys), **dict(ref.columns)},
     )
 
 

@@ -26,16 +26,18 @@ from dancedata.files.publish import (
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
 from dancedata.store.dataset_json import MAX_BYTES, Description, load_description, self_hash
+from dancedata.store.listed_file import hdf5_files
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
+    LEAVES_FILE,
     QUALITY_FILE,
     REJECTS_FILE,
     STATS_FILE,
     is_shard_name,
 )
 
-_SIDE_FILES = {STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE}
+_SIDE_FILES = {STATS_FILE, REJECTS_FILE, QUALITY_FILE, LEAVES_FILE, CARD_FILE}
 _ALLOWED = "an empty folder, a new one, or a dataset built before"
 _LEFTOVERS = ". If an interrupted build of an earlier version left them, remove the folder"
 
@@ -109,7 +111,7 @@ def _described(out: Path) -> Description:
 
 def _files_of(description: Description) -> set[str]:
     """Return the names that a dataset's files have."""
-    return {DATASET_FILE, *(shard.file for shard in description.shards), *(_SIDE_FILES & set(description.files))}
+    return {DATASET_FILE, *(e.file for e in hdf5_files(description)), *(_SIDE_FILES & set(description.files))}
 
 
 def _is_ours(name: str) -> bool:

@@ -245,7 +245,7 @@ def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tup
     """
     if dataset is None:
         return None, ""
-    hashes = music_hashes(dataset.meta)
+    hashes = music_hashes(dataset.clips)
     clips = [clip for clip in dataset.clips if not clip.source]
     same = {clip.tempo_bpm for clip in clips if signal.sha256.startswith(hashes.get(clip.id, "-"))}
     tempos, by = (same, "samples") if same else ({c.tempo_bpm for c in clips if c.music == song.stem}, "name")

@@ -69,7 +69,7 @@ class SourceMusic:
             for clip in store.clips
             if (clip.source or clip.id) in recordings
         }
-        return cls(source, files, music_hashes(store.meta))
+        return cls(source, files, music_hashes(store.clips))
 
     def missing(self, clips: list[ClipView]) -> list[str]:
         """Return the songs, or clips whose song has no name, that have no audio file."""
@@ -115,7 +115,7 @@ def is_source(store: Store, folder: Path) -> bool:
             places += [path for path in folder.iterdir() if path.is_dir()]
         for place in filter(Path.is_dir, places):
             named = (path for path in place.iterdir() if path.stem in clips and path.is_file())
-            if any(sha256_file(p)[:DIGITS] == clips[p.stem].split()[0] for p in islice(named, _COMPARED)):
+            if any(sha256_file(p)[:DIGITS] == clips[p.stem][:DIGITS] for p in islice(named, _COMPARED)):
                 return True
     except OSError:
         pass  # a folder above that may not be listed

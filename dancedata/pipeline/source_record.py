@@ -1,24 +1,22 @@
-"""Hashes of the source of each clip, kept in dataset.json, so that changes can be described file by file."""
+"""Hashes of the source of each clip, kept with the dataset, so that changes can be described file by file."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.hashing import json_sha256
 from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.sources import Sources
 from dancedata.store import Store
 
 #: Digits of a hash that are kept: another file has the same ones once in 2.8e14 times.
 DIGITS = 12
-#: Of more clips no record is kept: dataset.json has to stay small enough to be read (`store.dataset_json.MAX_BYTES`).
+#: Of more clips that are left out no record is kept: dataset.json has to stay small enough to be read.
 MAX_CLIPS = 200_000
-NO_MUSIC = "-"
 #: Attributes of a clip that are compared, in addition to the hashes of its files.
 _ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
 _SHOWN, _MESSAGE = 5, 600
@@ -31,7 +29,7 @@ class SourceRecord:
     Attributes
     ----------
     clips
-        "motion music metadata" by clip, beginnings of hashes; None where a dataset does not have them.
+        Beginnings of the hashes of motion, music and metadata by clip; None where a dataset does not have them.
     left_out
         Files and clips that were left out by then.
     content
@@ -53,7 +51,7 @@ class SourceRecord:
         """Return the record of identified sources."""
         refs = [clip.ref for clip in sources.clips]
         return cls(
-            clips={clip.ref.id: _hashes(*clip.inputs()) for clip in sources.clips},
+            clips={clip.ref.id: clip.made_of for clip in sources.clips},
             left_out=sources.rejects,
             content=sources.content,
             about={ref.id: {name: getattr(ref, name) for name in _ABOUT} for ref in refs},
@@ -64,20 +62,21 @@ class SourceRecord:
     def of_store(cls, store: Store) -> SourceRecord:
         """Return the record of a built dataset."""
         source = store.meta.get("source")
-        clips = source.get("clips") if isinstance(source, Mapping) else None
-        kept = isinstance(clips, Mapping) and all(len(str(value).split()) == 3 for value in clips.values())
+        left_out = source.get("clips") if isinstance(source, Mapping) else None
+        clips = {str(clip): _joined(value) for clip, value in (left_out or {}).items()}
+        clips |= {clip.id: clip.made_of for clip in store.clips if clip.made_of}
         content = store.meta.get("content")
         return cls(
-            clips={str(clip): str(value) for clip, value in clips.items()} if kept and clips else None,
+            clips=clips if clips and all(len(value) == 3 * DIGITS for value in clips.values()) else None,
             left_out=[Reject.from_json(row) for row in store.rejects],
             content=content if isinstance(content, Mapping) else {},
             about={c.id: {name: getattr(c, name) for name in _ABOUT} for c in store.clips if not c.source},
         )
 
-    def to_json(self) -> dict[str, str]:
-        """Return the hashes by clip for dataset.json; nothing for more than MAX_CLIPS."""
-        clips = self.clips or {}
-        return dict(sorted(clips.items())) if len(clips) <= MAX_CLIPS else {}
+    def to_json(self, stored: Container[str]) -> dict[str, str]:
+        """Return the hashes of clips that are not stored, for dataset.json; nothing for more than MAX_CLIPS."""
+        clips = {clip: value for clip, value in sorted((self.clips or {}).items()) if clip not in stored}
+        return clips if len(clips) <= MAX_CLIPS else {}
 
 
 class SourceDifference(NamedTuple):
@@ -106,8 +105,9 @@ def source_differences(
     return [*differences, *([SourceDifference("other content", tuple(content))] if content else [])]
 
 
-def _hashes(entry: Any, motion: str, music: str | None) -> str:
-    return " ".join((motion[:DIGITS], (music or NO_MUSIC)[:DIGITS], json_sha256(entry)[:DIGITS]))
+def _joined(hashes: object) -> str:
+    """Return hashes without the spaces and the "-" for no music that format 1 puts between them."""
+    return str(hashes).replace("-", "0" * DIGITS).replace(" ", "")
 
 
 def _files(ref: ClipRef, source: Path) -> tuple[str, str]:
@@ -177,4 +177,4 @@ def _spare_files(old: SourceRecord, new: SourceRecord, then: str, now: str) -> l
 
 
 def _part(record: SourceRecord, clip: str, place: int) -> str:
-    return (record.clips or {})[clip].split()[place]
+    return (record.clips or {})[clip][place * DIGITS : (place + 1) * DIGITS]

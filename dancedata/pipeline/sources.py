@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,12 @@ class SourceClip:
             self.motion_sha256,
             self.signal.sha256 if self.signal else None,
         )
+
+    @cached_property
+    def made_of(self) -> str:
+        """First 12 digits of the hashes of motion file, decoded music and metadata; zeros without music."""
+        attributes, motion, music = self.inputs()
+        return "".join(digest[:12] for digest in (motion, music or "0" * 12, json_sha256(attributes)))
 
 
 @dataclass(frozen=True)

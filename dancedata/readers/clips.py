@@ -131,7 +131,7 @@ class ClipDataset(SplitDataset):
     def lengths(self) -> npt.NDArray[np.int64]:
         """Frames of each sample, (N,), at the store's fps."""
         if self.crop_frames is None:
-            return self.windows.length
+            return np.asarray(self.windows.length, dtype=np.int64)
         return np.full(len(self), self.crop_frames, dtype=np.int64)
 
     def __getitem__(self, index: int) -> dict[str, Any]:

@@ -60,7 +60,6 @@ def windows_at(
     rejects: list[Reject] = []
     clip: list[int] = []
     start: list[int] = []
-    number: list[int] = []
     for place in np.unique(windows.clip).tolist():
         candidates = beat_starts(store, windows.clip_ids[place], grid.length, at=at, fields=fields, trim=trim)
         spaced = _apart(candidates, grid.stride)
@@ -68,9 +67,8 @@ def windows_at(
             rejects.append(no_start(windows.clip_ids[place], grid.length, at))
         clip += [place] * len(spaced)
         start += spaced
-        number += range(len(spaced))
-    arrays = (np.asarray(values, dtype=np.int64) for values in (clip, start, [grid.length] * len(clip), number))
-    return WindowList(windows.split, windows.clip_ids, *arrays), tuple(rejects)
+    clips, starts = (np.asarray(values, dtype=np.int64) for values in (clip, start))
+    return WindowList.equally_long(windows.split, windows.clip_ids, clips, starts, grid.length), tuple(rejects)
 
 
 def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Sequence[str], trim: bool) -> IntArray:

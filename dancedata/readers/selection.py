@@ -13,6 +13,7 @@ from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
 from dancedata.core.text import counted
 from dancedata.readers.music_beats import StartAt, windows_at
+from dancedata.store import ClipRecord
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -70,6 +71,34 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
 
     UsageError for a split that neither the lists nor the store have, or windows that the store cannot provide.
     """
+    if choice.protocol is None and not choice.ignore:
+        windows, rejects = _all_windows(store, split, choice)
+    else:
+        windows, rejects = _listed_windows(store, split, choice)
+    if choice.start_at is not None:
+        windows, beatless = windows_at(
+            store, windows, choice.windows, at=choice.start_at, fields=choice.fields, trim=choice.trim
+        )
+        rejects += beatless
+    if choice.filter is not None and split in choice.filter.splits:
+        passing, filtered = _filtered(store, windows, choice.filter)
+        windows, rejects = windows.take(passing), rejects + filtered
+    return Selection(windows, tuple(rejects))
+
+
+def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
+    """Return the windows of a split, and rejects of clips without one; makes no objects of the others."""
+    windows, tables = (
+        store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows),
+        store.tables(split),
+    )
+    counts = np.bincount(windows.clip, minlength=tables.n_clips)
+    short = sorted((tables.record(row) for row in np.flatnonzero(counts == 0).tolist()), key=lambda clip: clip.id)
+    return windows, [_too_short(clip, choice) for clip in short]
+
+
+def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
+    """Return the windows of the clips of a protocol's lists, or without ignored ones."""
     clips = clips_of(store, split, choice.protocol)
     ignored_by = {clip: _ignore_lists(record, choice) for clip, record in clips.items()}
     rejects = [
@@ -85,16 +114,7 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     windows = WindowList.joined(split, parts)
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
-    rejects += [_too_short(clips[clip], choice) for clip in sorted(remaining - with_window)]
-    if choice.start_at is not None:
-        windows, beatless = windows_at(
-            store, windows, choice.windows, at=choice.start_at, fields=choice.fields, trim=choice.trim
-        )
-        rejects += beatless
-    if choice.filter is not None and split in choice.filter.splits:
-        passing, filtered = _filtered(store, windows, choice.filter)
-        windows, rejects = windows.take(passing), rejects + filtered
-    return Selection(windows, tuple(rejects))
+    return windows, rejects + [_too_short(clips[clip], choice) for clip in sorted(remaining - with_window)]
 
 
 def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipView]:
@@ -140,12 +160,12 @@ def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     ]
 
 
-def _ignore_lists(record: ClipView, choice: Choice) -> list[str]:
+def _ignore_lists(record: ClipRecord, choice: Choice) -> list[str]:
     lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
     return [name for name in record.lists if name in lists]
 
 
-def _too_short(record: ClipView, choice: Choice) -> Reject:
+def _too_short(record: ClipRecord, choice: Choice) -> Reject:
     trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""
     detail = f"{record.n_frames} frames{trimmed}: not long enough for a window of fields {', '.join(choice.fields)}"
     return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})

@@ -160,7 +160,7 @@ def _totals(measured: Measured) -> Totals:
         copies=len(clips) - len(originals),
         windows=sum(measured.windows.values()),
         minutes=float(measured.store.grid.seconds(sum(c.n_frames for c in originals)) / 60),
-        songs=len(set(songs_of(clips, measured.store.meta).values())),
+        songs=len(set(songs_of(clips).values())),
         dancers=len({c.dancer for c in clips if c.dancer}),
         genres=len({c.genre for c in clips if c.genre}),
         left_out=len(measured.store.rejects),
@@ -172,7 +172,7 @@ def _totals(measured: Measured) -> Totals:
 def _contents(measured: Measured, scales: Scales) -> Contents:
     store = measured.store
     originals = [c for c in store.clips if not c.source]
-    songs = songs_of(store.clips, store.meta)
+    songs = songs_of(store.clips)
     tempos = {s: [c.tempo_bpm for c in originals if c.split == s and c.tempo_bpm is not None] for s in store.splits}
     lengths = {s: [float(store.grid.seconds(c.n_frames)) for c in originals if c.split == s] for s in store.splits}
     genres = _windows_by(measured, lambda c: c.genre)
@@ -289,7 +289,7 @@ def splits(store: Store) -> Splits:
     Songs are one by their name, by their samples, or by their sound.
     """
     origin = {c.id: c.source or c.id for c in store.clips}
-    songs = songs_of(store.clips, store.meta)
+    songs = songs_of(store.clips)
     alike = None if sound_field(store) is None else alike_songs(store, songs)
     return Splits(
         compared_by_sound=alike is not None,

@@ -1,10 +1,10 @@
-"""The HDF5 store, format 1. Only this package depends on the file layout (docs/store-format.md)."""
+"""The HDF5 store, formats 1 and 2. Only this package depends on the file layout (docs/store-format.md)."""
 
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field, StoreHeader
-from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip
+from dancedata.store.stored_clip import AudioBlock, LazyArray, Signal, StoredClip
 from dancedata.store.verify import verify_store
 from dancedata.store.verify_shard import Problem
 from dancedata.store.window_list import WindowList
@@ -18,6 +18,7 @@ __all__ = [
     "Field",
     "LazyArray",
     "Problem",
+    "Signal",
     "Store",
     "StoreHeader",
     "StoredClip",

@@ -1,20 +1,16 @@
 """CLIP_COLUMNS: the columns of the table /clips, which writer, reader, check, diff and reports loop over.
 
-Another attribute takes a field of `ClipRecord` and a row of `CLIP_COLUMNS`; `FORMAT` goes up with it.
+Another attribute takes a field of `ClipRecord` and a row of `CLIP_COLUMNS`. Older readers show and ignore it.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from numbers import Integral, Real
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
-import numpy as np
-
-from dancedata.core.text import is_unicode
-
-#: Between the entries of a list of texts, such as /clips/lists.
-LIST_SEPARATOR = "\n"
+from dancedata.core.clip import ColumnValue
+from dancedata.store.table_columns import hash_type, text_problem, type_of, whole_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +42,21 @@ class ClipRecord:
         Frames per second of the source, as text; empty if unknown.
     lists
         Names of the dataset's lists (such as split files) that the clip is in.
+    group, member, role
+        Name of the sequence whose dancers move in one world, the dancer's number in its source, and part in it;
+        "", -1 and "" for a single dancer.
+    song
+        Id of the decoded signal in the table of songs; "" if none is recorded.
+    source_start, source_end
+        Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
+    audio_start
+        Second of the audio file at frame 0; negative where the music begins later.
+    audio_start_by
+        How that was found, and how sure it is; "" where it was given.
+    made_of
+        First 12 digits of the hashes of motion file, decoded music and metadata, 36 in all; "" if not recorded.
+    columns
+        Free columns, by name without the prefix "x/".
     """
 
     id: str
@@ -61,26 +72,16 @@ class ClipRecord:
     height_m: float | None = None
     source_rate: str = ""
     lists: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class ColumnType:
-    """Type of a column: storage, decoding and checks of its values.
-
-    Attributes
-    ----------
-    dtype
-        Type on disk; None: fixed-length UTF-8 text.
-    problem
-        Returns why a value cannot be stored; "" if it can.
-    encode, decode
-        Turn a value into what is stored, and back.
-    """
-
-    dtype: np.dtype[Any] | None
-    problem: Callable[[Any], str]
-    encode: Callable[[Any], Any]
-    decode: Callable[[Any], Any]
+    group: str = ""
+    member: int = -1
+    role: str = ""
+    song: str = ""
+    source_start: Fraction | None = None
+    source_end: Fraction | None = None
+    audio_start: Fraction = Fraction(0)
+    audio_start_by: str = ""
+    made_of: str = ""
+    columns: Mapping[str, ColumnValue] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,15 @@ class ClipColumn:
     Attributes
     ----------
     name
-        Name of the dataset /clips/<name>, and of the attribute of `ClipRecord`.
+        Name of /clips/<name>, and of the attribute of `ClipRecord`.
+    type
+        Name of its type in dataset.json; "int32" is "int" there.
+    default
+        Value of clips of a dataset that does not have the column.
+    problem
+        Returns why a value of the attribute cannot be stored; "" if it can.
+    encode, decode
+        Turn a value of the attribute into one of the column, and back.
     heading
         Heading in the table that ``dancedata info --clips`` prints; empty if it is not shown there.
     show
@@ -98,62 +107,87 @@ class ClipColumn:
     """
 
     name: str
-    type: ColumnType
+    type: str
+    default: Any
+    problem: Callable[[Any], str]
+    encode: Callable[[Any], Any] = lambda value: value
+    decode: Callable[[Any], Any] = lambda value: value
     heading: str = ""
     show: Callable[[Any], object] = str
 
+    @property
+    def stated_type(self) -> str:
+        """Name of the type in dataset.json."""
+        return "int" if self.type == "int32" else self.type
 
-def _text_problem(value: Any) -> str:
-    # Fixed-length text is padded with NUL, and the entries of a list are joined by line breaks.
-    if not isinstance(value, str):
-        return "not a text"
-    if "\0" in value or LIST_SEPARATOR in value:
-        return "a text with a NUL or a line break"
-    return "" if is_unicode(value) else "a text that is not valid Unicode"
+
+def _line_problem(value: Any) -> str:
+    # A line break would end a line of lists of names, such as those of exports.
+    return "a text with a NUL or a line break" if isinstance(value, str) and "\n" in value else text_problem(value)
 
 
 def _name_problem(value: Any) -> str:
-    return _text_problem(value) if value else "an empty text"
+    return _line_problem(value) if value else "an empty text"
 
 
-def _list_problem(value: Any) -> str:
-    if isinstance(value, str):
-        return "not a list of texts"
-    return next(filter(None, map(_name_problem, value)), "")
+def _lists_problem(value: Any) -> str:
+    return type_of("texts").problem(value) or next(filter(None, map(_name_problem, value)), "")
 
 
-def _whole_problem(value: Any, minimum: int) -> str:
-    return "" if isinstance(value, Integral) and int(value) >= minimum else f"not a whole number >= {minimum}"
+def _text(name: str, heading: str = "", show: Callable[[Any], object] = str) -> ClipColumn:
+    return ClipColumn(name, "text", "", _line_problem, heading=heading, show=show)
 
 
-_INT64, _FLOAT64 = np.dtype("<i8"), np.dtype("<f8")
-TEXT = ColumnType(None, _text_problem, str, str)
-NAME = ColumnType(None, _name_problem, str, str)
-TEXT_LIST = ColumnType(
-    None, _list_problem, LIST_SEPARATOR.join, lambda v: tuple(filter(None, v.split(LIST_SEPARATOR)))
-)
-#: A number or None, which is stored as NaN; an infinite value in a file is read as None too.
-NUMBER = ColumnType(
-    _FLOAT64,
-    lambda v: "" if v is None or isinstance(v, Real) else "not a number",
-    lambda v: math.nan if v is None else v,
-    lambda v: v if math.isfinite(v) else None,
-)
-COUNT = ColumnType(_INT64, lambda v: _whole_problem(v, 0), int, int)
-POSITIVE = ColumnType(_INT64, lambda v: _whole_problem(v, 1), int, int)
+def _count(name: str, heading: str = "", least: int = 0) -> ClipColumn:
+    most = 2**31 - 1
+    return ClipColumn(name, "int32", least, lambda v: whole_problem(v, least, most), int, int, heading)
 
-#: In the order of a shard.
+
+def _number(name: str, heading: str, form: str) -> ClipColumn:
+    # None is stored as NaN; an infinite value in a file is read as None too.
+    return ClipColumn(
+        name, "float", math.nan,
+        lambda v: "" if v is None else type_of("float").problem(v),
+        lambda v: math.nan if v is None else v,
+        lambda v: float(v) if math.isfinite(v) else None,
+        heading, lambda v: "-" if v is None else format(v, form),
+    )  # fmt: skip
+
+
+def _seconds(name: str, default: Fraction | None) -> ClipColumn:
+    return ClipColumn(
+        name, "text", "",
+        lambda v: "" if v is None or isinstance(v, (Fraction, int)) else "not a fraction",
+        lambda v: "" if v == default else str(v),
+        lambda v: Fraction(v) if v else default,
+    )  # fmt: skip
+
+
+#: In the order of dataset.json. Those of `row` types hold ids in a `ClipRecord`.
 CLIP_COLUMNS = (
-    ClipColumn("id", NAME, "clip"),
-    ClipColumn("genre", TEXT, "genre"),
-    ClipColumn("music", TEXT, "music"),
-    ClipColumn("dancer", TEXT),
-    ClipColumn("source", TEXT),
-    ClipColumn("source_rate", TEXT, "source fps", lambda v: v or "-"),
-    ClipColumn("lists", TEXT_LIST),
-    ClipColumn("tempo_bpm", NUMBER, "bpm", lambda v: "-" if v is None else f"{v:g}"),
-    ClipColumn("height_m", NUMBER, "height m", lambda v: "-" if v is None else f"{v:.2f}"),
-    ClipColumn("n_frames", POSITIVE, "frames"),
-    ClipColumn("n_flags", COUNT, "flags"),
-    ClipColumn("trim_start", COUNT, "trim"),
+    ClipColumn("id", "text", "", _name_problem, heading="clip"),
+    _text("genre", "genre"),
+    _text("music", "music"),
+    _text("dancer"),
+    _text("source"),
+    _text("source_rate", "source fps", lambda v: v or "-"),
+    ClipColumn("lists", "texts", (), _lists_problem),
+    _number("tempo_bpm", "bpm", "g"),
+    _number("height_m", "height m", ".2f"),
+    _count("n_frames", "frames", least=1),
+    _count("n_flags", "flags"),
+    _count("trim_start", "trim"),
+    ClipColumn("group", "row:groups", -1, _line_problem),
+    ClipColumn("member", "int32", -1, type_of("int32").problem, int, int),
+    _text("role"),
+    ClipColumn("song", "row:songs", -1, _line_problem),
+    _seconds("source_start", None),
+    _seconds("source_end", None),
+    _seconds("audio_start", Fraction(0)),
+    _text("audio_start_by"),
+    ClipColumn("made_of", "hash:18", b"", hash_type(18).problem, decode=lambda v: bytes(v).hex() if any(v) else ""),
 )
+#: Columns that every dataset has.
+ALWAYS = ("id", "n_frames")
+#: Before the name of a free column.
+FREE = "x/"

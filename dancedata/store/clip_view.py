@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
+from itertools import accumulate
 from typing import Any, Protocol, Self, overload
 
 import numpy.typing as npt
@@ -13,6 +15,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.tables import Tables
 
 #: Ids that the text of a list of clips shows.
 _SHOWN = 3
@@ -97,12 +100,13 @@ class ClipView(ClipRecord):
 class Clips(Sequence[ClipView]):
     """The clips of a store, in stored order; each view is made on access."""
 
-    def __init__(self, store: ClipReader, records: tuple[ClipRecord, ...]) -> None:
-        self._store = store
-        self._records = records
+    def __init__(self, store: ClipReader, tables: Sequence[Tables], rows: range | None = None) -> None:
+        self._store, self._tables = store, tables
+        self._begin = [0, *accumulate(part.n_clips for part in tables)]
+        self._rows = range(self._begin[-1]) if rows is None else rows
 
     def __len__(self) -> int:
-        return len(self._records)
+        return len(self._rows)
 
     @overload
     def __getitem__(self, item: int) -> ClipView: ...
@@ -114,16 +118,18 @@ class Clips(Sequence[ClipView]):
         if isinstance(item, str):
             raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds.clip(ID)")
         if isinstance(item, slice):
-            return Clips(self._store, self._records[item])
-        return ClipView.of(self._store, self._records[item])
+            return Clips(self._store, self._tables, self._rows[item])
+        row = self._rows[item]
+        part = bisect_right(self._begin, row) - 1
+        return ClipView.of(self._store, self._tables[part].record(row - self._begin[part]))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Clips):
             return NotImplemented
-        return self._store is other._store and self._records == other._records
+        return self._store is other._store and self._rows == other._rows
 
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        names = [repr(record.id) for record in self._records[:_SHOWN]]
+        names = [repr(clip.id) for clip in self[:_SHOWN]]
         return f"Clips({len(self)}: {', '.join([*names, *['...'] * (len(self) > _SHOWN)])})"

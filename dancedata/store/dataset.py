@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -16,17 +16,21 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import WindowGrid
+from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
-from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, Kind, sort_splits
+from dancedata.store.segments import layer_of, quality_rows, segments_of
 from dancedata.store.shard_reader import ShardReader, WindowRows
-from dancedata.store.window_list import WindowList
+from dancedata.store.shard_tables import read_shard_tables
+from dancedata.store.table_file import SegmentTable, read_segments, read_tables
+from dancedata.store.tables import Tables
+from dancedata.store.window_list import IntArray, Whole, WindowList
 from dancedata.store.windowing import (
     cut_windows,
     requested_grid,
@@ -106,15 +110,17 @@ class Store:
         self.meta = description.meta
         self.grid = description.grid
         self._side_files = SideFiles(path, description)
+        self._files = files
         self._shards: dict[str, tuple[ShardReader, ...]] = {
             split: tuple(
-                ShardReader(files[s.file], s.split, description.fields, description.scope)
+                ShardReader(files[s.file], s, description.fields)
                 for s in description.shards
-                if s.split == split
+                if s.split == split and s.file in files  # `check` opens one split, whose files are not damaged
             )
             for split in self.splits
         }
-        self._places: dict[str, dict[str, tuple[ShardReader, int]]] = {}
+        self._tables: dict[str, Tables] = {}
+        self._segments: dict[str, SegmentTable | None] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return reopen, self.reference
@@ -140,11 +146,21 @@ class Store:
                 shard.close()
 
     def require_intact(self, clips: Iterable[str] | None = None, sha256: FileHash = sha256_file) -> None:
-        """Raise StoreError if a shard's bytes differ from the build's; reading rows does not compare them.
+        """Raise StoreError if bytes of shards or tables differ from the build's; reading rows does not compare them.
 
-        Only the shards of `clips` are read, by default all; `sha256` gives the hash of a file.
+        Only the files of `clips` are read, by default all; `sha256` gives the hash of a file.
         """
-        for shard in sum(self._shards.values(), ()) if clips is None else {self._place(clip)[0] for clip in clips}:
+        shards, splits = sum(self._shards.values(), ()), set(self.splits)
+        if clips is not None:
+            places = [self._place(clip) for clip in clips]
+            shards = tuple({self._shards[t.split][int(t.shard_of(row))] for t, row in places})
+            splits = {tables.split for tables, _ in places}
+        for split in splits:
+            entry = self._description.splits.get(split)
+            for file in (entry.tables, entry.segments) if entry is not None else ():
+                if file is not None:
+                    self._files[file.file].require_bytes(sha256)
+        for shard in shards:
             shard.require_bytes(sha256)
 
     def field(self, name: str) -> Field:
@@ -153,19 +169,41 @@ class Store:
             raise UsageError(f"no field named {name!r}", where=str(self.path), fix=did_you_mean(name, self._fields))
         return self._fields[name]
 
+    def tables(self, split: str) -> Tables:
+        """Return the tables of a split: columns of its clips and windows, read on first use.
+
+        Raises
+        ------
+        UsageError
+            For an unknown split.
+        StoreError
+            If the tables do not fit the dataset.
+        """
+        if split not in self._shards:
+            raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
+        if split not in self._tables:
+            self._tables[split] = self._read_tables(split)
+        return self._tables[split]
+
+    def shards(self, split: str) -> tuple[ShardReader, ...]:
+        """Return the readers of a split's shards."""
+        return self._shards[split]
+
+    def _read_tables(self, split: str) -> Tables:
+        entry, shards = self._description.splits.get(split), self._shards[split]
+        if entry is None:
+            return read_shard_tables(shards, self._description, split)
+        return read_tables(self._files[entry.tables.file], self._description, split)
+
     @property
     def clips(self) -> Clips:
         """All clips: split by split, in stored order."""
-        return Clips(self, self._records)
-
-    @cached_property
-    def _records(self) -> tuple[ClipRecord, ...]:
-        return tuple(r for split in self.splits for shard in self._shards[split] for r in shard.clips.records)
+        return Clips(self, [self.tables(split) for split in self.splits])
 
     def clip(self, clip_id: str) -> ClipView:
         """Return a clip by id; UsageError with the closest id if there is none."""
-        shard, number = self._place(clip_id)
-        return ClipView.of(self, shard.clips.records[number])
+        tables, row = self._place(clip_id)
+        return ClipView.of(self, tables.record(row))
 
     def windows(
         self,
@@ -207,22 +245,20 @@ class Store:
         StoreError
             For another length or stride in window scope.
         """
-        if split not in self._shards:
-            raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
+        tables = self.tables(split)
         requested = self.window_grid(
             length_s=length_s, length_frames=length_frames, stride_s=stride_s, stride_frames=stride_frames
         )
         stored = WindowGrid(self._description.length, self._description.stride)
-        shards = self._shards[split]
         if requested == stored and not trim and not whole:
-            return stored_windows(split, shards)
+            return stored_windows(tables)
         if self.scope == "window":
             request = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
             raise self._only_built_windows(request + (", trimmed" if trim else ""))
         window_fields = [self.field(name) for name in fields or self._fields]
         if whole:
-            return whole_clips(split, shards, self._description, window_fields, trim)
-        return cut_windows(split, shards, self._description, requested, window_fields, trim)
+            return whole_clips(tables, self._description, window_fields, trim)
+        return cut_windows(tables, self._description, requested, window_fields, trim)
 
     def _only_built_windows(self, request: str | None = None) -> StoreError:
         stored = f"length {self._description.length}, stride {self._description.stride} frames"
@@ -244,9 +280,9 @@ class Store:
 
     def windows_of(self, clip_id: str) -> tuple[Window, ...]:
         """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
-        shard, number = self._place(clip_id)
-        table = shard.windows
-        return tuple(Window(clip_id, int(table.start[k]), int(table.length[k])) for k in table.positions_of(number))
+        tables, row = self._place(clip_id)
+        starts = tables.window_start[tables.positions_of(row)].tolist()
+        return tuple(Window(clip_id, start, tables.window_length) for start in starts)
 
     def fields_with(self, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
         """Return the fields of a kind that have these groups of columns, such as "beat", in the dataset's order."""
@@ -269,9 +305,9 @@ class Store:
         if self.scope == "window":
             raise self._only_built_windows()
         window_fields = [self.field(name) for name in fields or self._fields]
-        shard, number = self._place(clip_id)
+        tables, row = self._place(clip_id)
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
-        return window_starts(shard.clips, number, self._description, window_grid, window_fields, trim)
+        return window_starts(tables, row, self._description, window_grid, window_fields, trim)
 
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
@@ -319,9 +355,10 @@ class Store:
                 fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
             )
         f = self.field(field)
-        shard, number = self._place(window.clip)
+        tables, row = self._place(window.clip)
         find = locate_stored if self.scope == "window" else locate_view
-        return find(shard, number, window, f, self.grid)
+        first, length = find(tables, row, window, f, self.grid)
+        return RowSpan(self._shards[tables.split][int(tables.shard_of(row))], first, length)
 
     def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
@@ -334,12 +371,35 @@ class Store:
         f = self.field(field)
         if not len(windows):
             raise UsageError("there are no windows to read", where=str(self.path), found=f"field {field}")
-        places = [self._place(clip) for clip in windows.clip_ids]
-        shards, shard, first, bad = locate_windows(windows, places, f, self.grid, self.scope)
-        if bad.any():
-            self.locate(windows[int(np.argmax(bad))], field)
+        if (windows.length != windows.length[0]).any():
+            lengths = sorted({int(n) for n in windows.length})
+            raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
         n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
+        shards: list[ShardReader] = []
+        shard, first = np.zeros(len(windows), dtype=np.int32), np.zeros(len(windows), dtype=np.int64)
+        for tables, places, row in self._rows_of(windows):
+            part = windows if places is None else windows.take(places)
+            rows, bad = locate_windows(tables, row, part, f, self.grid, self.scope)
+            if bad.any():
+                self.locate(part[int(np.argmax(bad))], field)
+            here = slice(None) if places is None else places
+            first[here], shard[here] = rows, tables.shard_of(row) + len(shards)
+            shards += self._shards[tables.split]
         return WindowRows(field, shards, shard, first, n_rows, mapped)
+
+    def _rows_of(self, windows: WindowList) -> Iterator[tuple[Tables, IntArray | None, Whole]]:
+        """Yield for each split its tables, the places of its windows (None: all), and the rows of their clips."""
+        for split in self.splits:
+            if split in self._tables and windows.clip_ids is self._tables[split].ids:
+                yield self._tables[split], None, windows.clip
+                return
+        used = np.unique(windows.clip)
+        found = [self._place(windows.clip_ids[k]) for k in used.tolist()]
+        number = np.searchsorted(used, windows.clip)
+        for tables in dict.fromkeys(tables for tables, _ in found):
+            of_split = np.array([t is tables for t, _ in found])[number]
+            row = np.array([row for _, row in found])[number]
+            yield tables, np.flatnonzero(of_split), row[of_split]
 
     def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to a clip; see `ClipView.read`."""
@@ -353,43 +413,44 @@ class Store:
 
     def music_offset(self, clip_id: str) -> Fraction:
         """Return the time in a clip's music that belongs to its first frame, seconds; 0 where that is not stored."""
-        shard, number = self._place(clip_id)
-        for name, rows in shard.clips.offset.items():
-            return self._fields[name].grid.seconds(int(rows[number]))
+        tables, row = self._place(clip_id)
+        for name, spans in tables.spans.items():
+            if spans.offset is not None and self._fields[name].kind == "audio":
+                return self._fields[name].grid.seconds(int(spans.offset[row]))
         return Fraction(0)
 
     def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
         f = self.field(field)
-        shard, number = self._place(clip_id)
+        tables, row = self._place(clip_id)
         if self.scope == "window":
             raise StoreError(
                 "a store of window scope does not hold whole clips",
                 where=f"clip {clip_id}",
                 fix="read its windows, or build with scope: track",
             )
-        table = shard.clips
-        rows = int(table.available[field][number])
-        if f.kind == "audio" and not whole_song:
-            rows = max(0, min(rows, self.grid.rows_up(table.records[number].n_frames, of=f.grid)))
+        spans = tables.spans[field]
+        rows, lead = int(spans.available[row]), spans.lead(row)
+        if lead:
+            raise UsageError(
+                f"the rows of field {field} begin after the clip's first frame",
+                where=f"clip {clip_id}",
+                found=f"row {lead}",
+                fix="read windows, which begin where all their fields do",
+            )
+        if not f.per_clip and not whole_song:
+            rows = max(0, min(rows, self.grid.rows_up(int(tables.n_frames[row]), of=f.grid)))
         out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)
-        shard.read_rows(field, int(table.first[field][number]), out)
+        shard = self._shards[tables.split][int(tables.shard_of(row))]
+        shard.read_rows(field, int(spans.first[row]), out)
         return out
 
-    def _place(self, clip_id: str) -> tuple[ShardReader, int]:
-        """Find a clip's shard and row, split by split: training does not read the tables of test."""
-        for split in self.splits:
-            if split in self._places and clip_id in self._places[split]:
-                return self._places[split][clip_id]
-        for split in self.splits:
-            if split not in self._places:
-                self._places[split] = {
-                    record.id: (shard, number)
-                    for shard in self._shards[split]
-                    for number, record in enumerate(shard.clips.records)
-                }
-                if clip_id in self._places[split]:
-                    return self._places[split][clip_id]
-        clip_ids = [clip for split in self.splits for clip in self._places[split]]
+    def _place(self, clip_id: str) -> tuple[Tables, int]:
+        """Find a clip's tables and row, split by split: training does not read the tables of test."""
+        for split in sorted(self.splits, key=lambda split: split not in self._tables):
+            row = self.tables(split).find(clip_id)
+            if row is not None:
+                return self.tables(split), row
+        clip_ids = [clip for split in self.splits for clip in self.tables(split).ids]
         raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=did_you_mean(clip_id, clip_ids))
 
     @property
@@ -410,8 +471,40 @@ class Store:
 
     @property
     def quality(self) -> list[dict[str, Any]]:
-        """quality.jsonl: quality flags."""
-        return self._side_files.quality
+        """Quality flags: by clip in stored order, and by time."""
+        if self._description.format == 1:
+            return self._side_files.quality
+        return quality_rows(self)
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        """Layers of segments, by their numbers."""
+        return tuple(layer_of(entry) for entry in self.meta.get("layers", ()))
+
+    def segment_table(self, split: str) -> SegmentTable | None:
+        """Return the columns of a split's segments, read on first use; None where it has none."""
+        if split not in self._segments:
+            entry = self._description.splits.get(split)
+            stated = entry is not None and entry.segments
+            table = read_segments(self._files[stated.file], self._description, split) if stated else None
+            self._segments[split] = table
+        return self._segments[split]
+
+    def segments(self, clip_id: str, layer: str | None = None) -> list[Segment]:
+        """Return the segments of a clip by their first frames; with `layer` those of the layers of this name.
+
+        Raises
+        ------
+        UsageError
+            For an unknown clip or layer.
+        """
+        names = sorted({known.name for known in self.layers})
+        if layer is not None and layer not in names:
+            raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))
+        tables, row = self._place(clip_id)
+        table = self.segment_table(tables.split)
+        segments = [] if table is None else segments_of(table, row, self.layers, tables.ids)
+        return [segment for segment in segments if layer in (None, segment.layer.name)]
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.

@@ -15,13 +15,16 @@ from dancedata.core.text import listed, quoted, shown
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
-from dancedata.store.schema import DATASET_FILE, FORMAT, Field, is_shard_name
+from dancedata.store.schema import DATASET_FILE, FORMATS, Field, is_shard_name, segments_name, tables_name
+from dancedata.store.table_columns import type_of
 
 REBUILD = "build the dataset again"
 #: Largest dataset.json and stats.json, bytes.
 MAX_BYTES = 1 << 26
 #: Largest recipe with all its defaults, characters.
 MAX_RECIPE = 1 << 17
+#: Names that `needs` may hold: what readers must understand so that what they read is right.
+NEEDS: tuple[str, ...] = ()
 #: Larger numbers are refused.
 _LARGE = 1e300
 #: Frames after which frames and rows coincide, at most: this multiple of a frame number fits into 64 bits.
@@ -31,20 +34,43 @@ MAX_LINES_BYTES = 1 << 28
 
 
 @dataclass(frozen=True)
-class ShardEntry:
-    """The entry of a shard in dataset.json."""
+class FileEntry:
+    """Size and hash of a file in dataset.json."""
 
     file: str
-    split: str
     size: int
     sha256: str
+
+
+@dataclass(frozen=True)
+class ShardEntry(FileEntry):
+    """The entry of a shard in dataset.json.
+
+    `fields` are first byte and number of rows by field; the byte is None where rows are read through h5py. Format 1
+    does not state them.
+    """
+
+    split: str
     clips: int
     windows: int
+    fields: Mapping[str, tuple[int | None, int]] | None = None
+
+
+@dataclass(frozen=True)
+class SplitEntry:
+    """Files of a split's tables and segments in dataset.json, and the number of rows of each table."""
+
+    tables: FileEntry
+    segments: FileEntry | None
+    rows: Mapping[str, int]
 
 
 @dataclass(frozen=True)
 class Description:
-    """dataset.json, parsed."""
+    """dataset.json, parsed.
+
+    `tables` are the types of columns by table and name; `splits` and `tables` are empty in format 1.
+    """
 
     meta: Mapping[str, Any]
     scope: str
@@ -56,6 +82,9 @@ class Description:
     skeleton: Skeleton
     shards: tuple[ShardEntry, ...]
     files: Mapping[str, Mapping[str, Any]]
+    format: int
+    tables: Mapping[str, Mapping[str, str]]
+    splits: Mapping[str, SplitEntry]
 
     @cached_property
     def grid(self) -> FrameGrid:
@@ -91,13 +120,21 @@ def load_description(folder: Path) -> Description:
         raise StoreError(
             "dataset.json does not describe a dancedata dataset", where=str(path), found="no key 'format'"
         )
-    if document["format"] != FORMAT:
+    if document["format"] not in FORMATS:
         raise StoreError(
             "the dataset has another format version",
             where=str(path),
             found=document["format"],
-            allowed=FORMAT,
+            allowed=listed(FORMATS),
             fix="use the dancedata version that built it, or build it again",
+        )
+    unknown = [need for need in document.get("needs", ()) if need not in NEEDS]
+    if unknown:
+        raise StoreError(
+            "the dataset uses what this version cannot read correctly",
+            where=str(path),
+            found=f"needs {listed(unknown)}",
+            fix="use the dancedata version that built it",
         )
     return _parse(document, path)
 
@@ -130,8 +167,16 @@ _REJECT = {**dict.fromkeys(("reason", "clip", "file", "detail", "music", "fix"),
 
 def json_quality(text: str) -> list[dict[str, Any]]:
     """Parse quality.jsonl; raises ValueError."""
-    types = {"clip": str, "kind": str, "frame": int, "value": float, "unit": str, "joint": str}
-    return _json_lines(text, ("clip",), types)
+    return _json_lines(text, ("clip",), _FLAG)
+
+
+_FLAG = {"clip": str, "kind": str, "frame": int, "value": float, "unit": str, "joint": str}
+
+
+def checked_flag(row: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """Return a quality flag; ValueError for one whose values are of other types."""
+    _check_types(row, where, ("clip",), _FLAG)
+    return row
 
 
 def _json_lines(text: str, needed: Sequence[str], types: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -139,11 +184,15 @@ def _json_lines(text: str, needed: Sequence[str], types: Mapping[str, Any]) -> l
     # Not splitlines: it also splits at separators that are allowed inside a JSON string.
     rows = [_object(parse_json(line)) for line in text.split("\n") if line]
     for number, row in enumerate(rows, start=1):
-        for key in {*needed, *(types.keys() & row)}:
-            good = _is_number(row.get(key)) if types[key] is float else type(row.get(key)) is types[key]
-            if not good:
-                raise ValueError(f"line {number}: {key} is {quoted(row.get(key), 60)}")
+        _check_types(row, f"line {number}", needed, types)
     return rows
+
+
+def _check_types(row: Mapping[str, Any], where: str, needed: Sequence[str], types: Mapping[str, Any]) -> None:
+    for key in {*needed, *(types.keys() & row)}:
+        good = _is_number(row.get(key)) if types[key] is float else type(row.get(key)) is types[key]
+        if not good:
+            raise ValueError(f"{where}: {key} is {quoted(row.get(key), 60)}")
 
 
 def _object(value: Any) -> dict[str, Any]:
@@ -191,8 +240,13 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
             skeleton=Skeleton.from_json(document["skeleton"]),
             shards=tuple(_shard(s) for s in document["shards"]),
             files={str(k): {"size": v["size"], "sha256": v["sha256"]} for k, v in document["files"].items()},
+            format=document["format"],
+            tables={str(t): _columns(v["columns"]) for t, v in document.get("tables", {}).items()},
+            splits={str(split): _split(str(split), entry) for split, entry in document.get("splits", {}).items()},
         )
         _check_rates(description)
+        if description.format > 1:
+            _check_tables(description)
         return description
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, DanceDataError) as error:
         raise StoreError(
@@ -255,7 +309,47 @@ def _shard(entry: Mapping[str, Any]) -> ShardEntry:
     if not isinstance(file, str) or not is_shard_name(file) or Path(file).name != file:
         raise ValueError(f"{quoted(file)} is not the name of a shard")
     numbers = {name: _whole(entry[name]) for name in ("size", "clips", "windows")}
-    return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), **numbers)
+    fields = entry.get("fields")
+    if fields is not None:
+        fields = {str(f): (None if first is None else _whole(first), _whole(n)) for f, (first, n) in fields.items()}
+    return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), fields=fields, **numbers)
+
+
+def _split(split: str, entry: Mapping[str, Any]) -> SplitEntry:
+    files = {}
+    for part, name in (("tables", tables_name(split)), ("segments", segments_name(split))):
+        stated = entry.get(part)
+        if stated is not None and (stated["file"] != name or Path(name).name != name):
+            raise ValueError(f"{quoted(stated['file'])} is not the name of the {part} of {shown(split)}")
+        files[part] = stated and FileEntry(name, _whole(stated["size"]), str(stated["sha256"]))
+    if files["tables"] is None:
+        raise ValueError(f"no tables of {shown(split)}")
+    rows = {str(table): _whole(n) for table, n in entry["rows"].items()}
+    return SplitEntry(files["tables"], files["segments"], rows)
+
+
+def _columns(columns: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the types of a table's columns by name; KeyError for a type that no version of the format has."""
+    types = {str(column["name"]): str(column["type"]) for column in columns}
+    for kind in types.values():
+        type_of(kind)
+    return types
+
+
+def _check_tables(description: Description) -> None:
+    """Raise ValueError where tables do not go with the shards and fields."""
+    splits = {shard.split for shard in description.shards}
+    if splits != set(description.splits):
+        raise ValueError(f"tables of {listed(sorted(description.splits))}, shards of {listed(sorted(splits))}")
+    names = {f.name for f in description.fields}
+    for shard in description.shards:
+        if shard.fields is None or set(shard.fields) != names:
+            raise ValueError(f"{shown(shard.file)} does not state the rows of every field")
+    for split, entry in description.splits.items():
+        if not {"clips", "windows"} <= entry.rows.keys() or (entry.segments is None) != (
+            "segments" not in entry.rows
+        ):
+            raise ValueError(f"the numbers of rows of {shown(split)} are not those of its tables")
 
 
 def _whole(value: Any) -> int:

@@ -14,12 +14,13 @@ from typing import Any, TypeVar
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import shown
-from dancedata.files.regular_file import read_regular
+from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.dataset_json import (
     MAX_BYTES,
     MAX_LINES_BYTES,
     REBUILD,
     Description,
+    FileEntry,
     json_quality,
     json_rejects,
     json_stats,
@@ -50,7 +51,7 @@ class SideFiles:
 
     @cached_property
     def quality(self) -> list[dict[str, Any]]:
-        """quality.jsonl."""
+        """quality.jsonl, of format 1."""
         return self._load(QUALITY_FILE, json_quality, MAX_LINES_BYTES)
 
     def scaler(self, f: Field) -> MinMax:
@@ -126,7 +127,7 @@ class ListedFile:
         """Raise StoreError unless an open file is the one listed.
 
         A file that was copied, moved or touched since then is accepted if dataset.json still lists the same size and
-        SHA-256 for it.
+        SHA-256 for it; of one that was written to, the bytes are compared.
         """
         opened = FileId.of(os.fstat(descriptor))
         if opened == self._id:
@@ -136,6 +137,8 @@ class ListedFile:
         # A file that was truncated in place is an error later, where bytes are missing.
         if opened.size != self._size and not opened.same_file(self._id):
             raise _another_size(self.path, opened.size, self._size)
+        if opened.same_file(self._id) and opened.modified_ns != self._id.modified_ns:
+            self.require_bytes(sha256_file)  # touched, or overwritten in place
         self._id = opened
 
     def open(self) -> int:
@@ -145,7 +148,9 @@ class ListedFile:
             # Not blocking: the path may now be a named pipe.
             descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         except OSError as error:
-            raise StoreError("a shard cannot be opened", where=str(self.path), found=str(error)) from error
+            raise StoreError(
+                f"{_part(self.path)} cannot be opened", where=str(self.path), found=str(error)
+            ) from error
         try:
             self.require(descriptor)
         except BaseException:
@@ -169,7 +174,7 @@ class ListedFile:
         try:
             actual = sha256(self.path)
         except OSError as error:
-            raise StoreError("a shard cannot be read", where=str(self.path), found=str(error)) from error
+            raise StoreError(f"{_part(self.path)} cannot be read", where=str(self.path), found=str(error)) from error
         if actual != self._sha256:
             raise other_bytes(self.path, actual, self._sha256) if self._is_still_listed() else self._rebuilt_error()
 
@@ -183,9 +188,16 @@ class ListedFile:
         return rebuilt_error(self.path.parent, f"{self.path.name} is not the file that was listed then")
 
 
+def hdf5_files(description: Description, split: str | None = None) -> list[FileEntry]:
+    """Return the entries of shards, tables and segments, of all splits or one."""
+    shards = [entry for entry in description.shards if split in (None, entry.split)]
+    splits = [entry for name, entry in description.splits.items() if split in (None, name)]
+    return [*shards, *(file for entry in splits for file in (entry.tables, entry.segments) if file is not None)]
+
+
 def lists_file(description: Description, name: str, size: int, sha256: str) -> bool:
     """Whether a dataset lists a file of this name, size and hash."""
-    entries = {shard.file: (shard.size, shard.sha256) for shard in description.shards}
+    entries = {entry.file: (entry.size, entry.sha256) for entry in hdf5_files(description)}
     entries |= {file: (entry["size"], entry["sha256"]) for file, entry in description.files.items()}
     return entries.get(name) == (size, sha256)
 
@@ -228,7 +240,7 @@ def rebuilt_error(folder: Path, detail: str) -> StoreError:
 
 
 def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
-    """Read dataset.json and find the shards, by name, all of the same dataset.
+    """Read dataset.json and find shards, tables and segments, by name, all of the same dataset.
 
     StoreError if there is no finished dataset, its dataset.json was changed after the build, or a shard is missing or
     of another size.
@@ -238,14 +250,20 @@ def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
         try:
             description = load_description(folder)
             require_sealed(description, folder)
-            shards = {s.file: _shard(folder / s.file, s.size, s.sha256) for s in description.shards}
+            files = listed_files(folder, description)
         except StoreError:
             if before == _identity(folder / DATASET_FILE):
                 raise
         else:
             if before == _identity(folder / DATASET_FILE):
-                return description, shards
+                return description, files
     raise StoreError("the dataset is being replaced", where=str(folder), fix="open it again after the build")
+
+
+def listed_files(folder: Path, description: Description, split: str | None = None) -> dict[str, ListedFile]:
+    """Find shards, tables and segments by name, of all splits or one; StoreError if one is missing or was changed."""
+    entries = hdf5_files(description, split)
+    return {entry.file: _listed(folder / entry.file, entry.size, entry.sha256) for entry in entries}
 
 
 def _identity(path: Path) -> FileId | None:
@@ -255,7 +273,7 @@ def _identity(path: Path) -> FileId | None:
         return None
 
 
-def _shard(path: Path, size: int, sha256: str) -> ListedFile:
+def _listed(path: Path, size: int, sha256: str) -> ListedFile:
     try:
         status = os.stat(path)
     except OSError:
@@ -277,10 +295,14 @@ def other_bytes(path: Path, actual: str, expected: str) -> StoreError:
     return _damaged(problem, path, f"sha256 {actual[:12]}...", f"{expected[:12]}..., as in dataset.json")
 
 
+def _part(path: Path) -> str:
+    return next((f"a file of {part}" for part in ("tables", "segments") if path.stem.endswith(f"-{part}")), "a shard")
+
+
 def _missing(path: Path, size: int) -> StoreError:
     actual = "not a regular file" if path.exists() else "no such file"
-    return _damaged("a shard is missing", path, actual, f"{size} bytes")
+    return _damaged(f"{_part(path)} is missing", path, actual, f"{size} bytes")
 
 
 def _another_size(path: Path, actual: int, size: int) -> StoreError:
-    return _damaged("the size of a shard differs from dataset.json", path, f"{actual} bytes", f"{size} bytes")
+    return _damaged(f"the size of {_part(path)} differs from dataset.json", path, f"{actual} bytes", f"{size} bytes")

@@ -1,6 +1,5 @@
 """Finds the rows of windows: of one window, and of many at once."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +10,8 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.store.schema import Field
 from dancedata.store.shard_reader import ShardReader
-from dancedata.store.window_list import IntArray, WindowList
-
-#: A clip's shard, and its row in /clips there.
-ClipPlace = tuple[ShardReader, int]
+from dancedata.store.tables import Tables
+from dancedata.store.window_list import IntArray, Whole, WindowList
 
 
 @dataclass(frozen=True)
@@ -26,14 +23,13 @@ class RowSpan:
     length: int
 
 
-def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid: FrameGrid) -> RowSpan:
-    """Find a window's rows in track scope, where any window within its clip is allowed.
+def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
+    """Find first row and number of rows of a window in track scope, where any window within its clip is allowed.
 
-    `number` is the clip's row in /clips of the shard, `grid` that of the store's frames. UsageError for a window that
-    extends beyond its clip or the field's rows, or is not a whole number of rows.
+    `row` is that of the clip, `grid` that of the store's frames. UsageError for a window that extends beyond its clip
+    or the field's rows, or is not a whole number of rows.
     """
-    table = shard.clips
-    n_frames = table.records[number].n_frames
+    n_frames = int(tables.n_frames[row])
     if window.start < 0 or window.length < 1 or window.start + window.length > n_frames:
         raise UsageError(
             "a window extends beyond its clip",
@@ -49,7 +45,8 @@ def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid:
             allowed=f"multiples of {grid.common_period(f.grid)[0]} frames (rows at {f.rate} per second)",
         )
     first, length = grid.rows_down(window.start, of=f.grid), grid.rows_down(window.length, of=f.grid)
-    available = int(table.available[f.name][number])
+    spans = tables.spans[f.name]
+    available, lead = int(spans.available[row]), spans.lead(row)
     if first + length > available:
         raise UsageError(
             f"a window ends after the last row of field {f.name}",
@@ -57,93 +54,67 @@ def locate_view(shard: ShardReader, number: int, window: Window, f: Field, grid:
             found=f"row {first + length}",
             allowed=f"up to {available}",
         )
-    return RowSpan(shard, int(table.first[f.name][number]) + first, length)
+    if first < lead:
+        raise UsageError(
+            f"a window begins before the first row of field {f.name}",
+            where=f"clip {window.clip}",
+            found=f"row {first}",
+            allowed=f"from {lead} on: the music begins after the clip",
+        )
+    return int(spans.first[row]) + first, length
 
 
-def locate_stored(shard: ShardReader, number: int, window: Window, f: Field, grid: FrameGrid) -> RowSpan:
+def locate_stored(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
     """Find a window's rows in window scope, where each has its own rows; StoreError for one that is not stored."""
-    windows = shard.windows
-    position = windows.find(number, window.start)
-    if position is None or window.length != windows.length[position]:
-        starts = windows.start[windows.positions_of(number)].tolist()
+    positions = tables.positions_of(row)
+    starts = tables.window_start[positions]
+    place = int(np.searchsorted(starts, window.start))
+    if place == len(starts) or starts[place] != window.start or window.length != tables.window_length:
         raise StoreError(
             "a store of window scope does not hold this window",
             where=f"clip {window.clip}",
             found=f"start {window.start}, length {window.length}",
-            allowed=f"the {len(starts)} stored windows" + (f", starts {starts[0]} to {starts[-1]}" if starts else ""),
+            allowed=f"the {len(starts)} stored windows"
+            + (f", starts {starts[0]} to {starts[-1]}" if len(starts) else ""),
             fix="take windows from windows(split), or build with scope: track",
         )
-    return RowSpan(shard, int(windows.rows[f.name][position]), grid.rows_down(window.length, of=f.grid))
+    return int(tables.window_rows[f.name][positions[place]]), grid.rows_down(window.length, of=f.grid)
 
 
 def locate_windows(
-    windows: WindowList, places: Sequence[ClipPlace], f: Field, grid: FrameGrid, scope: str
-) -> tuple[tuple[ShardReader, ...], IntArray, IntArray, npt.NDArray[np.bool_]]:
-    """Find shard and first row of many windows, as `locate_view` and `locate_stored` do for one.
-
-    Parameters
-    ----------
-    windows
-        All of one length.
-    places
-        Where each of ``windows.clip_ids`` is; those without windows are not read.
-
-    Returns
-    -------
-    shards, shard, first, bad
-        The shards with one of the windows; (W,) each window's number in `shards`, its first row, and whether the
-        store does not have it.
-    """
-    if len(windows) and (windows.length != windows.length[0]).any():
-        lengths = sorted({int(n) for n in windows.length})
-        raise StoreError(
-            "the windows of a split differ in length",
-            where=str(places[int(windows.clip[0])][0].path.parent),
-            found=lengths,
-            fix="run dancedata check on the dataset",
-        )
-    used = np.unique(windows.clip).tolist()
-    shards = tuple(dict.fromkeys(places[k][0] for k in used))
-    numbers = {id(shard): number for number, shard in enumerate(shards)}
-    shard_of, row_of = np.zeros((2, len(places)), dtype=np.int64)
-    for k in used:
-        shard_of[k], row_of[k] = numbers[id(places[k][0])], places[k][1]
-    shard, row = shard_of[windows.clip], row_of[windows.clip]
-    first, bad = np.zeros(len(windows), dtype=np.int64), np.zeros(len(windows), dtype=np.bool_)
-    find: Callable[..., tuple[IntArray, npt.NDArray[np.bool_]]] = _stored if scope == "window" else _views
-    for number, reader in enumerate(shards):
-        in_shard = np.flatnonzero(shard == number)
-        first[in_shard], bad[in_shard] = find(
-            reader, row[in_shard], windows.start[in_shard], windows.length[in_shard], f, grid
-        )
-    return shards, shard, first, bad
-
-
-def _views(
-    reader: ShardReader, row: IntArray, start: IntArray, length: IntArray, f: Field, grid: FrameGrid
+    tables: Tables, row: Whole, windows: WindowList, f: Field, grid: FrameGrid, scope: str
 ) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Find windows of clips that are stored whole."""
-    table = reader.clips
-    n_frames = np.array([record.n_frames for record in table.records], dtype=np.int64)
+    """Find the first rows of many windows of a split, as `locate_view` and `locate_stored` do for one.
+
+    `row` (W,) are the rows of their clips. Returns (W,) each window's first row in its clip's shard, and whether the
+    store does not have it.
+    """
+    start, length = windows.start.astype(np.int64), int(windows.length[0])
+    if scope == "window":
+        return _stored(tables, row, start, length, f)
     begin, begins_whole = grid.rows_of_all(start, of=f.grid)
-    n_rows, is_whole = grid.rows_of_all(length, of=f.grid)
-    bad = (start < 0) | (length < 1) | (start + length > n_frames[row])
-    bad |= ~begins_whole | ~is_whole
-    bad |= begin + n_rows > table.available[f.name][row]
-    return table.first[f.name][row] + begin, bad
+    n_rows, spans = grid.rows_down(length, of=f.grid), tables.spans[f.name]
+    bad = (start < 0) | (start + length > tables.n_frames[row]) | ~begins_whole
+    bad |= begin + n_rows > spans.available[row]
+    if spans.leads and spans.offset is not None:
+        bad |= begin + spans.offset[row] < 0
+    if length < 1 or not grid.is_whole(length, of=f.grid):
+        bad[:] = True
+    begin += spans.first[row]
+    return begin, bad
 
 
 def _stored(
-    reader: ShardReader, row: IntArray, start: IntArray, length: IntArray, f: Field, grid: FrameGrid
+    tables: Tables, row: Whole, start: IntArray, length: int, f: Field
 ) -> tuple[IntArray, npt.NDArray[np.bool_]]:
     """Find windows that have their own rows."""
-    table = reader.windows
-    if not len(table.clip):
+    clip, starts = (column.astype(np.int64) for column in (tables.window_clip, tables.window_start))
+    if not len(clip):
         return np.zeros_like(start), np.ones(len(start), dtype=np.bool_)
     # (clip, start) as one ascending number, so that one search finds all of them.
-    step = int(table.start.max(initial=0)) + 1
-    stored_starts = (table.clip * step + table.start)[table.by_start]
-    searched = row * step + start
-    place = table.by_start[np.searchsorted(stored_starts, searched).clip(max=len(stored_starts) - 1)]
-    bad = (start < 0) | (start >= step) | (table.clip[place] != row) | (table.start[place] != start)
-    return table.rows[f.name][place], bad | (table.length[place] != length)
+    step = int(starts.max(initial=0)) + 1
+    order = np.arange(len(clip)) if tables.by_start is None else tables.by_start
+    stored_starts = (clip * step + starts)[order]
+    place = order[np.searchsorted(stored_starts, row * step + start).clip(max=len(stored_starts) - 1)]
+    bad = (start < 0) | (start >= step) | (clip[place] != row) | (starts[place] != start)
+    return tables.window_rows[f.name][place], bad | (length != tables.window_length)

@@ -1,4 +1,4 @@
-"""Format 1 of the store: file names, fields and the header. docs/store-format.md has the layout."""
+"""Format 2 of the store: file names, fields and the header. docs/store-format.md has the layout."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.skeleton import Skeleton
-from dancedata.core.text import quoted
+from dancedata.core.text import listed, quoted
 
-#: Version of the layout. A reader refuses every other.
-FORMAT = 1
+#: Version of the layout that is written. Readers also read format 1.
+FORMAT = 2
+FORMATS = (1, 2)
 #: Every dataset's bytes start at a multiple of this, so that a mapped file gives aligned arrays.
 ALIGNMENT = 64
 #: The order in which splits are listed; others follow by name.
@@ -27,16 +28,43 @@ SPLIT_ORDER = ("train", "val", "test")
 DATASET_FILE = "dataset.json"
 STATS_FILE = "stats.json"
 REJECTS_FILE = "rejects.jsonl"
-QUALITY_FILE = "quality.jsonl"
+QUALITY_FILE = "quality.jsonl"  # of format 1
+LEAVES_FILE = "leaves.bin"
 CARD_FILE = "README.md"
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")
-_SHARD = re.compile(r"(?P<split>.+)-(?P<number>\d{5,})-of-(?P<total>\d{5,})\.h5\Z")
+_SHARD = re.compile(r".+-(\d{5,}-of-\d{5,}|tables|segments)\.h5\Z")
 
-Kind = Literal["motion", "keymotion", "audio"]
+Kind = Literal["motion", "keymotion", "audio", "scene"]
 Scope = Literal["track", "window"]
 Order = Literal["time", "name"]
-_KINDS, _DTYPES = ("motion", "keymotion", "audio"), ("float32", "float16")
+DType = Literal["float32", "float16", "int16", "int32", "uint8"]
+_KINDS = ("motion", "keymotion", "audio", "scene")
+_DTYPES = {"real": ("float32", "float16"), "code": ("int16", "int32", "uint8")}
+
+
+@dataclass(frozen=True)
+class Codebook:
+    """The codebook that the codes of a field are numbers in.
+
+    Attributes
+    ----------
+    sizes
+        Number of codes of each column, which is a level.
+    sha256
+        Hash of the codebook's file; "" if unknown.
+    pad
+        Code of frames without one.
+    """
+
+    name: str
+    sizes: tuple[int, ...]
+    sha256: str = ""
+    pad: int = -1
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry in dataset.json."""
+        return {"name": self.name, "sizes": list(self.sizes), "sha256": self.sha256, "pad": self.pad}
 
 
 @dataclass(frozen=True)
@@ -48,25 +76,28 @@ class Field:
     name
         Name of the dataset in a shard: /<kind>/<name>.
     kind
-        "motion" and "keymotion": clips one after another. "audio": separate timelines, shared by clips.
+        "motion" and "keymotion": clips one after another. "audio" and "scene": timelines that clips share.
     columns
         Name, width and unit of the columns, and how mirroring permutes them.
     rate
         Rows per second, exact.
     dtype
-        Type on disk, little-endian.
+        Type on disk, little-endian; whole numbers for codes.
+    codebook
+        Of codes; None for real values.
     """
 
     name: str
     kind: Kind
     columns: Columns
     rate: Fraction
-    dtype: Literal["float32", "float16"] = "float32"
+    dtype: DType = "float32"
+    codebook: Codebook | None = None
 
     @property
     def per_clip(self) -> bool:
         """Whether every clip has its own rows; otherwise clips share timelines."""
-        return self.kind != "audio"
+        return self.kind in ("motion", "keymotion")
 
     @property
     def path(self) -> str:
@@ -98,16 +129,20 @@ class Field:
         return {
             "name": self.name,
             "kind": self.kind,
+            "shared": not self.per_clip,
             "rate": str(self.rate),
+            "values": "real" if self.codebook is None else "code",
             "dtype": self.dtype,
             "width": self.columns.width,
             "columns": self.columns.to_json(),
+            **({} if self.codebook is None else {"codebook": self.codebook.to_json()}),
         }
 
     @classmethod
     def from_json(cls, obj: Mapping[str, Any]) -> Field:
         """Read an entry that `to_json` gave; ValueError for anything else."""
-        is_supported = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES
+        values = obj.get("values", "real")
+        is_supported = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES.get(values, ())
         if not is_supported or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
             raise ValueError(f"a field {quoted(obj['name'])}, {quoted(obj['kind'])} of {quoted(obj['dtype'])}")
         return cls(
@@ -116,7 +151,15 @@ class Field:
             columns=Columns.from_json(obj["columns"]),
             rate=as_rate(obj["rate"]),
             dtype=obj["dtype"],
+            codebook=_codebook(obj["codebook"], obj["width"]) if values == "code" else None,
         )
+
+
+def _codebook(obj: Mapping[str, Any], width: int) -> Codebook:
+    sizes = tuple(int(size) for size in obj["sizes"])
+    if len(sizes) != width or min(sizes, default=0) < 1:
+        raise ValueError(f"a codebook of {len(sizes)} levels for {width} columns")
+    return Codebook(str(obj["name"]), sizes, str(obj["sha256"]), int(obj["pad"]))
 
 
 @dataclass(frozen=True)
@@ -155,7 +198,7 @@ class StoreHeader:
         return f"StoreHeader({self.scope} scope, {self.fps} FPS, {windows}, fields: {fields})"
 
     def check(self) -> None:
-        """Raise StoreError for values that format 1 cannot hold."""
+        """Raise StoreError for values that the format cannot hold."""
         allowed = {"scope": ("track", "window"), "order": ("time", "name")}
         for name, values in allowed.items():
             if getattr(self, name) not in values:
@@ -173,12 +216,16 @@ class StoreHeader:
 
     def _check_field(self, f: Field) -> None:
         check_name(f.name, "field")
-        if f.kind not in _KINDS or f.dtype not in _DTYPES:
+        dtypes = _DTYPES["real" if f.codebook is None else "code"]
+        if f.kind not in _KINDS or f.dtype not in dtypes:
             raise StoreError(
                 f"field {f.name} has an unknown kind or dtype",
                 found=f"{f.kind}, {f.dtype}",
-                allowed="motion, keymotion or audio; float32 or float16",
+                allowed=f"{listed(_KINDS)}; {listed(dtypes)}",
             )
+        if f.codebook is not None and len(f.codebook.sizes) != f.columns.width:
+            found = f"{len(f.codebook.sizes)} sizes for {f.columns.width} columns"
+            raise StoreError(f"the codebook of field {f.name} does not fit its columns", found=found)
         if not self.grid.is_whole(self.length, of=f.grid):
             raise StoreError(
                 f"a window is not a whole number of rows of field {f.name}",
@@ -208,8 +255,18 @@ def shard_name(split: str, number: int, total: int) -> str:
     return f"{split}-{number:05d}-of-{total:05d}.h5"
 
 
+def tables_name(split: str) -> str:
+    """Return the file name of a split's tables."""
+    return f"{split}-tables.h5"
+
+
+def segments_name(split: str) -> str:
+    """Return the file name of a split's segments."""
+    return f"{split}-segments.h5"
+
+
 def is_shard_name(name: str) -> bool:
-    """Whether `name` is that of a shard."""
+    """Whether `name` is that of a shard, or of the tables or segments of a split."""
     return _SHARD.match(name) is not None
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.errors import StoreError
+from dancedata.core.text import listed, shown
 from dancedata.store.schema import Field, StoreHeader, check_name, shard_name, slice_name, sort_splits
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip, check_clip
 from dancedata.store.window_list import IntArray, window_order
@@ -16,7 +17,7 @@ from dancedata.store.window_list import IntArray, window_order
 
 @dataclass(frozen=True)
 class Span:
-    """Rows [start, start + length) of a field in a shard; `offset` is the clip's frame 0, from start."""
+    """Rows [start, start + length) of a field in a shard; `offset` is the clip's frame 0, from start, or below it."""
 
     start: int
     length: int
@@ -34,9 +35,11 @@ class ShardPlan:
     motion
         Per motion field: the span of every clip.
     audio
-        Per audio field: the span of every clip (track scope; empty in window scope).
+        Per field that clips share: the span of every clip (track scope; empty in window scope).
     blocks
-        Per audio field: block key -> (first row, array), each stored once.
+        Per field that clips share: block key -> (first row, array), each stored once.
+    first_bytes
+        Per field: where its rows begin in the file; known when the shard is written.
     """
 
     header: StoreHeader
@@ -47,6 +50,7 @@ class ShardPlan:
     motion: dict[str, list[Span]] = field(default_factory=dict)
     audio: dict[str, list[Span]] = field(default_factory=dict)
     blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
+    first_bytes: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for f in self.header.fields:
@@ -57,16 +61,16 @@ class ShardPlan:
                 self.audio[f.name] = []
                 self.blocks[f.name] = {}
 
-    def bytes_with(self, clip: StoredClip | None = None) -> int:
-        """Count the bytes of the fields' rows, with `clip` added."""
+    def bytes_with(self, unit: Sequence[StoredClip] = ()) -> int:
+        """Count the bytes of the fields' rows, with the clips of `unit` added."""
         total = 0
         for f in self.header.fields:
             rows = self.rows[f.name]
-            if clip is not None and f.per_clip:
-                rows += _n_rows(clip.motion[f.name])
-            elif clip is not None:
+            if f.per_clip:
+                rows += sum(_n_rows(clip.motion[f.name]) for clip in unit)
+            else:
                 blocks = self.blocks[f.name]
-                new = {b.key: b.array.shape[0] for b in clip.audio[f.name] if b.key not in blocks}
+                new = {b.key: b.array.shape[0] for clip in unit for b in clip.audio[f.name] if b.key not in blocks}
                 rows += sum(new.values())
             total += rows * f.row_bytes
         return total
@@ -119,7 +123,7 @@ class ShardPlan:
         """Find the first row of every window in a field."""
         f = next(f for f in self.header.fields if f.name == name)
         grid = self.header.grid
-        if self.header.scope == "window" and f.kind == "audio":
+        if self.header.scope == "window" and not f.per_clip:
             blocks = self.blocks[name]
             flat = [blocks[b.key][0] + b.offset for c in self.clips for b in c.audio[name]]
             return np.asarray(flat, dtype=np.int64)
@@ -143,17 +147,21 @@ class WindowTable:
 def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: int) -> list[ShardPlan]:
     """Distribute the clips among shards: splits in their fixed order, clips in the store's order; loads no array.
 
-    A shard takes clips while its rows stay within `shard_bytes`; it has at least one. StoreError for clips that
-    format 1 cannot hold, and if there are no windows.
+    A shard takes units, which are groups and single dancers, while its rows stay within `shard_bytes`; it has at
+    least one. StoreError for clips that the format cannot hold, and if there are no windows.
     """
     header.check()
     if shard_bytes < 1:
         raise StoreError("the size of a shard is not a positive number of bytes", found=shard_bytes)
     seen: dict[str, str] = {}
+    split_of: dict[str, str] = {}
     for clip in clips:
         if clip.id in seen:
             raise StoreError("two clips share an id", where=clip.id, found=f"splits {seen[clip.id]} and {clip.split}")
         seen[clip.id] = clip.split
+        if clip.group and split_of.setdefault(clip.group, clip.split) != clip.split:
+            splits = f"{split_of[clip.group]} and {clip.split}"
+            raise StoreError("a group is in two splits", where=f"group {clip.group}", found=splits)
     for clip in clips:
         check_clip(header, clip)
     if not any(clip.starts for clip in clips):
@@ -172,15 +180,48 @@ def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: i
 def _plan_split(header: StoreHeader, split: str, clips: list[StoredClip], limit: int) -> list[ShardPlan]:
     # In order "name", clips are sorted by the name of their first window: shards keep that order.
     by_name = header.order == "name"
-    ordered = sorted(clips, key=lambda c: slice_name(c.id, 0) if by_name else c.id)
+    units: dict[tuple[str, bool], list[StoredClip]] = {}
+    for clip in clips:
+        units.setdefault((clip.group or clip.id, not clip.group), []).append(clip)
     plans: list[ShardPlan] = []
-    for clip in ordered:
-        if not plans or plans[-1].bytes_with(clip) > limit:
+    for name in sorted(units, key=lambda unit: (slice_name(unit[0], 0) if by_name else unit[0], unit[1])):
+        unit = sorted(units[name], key=lambda clip: clip.member)
+        _check_group(unit)
+        if not plans or plans[-1].bytes_with(unit) > limit:
             plans.append(ShardPlan(header, split))
-        plans[-1].add(clip)
+        for clip in unit:
+            plans[-1].add(clip)
     for number, plan in enumerate(plans):
         plan.file = shard_name(split, number, len(plans))
     return plans
+
+
+#: What the dancers of a group have in common.
+_SHARED = ("music", "song", "n_frames", "trim_start", "source_rate", "lists", "audio_start", "starts")
+
+
+def _check_group(unit: Sequence[StoredClip]) -> None:
+    """Raise StoreError for dancers of a group that do not move in one time, or have one number."""
+    first = unit[0]
+    where = f"group {first.group}"
+    members = [clip.member for clip in unit]
+    if first.group and (min(members) < 0 or len(set(members)) < len(members)):
+        raise StoreError("the dancers of a group have no number of their own", where=where, found=listed(members))
+    if not first.group and first.member != -1:
+        raise StoreError("a dancer without a group has a number", where=f"clip {first.id}", found=first.member)
+    for clip in unit[1:]:
+        for name in _SHARED:
+            one, two = getattr(first, name), getattr(clip, name)
+            if one != two:
+                raise StoreError(
+                    f"the dancers of a group differ in {name}",
+                    where=where,
+                    found=f"{shown(one, 60)} of {first.id}, {shown(two, 60)} of {clip.id}",
+                )
+        for name, blocks in first.audio.items():
+            if [(b.key, b.offset) for b in blocks] != [(b.key, b.offset) for b in clip.audio[name]]:
+                found = f"{first.id}, {clip.id}"
+                raise StoreError(f"the dancers of a group do not share the rows of {name}", where=where, found=found)
 
 
 def _n_rows(array: Any) -> int:

@@ -1,4 +1,4 @@
-"""Reads one shard: its tables once, through h5py; its rows by position, or from the mapped file.
+"""Reads the rows of one shard, by position or from the mapped file.
 
 Rows of a field are one piece of the file: threads and processes read them at the same time, without an HDF5 handle.
 A field that another tool has chunked or compressed is read through h5py, which opens the file for every read.
@@ -20,10 +20,10 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
+from dancedata.store.dataset_json import ShardEntry
 from dancedata.store.listed_file import FileHash, ListedFile
 from dancedata.store.schema import Field
-from dancedata.store.shard_tables import ClipTable, ShardTables, StoredWindows
-from dancedata.store.window_list import IntArray
+from dancedata.store.window_list import IntArray, Whole
 
 _CHECK = "run dancedata check on the dataset"
 
@@ -40,7 +40,7 @@ class WindowRows:
     """
 
     def __init__(
-        self, field: str, shards: Sequence[ShardReader], shard: IntArray, first: IntArray, n_rows: int, mapped: bool
+        self, field: str, shards: Sequence[ShardReader], shard: Whole, first: IntArray, n_rows: int, mapped: bool
     ) -> None:
         """Map the shards, or read by position; `shard` (W,) are the numbers of the windows' shards in `shards`.
 
@@ -124,42 +124,30 @@ class ShardReader:
     Whenever it is opened, it has to be the file that dataset.json listed when the store was opened.
     """
 
-    def __init__(self, file: ListedFile, split: str, fields: tuple[Field, ...], scope: str) -> None:
+    def __init__(self, file: ListedFile, entry: ShardEntry, fields: tuple[Field, ...]) -> None:
         self.path = file.path
-        self._listed = file
-        self.split = split
-        self._fields = fields
-        self._scope = scope
-        self._clips: ClipTable | None = None
+        self.n_clips = entry.clips
+        self._listed, self._entry, self._fields = file, entry, fields
         self._layout: dict[str, FieldLayout] = {}
-        self._windows: StoredWindows | None = None
         self._file: _File | None = None
         self._map: _Map | None = None
-
-    @property
-    def clips(self) -> ClipTable:
-        """The table of clips, read on first use."""
-        if self._clips is None:
-            with self._opened() as file:
-                self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
-                n_rows = {name: layout.n_rows for name, layout in self._layout.items()}
-                self._clips = ShardTables(file, self.path).clips(self.split, self._fields, self._scope, n_rows)
-        return self._clips
-
-    @property
-    def windows(self) -> StoredWindows:
-        """The table of windows, read on first use."""
-        if self._windows is None:
-            n_clips = len(self.clips.records)
-            with self._opened() as file:
-                self._windows = ShardTables(file, self.path).windows(self._fields, n_clips)
-        return self._windows
 
     def layout(self, field: str) -> FieldLayout:
         """Return the place of a field's rows in the file."""
         if not self._layout:
-            _ = self.clips
+            self._layout = {f.name: self._stated_layout(f) for f in self._fields}
+            if None in (layout.offset for layout in self._layout.values()):
+                with self.opened() as file:
+                    self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
         return self._layout[field]
+
+    def _stated_layout(self, f: Field) -> FieldLayout:
+        """Return the place of a field's rows as dataset.json states it, which format 1 does not."""
+        first, n_rows = (self._entry.fields or {}).get(f.name, (None, 0))
+        layout = FieldLayout(first, n_rows, f.columns.width, f.disk_dtype, f"/{f.path}")
+        if first is not None and first + n_rows * layout.row_bytes > self._entry.size:
+            raise _too_short(self.path, first + n_rows * layout.row_bytes - self._entry.size, self._entry.size)
+        return layout
 
     def read_rows(self, field: str, first: int, out: npt.NDArray[Any]) -> None:
         """Read rows [first, first + len(out)) of a field into `out`, (rows, D), converting to its dtype."""
@@ -169,7 +157,7 @@ class ShardReader:
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
         if target.size and layout.offset is None:
-            with self._opened() as file:
+            with self.opened() as file:
                 file[layout.name].read_direct(target, np.s_[first : first + len(target)])
         elif target.size and layout.offset is not None:
             self._open().read_into(memoryview(target.data).cast("B"), layout.offset + first * layout.row_bytes)
@@ -212,7 +200,7 @@ class ShardReader:
         return file
 
     @contextmanager
-    def _opened(self) -> Iterator[Any]:
+    def opened(self) -> Iterator[Any]:
         """Open the shard through h5py."""
         self._listed.require_there()
         with hdf5.open_file(self.path, self._listed.require) as file:

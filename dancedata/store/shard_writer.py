@@ -15,9 +15,8 @@ import numpy.typing as npt
 from dancedata.core.errors import StoreError
 from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
-from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.hdf5 import SparseFile
-from dancedata.store.schema import FORMAT, Field
+from dancedata.store.schema import FORMAT, Codebook, Field
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import LazyArray
 
@@ -42,38 +41,14 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
         file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
         for name, text in (("split", plan.split), ("scope", plan.header.scope), ("fps", str(plan.header.fps))):
             hdf5.write_text_attribute(file, name, text)
-        _write_clips(file.create_group("clips"), plan)
-        _write_windows(file.create_group("windows"), plan)
         offsets = {f.name: _make_field(file, plan, f) for f in plan.header.fields}
+        plan.first_bytes = offsets
     with atomic_file(out / plan.file) as temporary:
         with open(temporary, "wb") as target:
             layout.copy_to(target)
             target.flush()
             same = _write_fields(target.fileno(), plan, offsets, progress)
         yield same
-
-
-def _write_clips(group: Any, plan: ShardPlan) -> None:
-    for column in CLIP_COLUMNS:
-        values = [column.type.encode(getattr(clip, column.name)) for clip in plan.clips]
-        if column.type.dtype is None:
-            hdf5.write_strings(group, column.name, values)
-        else:
-            hdf5.write_array(group, column.name, np.asarray(values, dtype=column.type.dtype))
-    for f in plan.header.fields:
-        spans = plan.motion[f.name] if f.per_clip else plan.audio[f.name]
-        for name in f.span_columns if spans else ():
-            hdf5.write_array(group, f"{f.path}/{name}", np.asarray([getattr(s, name) for s in spans], dtype=np.int64))
-
-
-def _write_windows(group: Any, plan: ShardPlan) -> None:
-    table = plan.window_table()
-    hdf5.write_array(group, "clip", table.clip)
-    hdf5.write_array(group, "start", table.start)
-    hdf5.write_array(group, "length", np.full(len(table.clip), plan.header.length, dtype=np.int64))
-    hdf5.write_array(group, "index", table.index)
-    for name, rows in table.rows.items():
-        hdf5.write_array(group, f"rows/{name}", rows)
 
 
 def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
@@ -177,6 +152,8 @@ def _checked_rows(array: npt.NDArray[Any], piece: _Piece) -> Iterator[npt.NDArra
         )
     if array.dtype.kind not in "fiub":
         raise StoreError("an array does not hold real numbers", where=where, found=str(array.dtype))
+    if f.codebook is not None:
+        _check_codes(array.reshape(-1, f.columns.width), f, f.codebook, where)
     rows = array.reshape(-1, f.columns.width)
     step = max(1, _CHUNK_VALUES // f.columns.width)
     for begin in range(0, len(rows), step):
@@ -186,6 +163,18 @@ def _checked_rows(array: npt.NDArray[Any], piece: _Piece) -> Iterator[npt.NDArra
         if not np.isfinite(stored).all():
             _raise_not_finite(chunk, stored, begin, f, where)
         yield stored
+
+
+def _check_codes(rows: npt.NDArray[Any], f: Field, codebook: Codebook, where: str) -> None:
+    bad = (rows != codebook.pad) & ((rows < 0) | (rows >= np.array(codebook.sizes)) | (rows != np.trunc(rows)))
+    if bad.any():
+        row, column = (int(i) for i in np.argwhere(bad)[0])
+        raise StoreError(
+            "a code is not one of its codebook",
+            where=f"{where}, row {row}, column {f.columns.labels[column]}",
+            found=rows[row, column],
+            allowed=f"0 to {codebook.sizes[column] - 1}, or {codebook.pad} for none",
+        )
 
 
 def _raise_not_finite(chunk: npt.NDArray[Any], stored: npt.NDArray[Any], begin: int, f: Field, where: str) -> None:

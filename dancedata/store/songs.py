@@ -30,25 +30,32 @@ _RATE, _SILENT = 30, 0.01
 _BLOCK, MAX_PAIRS = 32, 2_000_000
 
 
-def music_hashes(meta: Mapping[str, Any]) -> dict[str, str]:
-    """Return the first digits of the hash of each clip's samples, by clip, as dataset.json records them."""
-    source = meta.get("source")
-    clips = source.get("clips") if isinstance(source, Mapping) else None
-    parts = {clip: str(value).split() for clip, value in clips.items()} if isinstance(clips, Mapping) else {}
-    return {clip: part[1] for clip, part in parts.items() if len(part) == 3 and part[1] != "-"}
+#: Digits of a hash of `ClipRecord.made_of`; those of a clip without music are zeros.
+_DIGITS = 12
 
 
-def songs_of(clips: Sequence[ClipRecord], meta: Mapping[str, Any]) -> dict[str, str]:
+def music_hash(clip: ClipRecord) -> str:
+    """Return the first digits of the hash of a clip's samples of music; "" without music, or if not recorded."""
+    digits = clip.made_of[_DIGITS : 2 * _DIGITS]
+    return digits if digits.strip("0") else ""
+
+
+def music_hashes(clips: Iterable[ClipRecord]) -> dict[str, str]:
+    """Return `music_hash` by clip, of those that have music."""
+    return {clip.id: digits for clip in clips if (digits := music_hash(clip))}
+
+
+def songs_of(clips: Sequence[ClipRecord]) -> dict[str, str]:
     """Return the name of the song of each clip with music, by the clip's id.
 
-    Clips have one song if its names or its samples, whose hashes dataset.json (`meta`) has, are equal. Copies of a
-    clip have the clip's song, at any speed. Of several names the first by the alphabet leads: "blue (also sky)".
+    Clips have one song if its names or its samples, by their hashes, are equal. Copies of a clip have the clip's
+    song, at any speed. Of several names the first by the alphabet leads: "blue (also sky)".
     """
-    records, hashes = {clip.id: clip for clip in clips}, music_hashes(meta)
+    records = {clip.id: clip for clip in clips}
     keys: dict[str, list[tuple[str, str]]] = {}
-    for clip in clips:
+    for clip in records.values():
         origin = records.get(clip.source, clip)
-        pairs = (("name", origin.music), ("", hashes.get(origin.id, "")))
+        pairs = (("name", origin.music), ("", music_hash(origin)))
         keys[clip.id] = [(kind, value) for kind, value in pairs if value]
     names: dict[tuple[str, str], str] = {}
     for group in joined_sets(keys.values()):
@@ -169,7 +176,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     field = sound_field(store)
     if field is None or len(set().union(*splits.values())) < 2:
         return []
-    hashes = music_hashes(store.meta)
+    hashes = music_hashes(store.clips)
     windows = {clip.id: store.windows_of(clip.id) for clip in store.clips} if store.scope == "window" else {}
     chosen: dict[tuple[str, str | None], str] = {}
     for clip in store.clips:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
+from dancedata.core.segments import Segment
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
 from dancedata.store.schema import Field, StoreHeader
@@ -20,7 +21,7 @@ def check_clip(header: StoreHeader, clip: StoredClip) -> None:
     _check_attributes(clip)
     _check_windows(header, clip)
     motion = [f for f in header.fields if f.per_clip]
-    audio = [f for f in header.fields if f.kind == "audio"]
+    audio = [f for f in header.fields if not f.per_clip]
     _check_names(clip, "motion", motion, clip.motion)
     _check_names(clip, "audio", audio, clip.audio)
     for f in motion:
@@ -32,7 +33,7 @@ def check_clip(header: StoreHeader, clip: StoredClip) -> None:
 def _check_attributes(clip: StoredClip) -> None:
     for column in CLIP_COLUMNS:
         value = getattr(clip, column.name)
-        problem = column.type.problem(value)
+        problem = column.problem(value)
         if problem:
             where = f"clip {quoted(clip.id)} of split {shown(clip.split)}, {column.name}"
             raise StoreError(f"an attribute of a clip cannot be stored: {problem}", where=where, found=quoted(value))
@@ -91,14 +92,20 @@ def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, blocks: tuple[
     for block in blocks:
         shape = tuple(block.array.shape)
         _check_columns(where, shape, f)
-        if block.offset < 0:
-            raise StoreError("an audio offset is negative", where=where, found=block.offset)
+        if header.scope == "window" and block.offset < 0:
+            raise StoreError("an audio offset of a window is negative", where=where, found=block.offset)
         if header.scope == "window" and block.offset + rows > shape[0]:
             raise StoreError(
                 "an audio block is shorter than a window", where=where, found=shape[0], allowed=block.offset + rows
             )
     if header.scope == "track":
-        _check_end(header, clip, f, blocks[0].array.shape[0] - blocks[0].offset, where)
+        offset = blocks[0].offset
+        _check_end(header, clip, f, blocks[0].array.shape[0] - offset, where)
+        if clip.starts and header.grid.rows_down(clip.starts[0], of=f.grid) + offset < 0:
+            raise StoreError(
+                "a window begins before its music", where=f"{where}, window 0", found=f"frame {clip.starts[0]}",
+                allowed=f"from frame {f.grid.rows_up(-offset, of=header.grid)} on",
+            )  # fmt: skip
 
 
 def _check_columns(where: str, shape: tuple[int, ...], f: Field) -> None:
@@ -149,7 +156,7 @@ class AudioBlock:
     array
         (A, D) rows.
     offset
-        Row at frame 0 of the clip (window scope: of the window).
+        Row at frame 0 of the clip, negative where the rows begin later (window scope: of the window, from 0 on).
     """
 
     key: str
@@ -158,6 +165,18 @@ class AudioBlock:
 
     def __repr__(self) -> str:
         return f"AudioBlock({self.key[:12]!r}, {' x '.join(str(n) for n in self.array.shape)}, offset={self.offset})"
+
+
+class Signal(NamedTuple):
+    """A decoded song: SHA-256 of its samples, and what identifies it in other datasets.
+
+    `fingerprint` are whole numbers of its sound; () if it was not computed.
+    """
+
+    sha256: str
+    sample_rate: int
+    n_samples: int
+    fingerprint: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,12 +190,21 @@ class StoredClip(ClipRecord):
     motion
         Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope.
     audio
-        Per audio field: one block in track scope; one per window, (L, D), in window scope.
+        Per audio and scene field: one block in track scope; one per window, (L, D), in window scope.
+    signal
+        The decoded music, for the table of songs; None if it is not recorded. Clips with one `song` have one.
+    segments
+        Spans and instants of the clip.
+    group_size
+        Dancers of the group's source, stored or not; 0: those that are stored.
     """
 
     starts: tuple[int, ...]
     motion: Mapping[str, LazyArray]
     audio: Mapping[str, tuple[AudioBlock, ...]] = field(default_factory=dict)
+    signal: Signal | None = None
+    segments: tuple[Segment, ...] = ()
+    group_size: int = 0
 
     def __repr__(self) -> str:
         fields = ", ".join([*self.motion, *self.audio])

@@ -2,20 +2,24 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from dancedata.core.errors import StoreError
+from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import listed, shown
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.dataset import open_store
+from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
+from dancedata.store.leaves import LEAF, leaf_hashes
+from dancedata.store.listed_file import hdf5_files, listed_files
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
+    LEAVES_FILE,
     QUALITY_FILE,
     REJECTS_FILE,
     STATS_FILE,
@@ -23,9 +27,12 @@ from dancedata.store.schema import (
     shard_name,
 )
 from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
-from dancedata.store.verify_shard import Problem, verify_shard
+from dancedata.store.verify_shard import Problem, verify_split
 
-_SIDE_FILES = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
+_SIDE_FILES = {
+    1: (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE),
+    2: (LEAVES_FILE, STATS_FILE, REJECTS_FILE, CARD_FILE),
+}
 _LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")
 #: Most names in one message.
 _SHOWN = 10
@@ -61,16 +68,30 @@ def verify_store(path: str | Path) -> list[Problem]:
     except StoreError as error:
         return [Problem("error", str(folder / DATASET_FILE), str(error))]
     problems = [*_check_document(folder, description), *_check_side_files(folder, description)]
-    records: list[ClipRecord] = []
-    for entry in description.shards:
-        shard = folder / entry.file
-        message = _compare_file(shard, {"size": entry.size, "sha256": entry.sha256})
+    damaged = set()
+    for entry in hdf5_files(description):
+        path = folder / entry.file
+        message = _compare_file(path, {"size": entry.size, "sha256": entry.sha256})
         if message:
-            problems.append(Problem("error", str(shard), message))
+            problems.append(Problem("error", str(path), message))
+            damaged.add(entry.file)
+    problems += _check_leaves(folder, description, damaged)
+    records: list[ClipRecord] = []
+    for split in dict.fromkeys(entry.split for entry in description.shards):
+        # A shard that differs is not parsed: its split is read without it, and only where it is whole.
+        tables = description.splits.get(split)
+        files = {entry.file for entry in description.shards if entry.split == split}
+        files |= {file.file for file in (tables.tables, tables.segments) if file} if tables else set()
+        if files & damaged:
             continue
-        shard_problems, clips = verify_shard(shard, description, entry)
-        problems += shard_problems
-        records += clips
+        try:
+            with Store(folder, description, listed_files(folder, description, split)) as store:
+                split_problems = list(verify_split(store, description, split))
+                problems += split_problems
+                if not any(problem.severity == "error" for problem in split_problems):
+                    records += store.tables(split).records()
+        except StoreError as error:
+            problems.append(Problem("error", str(folder), f"it cannot be read: {error}"))
     # In a damaged dataset, counts would only repeat the same problems.
     if not any(p.severity == "error" for p in problems):
         problems += _check_counts(folder, description, records)
@@ -88,7 +109,7 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
         yield Problem("error", where, str(error))
     if not description.shards:
         yield Problem("error", where, "it does not list any shards")
-    for name in (f for f in _SIDE_FILES if f not in description.files):
+    for name in (f for f in _SIDE_FILES[description.format] if f not in description.files):
         yield Problem("error", where, f"it does not list {name}")
     by_split: dict[str, list[str]] = defaultdict(list)
     for entry in description.shards:
@@ -116,6 +137,22 @@ def _check_side_files(folder: Path, description: Description) -> Iterator[Proble
             yield Problem(severity, str(folder / name), message)
         elif name == STATS_FILE:
             yield from _check_stats(folder / name, description)
+
+
+def _check_leaves(folder: Path, description: Description, damaged: Container[str]) -> Iterator[Problem]:
+    """Check that the hashes of pieces are those of the shards; a file that differs is reported elsewhere."""
+    leaves = description.meta.get("leaves")
+    if not isinstance(leaves, Mapping) or _compare_file(folder / LEAVES_FILE, description.files.get(LEAVES_FILE, {})):
+        return
+    stated, begin = (folder / LEAVES_FILE).read_bytes(), 0
+    for entry, document in zip(description.shards, description.meta["shards"], strict=True):
+        part = stated[begin : begin + 32 * -(-entry.size // LEAF)]
+        begin += len(part)
+        actual = part if entry.file in damaged else leaf_hashes(folder / entry.file)[1]
+        if part != actual or sha256_bytes(part) != document.get("leaves_sha256"):
+            yield Problem("error", str(folder / LEAVES_FILE), f"it does not hold the hashes of {entry.file}")
+    if begin != len(stated) or leaves.get("size") != LEAF or leaves.get("sha256") != sha256_bytes(stated):
+        yield Problem("error", str(folder / LEAVES_FILE), "it does not hold the hashes of all shards")
 
 
 def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
@@ -149,7 +186,7 @@ def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
 
 def _check_counts(folder: Path, description: Description, records: Sequence[ClipRecord]) -> Iterator[Problem]:
     where = str(folder / DATASET_FILE)
-    songs = songs_of(records, description.meta)
+    songs = songs_of(records)
     for split, counts in description.meta["counts"].items():
         clips = [r for r in records if r.split == split]
         frames = sum(r.n_frames for r in clips)
@@ -159,6 +196,7 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
             "frames": frames,
             "hours": float(description.grid.seconds(frames) / 3600),
             "songs": len({songs[r.id] for r in clips if r.id in songs}),
+            **({"groups": len({r.group for r in clips if r.group})} if any(r.group for r in clips) else {}),
         }
         # Earlier versions counted names, also those of the stretched music of copies.
         names = len({r.music for r in clips if r.music})
@@ -181,7 +219,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
             yield Problem(
                 "error", str(folder), f"clip {record.id} of {record.split} is a copy of {record.source} of {origin}"
             )
-    song_of = songs_of(records, description.meta)
+    song_of = songs_of(records)
     songs: dict[str, set[str]] = defaultdict(set)
     for record in records:
         # A copy of a clip of another split is reported above.
@@ -199,7 +237,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
 def _find_alike_songs(folder: Path) -> Iterator[Problem]:
     """Find songs of different splits that are one recording by their sound."""
     with open_store(folder) as store:
-        songs = songs_of(store.clips, store.meta)
+        songs = songs_of(store.clips)
         alike = alike_songs(store, songs)
     if alike is None:
         why = f"there are more than {MAX_PAIRS:,} pairs"
@@ -209,7 +247,7 @@ def _find_alike_songs(folder: Path) -> Iterator[Problem]:
 
 
 def _find_unlisted_files(folder: Path, description: Description) -> Iterator[Problem]:
-    shards = {s.file for s in description.shards}
+    shards = {entry.file for entry in hdf5_files(description)}
     for path in sorted(folder.iterdir()):
         if path.name in shards:
             continue

@@ -1,9 +1,7 @@
-"""Checks of one shard whose bytes match dataset.json: layout, bounds, finiteness."""
+"""Checks of the tables and shards of a split whose bytes match dataset.json: layout, bounds, references, values."""
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -11,12 +9,14 @@ import numpy as np
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
 from dancedata.store import hdf5
-from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
+from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import Description, ShardEntry
-from dancedata.store.listed_file import ListedFile
-from dancedata.store.schema import ALIGNMENT, FORMAT, Field
+from dancedata.store.schema import ALIGNMENT, Field
 from dancedata.store.shard_reader import ShardReader
-from dancedata.store.shard_tables import ClipTable, StoredWindows
+from dancedata.store.shard_tables import COLUMNS
+from dancedata.store.table_columns import ListColumn, TextColumn, type_of
+from dancedata.store.tables import Tables
 
 #: Most characters of a path and of a message.
 _MAX_WHERE, _MAX_MESSAGE = 4400, 3000
@@ -51,58 +51,83 @@ _CHUNK_VALUES = 1 << 20
 _SHOWN = 5
 
 
-def verify_shard(
-    path: Path, description: Description, entry: ShardEntry
-) -> tuple[list[Problem], Sequence[ClipRecord]]:
-    """Return the problems of a shard, and its readable clips."""
+def verify_split(store: Store, description: Description, split: str) -> Iterator[Problem]:
+    """Yield the problems of a split's tables and shards."""
+    shards = [entry for entry in description.shards if entry.split == split]
+    where = str(
+        store.path / (shards[0].file if split not in description.splits else description.splits[split].tables.file)
+    )
     try:
-        with hdf5.open_file(path) as file:
-            messages = list(_check_layout(file, description, entry))
-        # Before the tables are read: the reader stops at the first wrong span, with a less detailed message.
-        messages = messages or list(_check_spans(path, description))
-        if messages:
-            return [Problem("error", str(path), m) for m in messages], ()
-        file = ListedFile(path, entry.size, entry.sha256, os.stat(path))
-        reader = ShardReader(file, entry.split, description.fields, description.scope)
-        clips, windows = reader.clips, reader.windows
-        messages = [*_check_clips(clips)]
-        messages += _check_windows(reader, clips, windows, description)
-        for f in description.fields:
-            messages += _check_values(reader, clips, f)
-    except (StoreError, UnicodeDecodeError, ValueError, IndexError, TypeError) as error:
-        return [Problem("error", str(path), f"it cannot be read: {error}")], ()
-    return [Problem("error", str(path), m) for m in messages], clips.records
+        readers = store.shards(split)
+        layout = [
+            (reader, message)
+            for reader, entry in zip(readers, shards, strict=True)
+            for message in _check_layout(reader, description, entry)
+        ]
+        yield from (Problem("error", str(reader.path), message) for reader, message in layout)
+        if layout:
+            return
+        tables = store.tables(split)
+        messages = [
+            *_check_clips(tables),
+            *_check_spans(readers, tables, description),
+            *_check_windows(tables, description),
+        ]
+        if description.format > 1:
+            messages += [
+                *_check_offsets(tables),
+                *_check_by_id(tables),
+                *_check_groups(tables),
+            ]
+            messages += _check_segments(store, tables, description)
+        yield from (Problem("error", where, message) for message in messages)
+        for number, reader in enumerate(readers):
+            for f in description.fields:
+                for message in _check_values(reader, tables, number, f):
+                    yield Problem("error", str(reader.path), message)
+    except (StoreError, UnicodeDecodeError, ValueError, IndexError, TypeError, KeyError) as error:
+        yield Problem("error", where, f"it cannot be read: {error}")
 
 
-def _check_layout(file: Any, description: Description, entry: ShardEntry) -> Iterator[str]:
-    """Check names, dtypes, shapes, contiguity and alignment of every dataset."""
-    if int(file.attrs.get("format", -1)) != FORMAT:
-        yield f"attribute format is {file.attrs.get('format')}, not {FORMAT}"
-    for path, (dtype, rows) in _expected(description, entry).items():
-        dataset = file.get(path)
-        if dataset is None or not getattr(dataset, "shape", None):
-            yield f"/{path} is missing"
-            continue
-        wrong = dataset.dtype.kind != "S" if dtype is None else dataset.dtype != dtype
-        if wrong:
-            yield f"/{path} is of type {dataset.dtype}, not {dtype or 'fixed-length text'}"
-        if dataset.shape[:1] != (rows,) and rows is not None:
-            yield f"/{path} has shape {dataset.shape}, not {rows} rows"
-        offset = dataset.id.get_offset()
-        if dataset.size and offset is None:
-            yield f"/{path} is not contiguous"
-        elif dataset.size and offset % ALIGNMENT:
-            yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
-        elif not wrong:
-            hdf5.find_dataset(file, path)
+def _check_layout(reader: ShardReader, description: Description, entry: ShardEntry) -> Iterator[str]:
+    """Check names, dtypes, shapes, contiguity and alignment of every dataset of a shard."""
+    with reader.opened() as file:
+        if int(file.attrs.get("format", -1)) != description.format:
+            yield f"attribute format is {file.attrs.get('format')}, not {description.format}"
+        for path, (dtype, rows) in _expected(description, entry).items():
+            dataset = file.get(path)
+            if dataset is None or not getattr(dataset, "shape", None):
+                yield f"/{path} is missing"
+                continue
+            wrong = dataset.dtype.kind not in dtype if isinstance(dtype, str) else dataset.dtype != dtype
+            if wrong:
+                yield f"/{path} is of type {dataset.dtype}, not {dtype}"
+            if dataset.shape[:1] != (rows,) and rows is not None:
+                yield f"/{path} has shape {dataset.shape}, not {rows} rows"
+            yield from _check_place(dataset, path)
+            if not wrong:
+                hdf5.find_dataset(file, path)
+        for name, (first, _) in (entry.fields or {}).items():
+            path = next(f.path for f in description.fields if f.name == name)
+            actual = file[path].id.get_offset() if path in file else None
+            if path in file and file[path].size and first != actual:
+                yield f"/{path} begins at byte {actual}, in dataset.json {first}"
+
+
+def _check_place(dataset: Any, path: str) -> Iterator[str]:
+    offset = dataset.id.get_offset()
+    if dataset.size and offset is None:
+        yield f"/{path} is not contiguous"
+    elif dataset.size and offset % ALIGNMENT:
+        yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
 
 
 def _expected(description: Description, entry: ShardEntry) -> dict[str, tuple[Any, int | None]]:
-    """Return for each dataset its dtype (None: text) and number of rows (None: any)."""
+    """Return for each dataset its dtype, or kinds of dtypes, and number of rows (None: any)."""
+    if entry.fields is not None:
+        return {f.path: (f.disk_dtype, entry.fields[f.name][1]) for f in description.fields}
     whole = np.dtype("<i8")
-    shapes: dict[str, tuple[Any, int | None]] = {
-        f"clips/{column.name}": (column.type.dtype, entry.clips) for column in CLIP_COLUMNS
-    }
+    shapes: dict[str, tuple[Any, int | None]] = {f"clips/{n}": (kind, entry.clips) for n, kind in COLUMNS.items()}
     shapes |= {f"windows/{n}": (whole, entry.windows) for n in ("clip", "start", "length", "index")}
     for f in description.fields:
         shapes[f.path] = (f.disk_dtype, None)
@@ -112,89 +137,179 @@ def _expected(description: Description, entry: ShardEntry) -> dict[str, tuple[An
     return shapes
 
 
-def _check_clips(clips: ClipTable) -> Iterator[str]:
+def _check_clips(tables: Tables) -> Iterator[str]:
     for column in CLIP_COLUMNS:
-        for record in clips.records:
-            problem = column.type.problem(getattr(record, column.name))
+        for row in range(tables.n_clips) if column.name in tables.columns else ():
+            problem = column.problem(tables.value(column, row))
             if problem:
-                yield f"/clips/{column.name} of clip {record.id!r}: {problem}"
+                yield f"/clips/{column.name} of clip {tables.ids[row]!r}: {problem}"
+                break
 
 
-def _check_spans(path: Path, description: Description) -> Iterator[str]:
-    """Check that motion spans follow one another and fill the field, and audio spans are within it."""
-    with hdf5.open_file(path) as file:
-        for f in description.fields:
-            if f.kind == "audio" and description.scope == "window":
-                continue
-            name = f"/clips/{f.path}"
-            start, length = (file[f"{name}/{c}"][...] for c in ("start", "length"))
-            n_rows = file[f.path].shape[0]
-            if f.per_clip:
-                ends = np.cumsum(length)
-                if (length < 0).any() or (start != ends - length).any() or ends[-1] != n_rows:
-                    yield f"{name}: clips do not follow one another, or do not fill the {n_rows} rows"
-                continue
-            offset = file[f"{name}/offset"][...]
-            bad = (start < 0) | (length < 0) | (start + length > n_rows) | (offset < 0) | (offset > length)
-            if bad.any():
-                yield f"{name}: spans outside the {n_rows} rows, for clips {_places(bad)}"
+def _check_offsets(tables: Tables) -> Iterator[str]:
+    """Check that the offsets of texts and lists ascend, and that all texts are UTF-8."""
+    for table, columns in (("clips", tables.columns), ("groups", tables.groups), ("songs", tables.songs)):
+        for name, column in columns.items():
+            yield from _check_column(f"/{table}/{name}", column)
 
 
-def _check_windows(
-    reader: ShardReader, clips: ClipTable, windows: StoredWindows, description: Description
-) -> Iterator[str]:
-    n_frames = np.asarray([r.n_frames for r in clips.records], dtype=np.int64)[windows.clip]
-    bad = (windows.start < 0) | (windows.start + windows.length > n_frames)
-    bad |= windows.length != description.length
+def _check_column(name: str, column: Any) -> Iterator[str]:
+    if isinstance(column, ListColumn):
+        if (np.diff(column.begin) < 0).any():
+            yield f"{name}/list: offsets do not ascend"
+        column = column.entries
+    if isinstance(column, TextColumn):
+        if (np.diff(column.offset) < 0).any():
+            yield f"{name}/offset: offsets do not ascend"
+            return
+        for row in range(len(column)):
+            problem = type_of("text").problem(column[row])
+            if problem:
+                yield f"{name}, row {row}: {problem}"
+                return
+
+
+def _check_by_id(tables: Tables) -> Iterator[str]:
+    by_id = np.asarray(tables.by_id)
+    raw = [tables.ids.raw(row) for row in by_id.tolist()]
+    if sorted(by_id.tolist()) != list(range(tables.n_clips)) or raw != sorted(raw):
+        yield "/clips/by_id: not the rows of the clips, sorted by id"
+
+
+def _check_groups(tables: Tables) -> Iterator[str]:
+    """Check that dancers of a group are neighbours, in one shard, in their order, and share what groups share."""
+    stated = tables.columns.get("group")
+    of_group: dict[int, list[int]] = {}
+    for row, group in enumerate([] if stated is None else np.asarray(stated).tolist()):
+        if group >= 0:
+            of_group.setdefault(group, []).append(row)
+    if len(of_group) != len(tables.groups.get("first", ())):
+        yield f"/groups: {len(tables.groups.get('first', ()))} groups, clips name {len(of_group)}"
+        return
+    for group, rows in of_group.items():
+        name = f"group {tables.groups['id'][group]}"
+        first, count = int(tables.groups["first"][group]), int(tables.groups["count"][group])
+        if rows != list(range(first, first + count)) or len(set(tables.shard_of(rows).tolist())) > 1:
+            yield f"{name}: clips {listed(rows, _SHOWN)} are not {count} neighbours of one shard from {first} on"
+            continue
+        records = [tables.record(row) for row in rows]
+        members = [record.member for record in records]
+        if sorted(set(members)) != members or members[0] < 0 or int(tables.groups["n_source"][group]) < count:
+            yield f"{name}: dancers {listed(members, _SHOWN)} of {int(tables.groups['n_source'][group])}"
+        starts = [tables.window_start[tables.positions_of(row)].tolist() for row in rows]
+        for what in ("music", "song", "n_frames", "trim_start", "source_rate", "lists", "audio_start"):
+            if len({getattr(record, what) for record in records}) > 1:
+                yield f"{name}: dancers differ in {what}"
+        if any(of_member != starts[0] for of_member in starts):
+            yield f"{name}: dancers differ in their windows"
+        for field, spans in tables.spans.items():
+            if spans.offset is not None and len({int(spans.first[row]) for row in rows}) > 1:
+                yield f"{name}: dancers do not share the rows of {field}"
+
+
+def _check_segments(store: Store, tables: Tables, description: Description) -> Iterator[str]:
+    """Check that segments are inside their clips, sorted, and their frames those of their times."""
+    table = store.segment_table(tables.split)
+    if table is None:
+        return
+    columns, layers = table.columns, store.layers
+    for name, column in columns.items():
+        yield from _check_column(f"/segments/{name}", column)
+    n = len(columns["clip"])
+    clip, start, end, layer = (
+        np.asarray(columns[name], dtype=np.int64) for name in ("clip", "start", "end", "layer")
+    )
+    bad = (clip < 0) | (clip >= tables.n_clips) | (layer < 0) | (layer >= len(layers))
     if bad.any():
-        yield f"/windows: of another length, or outside their clip: windows {_places(bad)}"
-    clip, start = windows.clip[windows.by_start], windows.start[windows.by_start]
+        yield f"/segments: of clips or layers that do not exist, in rows {_places(bad)}"
+        return
+    if (clip != np.repeat(np.arange(tables.n_clips), np.diff(table.first))).any():
+        yield "/segments/first: not the rows of the clips"
+    bad = (start < 0) | (start >= end) | (end > tables.n_frames[clip])
+    if bad.any():
+        yield f"/segments: outside their clips, in rows {_places(bad)}"
+    for row in range(tables.n_clips):
+        for k, segment in zip(table.rows_of(row), store.segments(tables.ids[row]), strict=True):
+            if segment.frames(description.grid, int(tables.n_frames[row])) != (start[k], end[k]):
+                yield f"/segments: frames are not those of the times, in row {k}"
+                return
+    if n and int(max(columns["other"])) >= tables.n_clips:
+        yield "/segments/other: clips that do not exist"
+
+
+def _check_spans(readers: Sequence[ShardReader], tables: Tables, description: Description) -> Iterator[str]:
+    """Check that motion spans follow one another and fill their shards; tables are read with their bounds checked."""
+    for f in description.fields:
+        if not f.per_clip:
+            continue
+        spans = tables.spans[f.name]
+        for number, reader in enumerate(readers):
+            rows = slice(int(tables.shard_begin[number]), int(tables.shard_begin[number + 1]))
+            start, length = spans.first[rows], spans.available[rows]
+            ends = np.cumsum(length)
+            n_rows = reader.layout(f.name).n_rows
+            if (start != ends - length).any() or int(ends[-1]) != n_rows:
+                yield f"/clips/{f.path}: clips do not follow one another, or do not fill the {n_rows} rows"
+
+
+def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
+    clip, start = (np.asarray(column, dtype=np.int64) for column in (tables.window_clip, tables.window_start))
+    bad = (start < 0) | (start + description.length > tables.n_frames[clip])
+    if bad.any():
+        yield f"/windows: outside their clip: windows {_places(bad)}"
+    order = slice(None) if tables.by_start is None else tables.by_start
+    clip, start = clip[order], start[order]
     if ((clip[1:] == clip[:-1]) & (start[1:] == start[:-1])).any():
         yield "/windows: a clip has two windows that begin at one frame"
-    rank = np.arange(len(clip)) - windows.clip_begin[clip]
-    bad = windows.index[windows.by_start] != rank
-    if bad.any():
-        yield f"/windows/index: not the window's number in its clip, in {int(bad.sum())} windows"
     for f in description.fields:
-        message = _check_rows(reader, clips, windows, f, description)
+        message = _check_rows(tables, f, description)
         if message:
             yield message
 
 
-def _check_rows(
-    reader: ShardReader, clips: ClipTable, windows: StoredWindows, f: Field, description: Description
-) -> str:
+def _check_rows(tables: Tables, f: Field, description: Description) -> str:
     """Check the first rows of all windows: inside the clip's span and the field."""
     length = description.grid.rows_down(description.length, of=f.grid)
-    rows = windows.rows[f.name]
-    if f.name not in clips.first:
-        bad = (rows < 0) | (rows + length > reader.layout(f.name).n_rows)
+    clip, start = np.asarray(tables.window_clip, dtype=np.int64), np.asarray(tables.window_start, dtype=np.int64)
+    spans = tables.spans.get(f.name)
+    if spans is None:
+        n_rows = np.array(
+            [(s.fields or {}).get(f.name, (0, 0))[1] for s in description.shards if s.split == tables.split]
+        )
+        rows = tables.window_rows[f.name]
+        bad = (rows < 0) | (rows + length > n_rows[tables.shard_of(clip)]) if description.format > 1 else rows < 0
     elif description.scope == "track":
-        inside, whole = description.grid.rows_of_all(windows.start, of=f.grid)
-        bad = ~whole | (rows != clips.first[f.name][windows.clip] + inside)
-        bad |= inside + length > clips.available[f.name][windows.clip]
+        inside, whole = description.grid.rows_of_all(start, of=f.grid)
+        bad = ~whole | (inside + length > spans.available[clip])
+        if spans.offset is not None:
+            bad |= inside + spans.offset[clip] < 0
     else:
-        bad = rows != clips.first[f.name][windows.clip] + windows.index * length
-        bad |= (windows.index + 1) * length > clips.available[f.name][windows.clip]
+        index = tables.window_index
+        bad = tables.window_rows[f.name] != spans.first[clip] + index * length
+        bad |= (index + 1) * length > spans.available[clip]
     return f"/windows/rows/{f.name}: wrong or outside the field, in windows {_places(bad)}" if bad.any() else ""
 
 
-def _check_values(reader: ShardReader, clips: ClipTable, f: Field) -> Iterator[str]:
-    """Check that all values are finite; read by position, a piece at a time."""
+def _check_values(reader: ShardReader, tables: Tables, number: int, f: Field) -> Iterator[str]:
+    """Check that all values are finite, or codes; read by position, a piece at a time."""
     layout = reader.layout(f.name)
     step = max(1, _CHUNK_VALUES // layout.width)
     for begin in range(0, layout.n_rows, step):
         rows = np.empty((min(step, layout.n_rows - begin), layout.width), dtype=layout.dtype)
         reader.read_rows(f.name, begin, rows)
-        finite = np.isfinite(rows)
-        if not finite.all():
-            row, column = (int(i) for i in np.argwhere(~finite)[0])
+        good = np.isfinite(rows)
+        if f.codebook is not None:
+            good = ((rows >= 0) & (rows < np.array(f.codebook.sizes))) | (rows == f.codebook.pad)
+        if not good.all():
+            row, column = (int(i) for i in np.argwhere(~good)[0])
             clip = ""
             if f.per_clip:
-                number = int(np.searchsorted(clips.first[f.name], begin + row, side="right")) - 1
-                clip = f" (clip {clips.records[number].id})"
+                first, stop = (int(k) for k in tables.shard_begin[number : number + 2])
+                starts = tables.spans[f.name].first[first:stop]
+                clip = f" (clip {tables.ids[first + int(np.searchsorted(starts, begin + row, side='right')) - 1]})"
+            problem = "not finite" if f.codebook is None else "not codes of their codebook"
             yield (
-                f"/{f.path}: {int((~finite).sum())} values are not finite, first row {begin + row}"
+                f"/{f.path}: {int((~good).sum())} values are {problem}, first row {begin + row}"
                 f"{clip}, column {f.columns.labels[column]}"
             )
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +13,11 @@ from dancedata.core.clip import Window
 from dancedata.store.schema import slice_name
 
 IntArray = npt.NDArray[np.int64]
+#: Columns of a table may have 32 bits.
+Whole = npt.NDArray[np.integer[Any]]
 
 
-def window_order(
-    clip_ids: Sequence[str], clip: npt.NDArray[np.int64], index: npt.NDArray[np.int64], order: str
-) -> npt.NDArray[np.int64]:
+def window_order(clip_ids: Sequence[str], clip: Whole, index: Whole, order: str) -> IntArray:
     """Return the positions (W,) that sort windows into the store's order.
 
     `clip` and `index` (W,) are each window's clip number and its number in its clip. "time" keeps their order; "name"
@@ -31,7 +31,7 @@ def window_order(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindowList(Sequence[Window]):
-    """Windows as a sequence; each is made on access, so that a million of them take four arrays.
+    """Windows as a sequence; each is made on access, so that a million of them take a few arrays.
 
     Attributes
     ----------
@@ -43,27 +43,28 @@ class WindowList(Sequence[Window]):
         (W,) number of each window's clip in `clip_ids`.
     start, length
         (W,) frames at the store's fps.
-    number
-        (W,) number of each window among the windows of its clip.
     """
 
     split: str
-    clip_ids: tuple[str, ...]
-    clip: IntArray
-    start: IntArray
-    length: IntArray
-    number: IntArray
+    clip_ids: Sequence[str]
+    clip: Whole
+    start: Whole
+    length: Whole
+
+    @classmethod
+    def equally_long(cls, split: str, clip_ids: Sequence[str], clip: Whole, start: Whole, length: int) -> WindowList:
+        """Return windows of one length, which takes no memory."""
+        return cls(split, clip_ids, clip, start, np.broadcast_to(np.int64(length), clip.shape))
 
     @classmethod
     def joined(cls, split: str, lists: Sequence[WindowList]) -> WindowList:
         """Return the windows of several lists, one list after another, under the name of a split."""
+        if len(lists) == 1:
+            return cls(split, lists[0].clip_ids, lists[0].clip, lists[0].start, lists[0].length)
         before = np.cumsum([0, *(len(part.clip_ids) for part in lists)])[:-1]
         clip = np.concatenate([part.clip + b for part, b in zip(lists, before, strict=True)])
-        start, length, number = (
-            np.concatenate([getattr(part, name) for part in lists]) for name in ("start", "length", "number")
-        )
-        ids = tuple(clip_id for part in lists for clip_id in part.clip_ids)
-        return cls(split, ids, clip, start, length, number)
+        start, length = (np.concatenate([getattr(part, name) for part in lists]) for name in ("start", "length"))
+        return cls(split, tuple(clip_id for part in lists for clip_id in part.clip_ids), clip, start, length)
 
     def __len__(self) -> int:
         return len(self.clip)
@@ -77,16 +78,19 @@ class WindowList(Sequence[Window]):
     def __getitem__(self, item: int | slice) -> Window | WindowList:
         if isinstance(item, slice):
             return self.take(np.arange(len(self))[item])
-        return Window(self.clip_ids[self.clip[item]], int(self.start[item]), int(self.length[item]))
+        return Window(self.clip_ids[int(self.clip[item])], int(self.start[item]), int(self.length[item]))
 
     def take(self, positions: npt.ArrayLike) -> WindowList:
         """Return the windows at `positions`, or where a mask of booleans is true, in that order."""
         places = np.asarray(positions)
         if places.dtype != np.bool_:
             places = places.astype(np.int64)
-        return WindowList(
-            self.split, self.clip_ids, self.clip[places], self.start[places], self.length[places], self.number[places]
-        )
+        elif places.all() and places.shape == self.clip.shape:
+            return self
+        clip, start = self.clip[places], self.start[places]
+        if len(self) and self.length.strides == (0,):
+            return self.equally_long(self.split, self.clip_ids, clip, start, int(self.length[0]))
+        return WindowList(self.split, self.clip_ids, clip, start, self.length[places])
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, WindowList):

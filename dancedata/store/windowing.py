@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import WindowGrid
 from dancedata.store.dataset_json import Description
 from dancedata.store.schema import Field
-from dancedata.store.shard_reader import ShardReader
-from dancedata.store.shard_tables import ClipTable
+from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, WindowList, window_order
 
 Seconds = float | str | Fraction
@@ -42,24 +42,20 @@ def _frames(description: Description, what: str, seconds: Seconds | None, frames
     return int(frames)
 
 
-def stored_windows(split: str, shards: Sequence[ShardReader]) -> WindowList:
-    """Return the windows of a split as stored, shard by shard."""
-    parts = [(s.windows.clip, s.windows.start, s.windows.length, s.windows.index) for s in shards]
-    return _join(split, shards, parts)
+def stored_windows(tables: Tables) -> WindowList:
+    """Return the windows of a split as stored."""
+    clip, start = tables.window_clip, tables.window_start
+    return WindowList.equally_long(tables.split, tables.ids, clip, start, tables.window_length)
 
 
 def cut_windows(
-    split: str,
-    shards: Sequence[ShardReader],
-    description: Description,
-    windows: WindowGrid,
-    fields: Sequence[Field],
-    trim: bool = False,
+    tables: Tables, description: Description, windows: WindowGrid, fields: Sequence[Field], trim: bool = False
 ) -> WindowList:
     """Return windows of any length and stride, which end where the clip ends, or the first of `fields`.
 
-    With `trim` they begin at the clip's trim_start, or at the next frame that is a whole row of every field.
-    UsageError if length or stride is not a whole number of rows of a field.
+    They begin with the clip, or with the first whole row that the last of `fields` has; with `trim` at the clip's
+    trim_start, or at the next frame that is a whole row of every field. UsageError if length or stride is not a whole
+    number of rows of a field.
     """
     for f in fields:
         for what, frames in (("length", windows.length), ("stride", windows.stride)):
@@ -70,68 +66,55 @@ def cut_windows(
                     allowed=f"multiples of {description.grid.common_period(f.grid)[0]} frames",
                     fix="choose another, or leave the field out of fields=",
                 )
-    parts = []
-    for shard in shards:
-        table = shard.clips
-        starts: list[IntArray] = []
-        for number in range(len(table.records)):
-            begins = window_starts(table, number, description, windows, fields, trim)
-            starts.append(np.arange(begins.start, begins.stop, begins.step, dtype=np.int64))
-        counts = [len(s) for s in starts]
-        clip = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
-        index = np.concatenate([*(np.arange(n, dtype=np.int64) for n in counts), np.empty(0, np.int64)])
-        start = np.concatenate([*starts, np.empty(0, np.int64)])
-        order = window_order([r.id for r in table.records], clip, index, description.order)
-        parts.append((clip[order], start[order], np.full(len(clip), windows.length, np.int64), index[order]))
-    return _join(split, shards, parts)
+    begin, end = _spans(tables, description, fields, trim)
+    counts = np.maximum((end - begin - windows.length) // windows.stride + 1, 0)
+    clip = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+    index = np.arange(len(clip)) - np.repeat(np.cumsum(counts) - counts, counts)
+    start = begin[clip] + index * windows.stride
+    if description.order == "name":  # shard by shard
+        edges = np.searchsorted(clip, tables.shard_begin)
+        parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
+        order = np.concatenate([p.start + window_order(tables.ids, clip[p], index[p], "name") for p in parts])
+        clip, start = clip[order], start[order]
+    return WindowList.equally_long(tables.split, tables.ids, clip, start, windows.length)
 
 
 def window_starts(
-    table: ClipTable, number: int, description: Description, windows: WindowGrid, fields: Sequence[Field], trim: bool
+    tables: Tables, row: int, description: Description, windows: WindowGrid, fields: Sequence[Field], trim: bool
 ) -> range:
-    """Return the first frames of a clip's windows; arguments as for `cut_windows`, `number` is that of the clip."""
-    begin, end = _span(table, number, description, fields, trim)
+    """Return the first frames of a clip's windows; arguments as for `cut_windows`, `row` is that of the clip."""
+    begin, end = (int(frames[0]) for frames in _spans(tables, description, fields, trim, slice(row, row + 1)))
     count = max(windows.count(end - begin), 0)
     return range(begin, begin + count * windows.stride, windows.stride)
 
 
-def whole_clips(
-    split: str, shards: Sequence[ShardReader], description: Description, fields: Sequence[Field], trim: bool = False
-) -> WindowList:
+def whole_clips(tables: Tables, description: Description, fields: Sequence[Field], trim: bool = False) -> WindowList:
     """Return one window per clip: all its frames that are whole rows of every one of `fields`; none without such."""
     period = whole_period(description, fields)
-    parts = []
-    for shard in shards:
-        numbers = range(len(shard.clips.records))
-        spans = [_span(shard.clips, number, description, fields, trim) for number in numbers]
-        begin, end = np.array(spans, dtype=np.int64).reshape(-1, 2).T
-        length = (end - begin) // period * period
-        clip = np.flatnonzero(length > 0)
-        parts.append((clip, begin[clip], length[clip], np.zeros(len(clip), np.int64)))
-    return _join(split, shards, parts)
+    begin, end = _spans(tables, description, fields, trim)
+    length = (end - begin) // period * period
+    clip = np.flatnonzero(length > 0)
+    return WindowList(tables.split, tables.ids, clip, begin[clip], length[clip])
 
 
-def _span(
-    table: ClipTable, number: int, description: Description, fields: Sequence[Field], trim: bool
-) -> tuple[int, int]:
-    """Return where a clip begins and ends, in frames: with `trim` after its trim_start, and within all fields."""
-    record, period = table.records[number], whole_period(description, fields)
-    ends = [f.grid.rows_down(int(table.available[f.name][number]), of=description.grid) for f in fields]
-    begin = -(-record.trim_start // period) * period if trim else 0
-    return begin, min([record.n_frames, *ends])
+def _spans(
+    tables: Tables, description: Description, fields: Sequence[Field], trim: bool, rows: slice = slice(None)
+) -> tuple[IntArray, IntArray]:
+    """Return where clips begin and end, in frames: with `trim` after their trim_start, and within all fields."""
+    grid, period = description.grid, whole_period(description, fields)
+    end = tables.n_frames[rows].astype(np.int64)
+    begin = np.zeros_like(end)
+    if trim and "trim_start" in tables.columns:
+        begin = -(-np.asarray(tables.columns["trim_start"][rows], dtype=np.int64) // period) * period
+    for f in fields:
+        spans = tables.spans[f.name]
+        end = np.minimum(end, f.grid.rows_of_all(spans.available[rows], of=grid)[0])
+        if spans.leads and spans.offset is not None:
+            frames = -f.grid.rows_of_all(np.minimum(spans.offset[rows], 0), of=grid)[0]  # rounded up
+            begin = np.maximum(begin, -(-frames // period) * period)
+    return begin, end
 
 
 def whole_period(description: Description, fields: Sequence[Field]) -> int:
     """Return the least number of frames that is a whole number of rows of every field."""
     return math.lcm(*(description.grid.common_period(f.grid)[0] for f in fields))
-
-
-def _join(
-    split: str, shards: Sequence[ShardReader], parts: Sequence[tuple[IntArray, IntArray, IntArray, IntArray]]
-) -> WindowList:
-    sizes = [len(s.clips.records) for s in shards]
-    before = np.cumsum([0, *sizes])[:-1]
-    clip = np.concatenate([p[0] + b for p, b in zip(parts, before, strict=True)])
-    start, length, index = (np.concatenate([p[i] for p in parts]) for i in (1, 2, 3))
-    ids = tuple(r.id for s in shards for r in s.clips.records)
-    return WindowList(split, ids, clip.astype(np.int64), start, length, index)

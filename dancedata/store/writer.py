@@ -1,4 +1,4 @@
-"""write_store: shards, statistics, side files, and dataset.json last."""
+"""write_store: shards, tables, statistics, side files, and dataset.json last."""
 
 import itertools
 import json
@@ -6,28 +6,32 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import json_sha256
-from dancedata.files.atomic import write_text
+from dancedata.core.hashing import json_sha256, sha256_bytes
+from dancedata.files.atomic import write_bytes, write_text
 from dancedata.files.regular_file import sha256_file
+from dancedata.store.leaves import LEAF, leaf_hashes
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
     FORMAT,
-    QUALITY_FILE,
+    LEAVES_FILE,
     REJECTS_FILE,
     STATS_FILE,
     StoreHeader,
 )
+from dancedata.store.segments import layer_json, quality_segments
 from dancedata.store.shard_plan import ShardPlan, plan_shards
 from dancedata.store.shard_writer import SameColumns, written_shard
 from dancedata.store.songs import songs_of
 from dancedata.store.stats import compute_stats
 from dancedata.store.stored_clip import StoredClip
+from dancedata.store.table_writer import TablePlan, write_tables
 
 
 def write_store(
@@ -41,7 +45,7 @@ def write_store(
     card: str = "",
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a dataset of format 1 into a folder; equal input gives equal bytes.
+    """Write a dataset into a folder; equal input gives equal bytes.
 
     Parameters
     ----------
@@ -51,8 +55,10 @@ def write_store(
         Fields, windows and frame rate of the store.
     clips
         In any order. Their arrays are loaded one at a time.
-    rejects, quality
-        For rejects.jsonl and quality.jsonl, in this order.
+    rejects
+        For rejects.jsonl, in this order.
+    quality
+        Quality flags of the clips, for the layers "quality" of their segments.
     shard_bytes
         A shard takes clips while its rows stay within this many bytes; it has at least one clip.
     card
@@ -63,11 +69,14 @@ def write_store(
     Raises
     ------
     StoreError
-        For input that format 1 cannot hold, values that are not finite, and a folder that cannot be written to.
+        For input that the format cannot hold, values that are not finite, and a folder that cannot be written to.
     """
     _check_folder(out)
+    flags = quality_segments(quality, {clip.id: clip.n_frames for clip in clips}, header.grid)
+    clips = [replace(c, segments=(*c.segments, *flags[c.id])) if c.id in flags else c for c in clips]
     plans = plan_shards(header, clips, shard_bytes)
-    document = _check_meta(header, _describe(header, plans, rejects))
+    tables = TablePlan.of(header, clips)
+    document = _check_meta(header, _describe(header, plans, tables, rejects))
     done = itertools.count(1)
 
     def advance() -> None:
@@ -82,7 +91,7 @@ def write_store(
             # A shard is flushed and hashed while the next one is written, or the statistics are computed; at most one
             # waits for either.
             published: list[Future[None]] = []
-            entries: list[Future[dict[str, Any]]] = []
+            entries: list[Future[tuple[dict[str, Any], bytes]]] = []
             same: list[SameColumns] = []
             for plan in plans:
                 with ExitStack() as shard:
@@ -93,12 +102,15 @@ def write_store(
                 entries.append(hashing.submit(_describe_shard, out, plan, published[-1]))
             published[-1].result()
             stats = compute_stats(out, header, plans, same)
-            document["shards"] = [entry.result() for entry in entries]
+            document["shards"] = [entry.result()[0] for entry in entries]
+        document |= _write_tables(out, tables, plans)
+        leaves = b"".join(entry.result()[1] for entry in entries)
+        write_bytes(out / LEAVES_FILE, leaves)
+        document["leaves"] = {"size": LEAF, "sha256": sha256_bytes(leaves)}
         write_text(out / STATS_FILE, dump_json(stats))
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
-        write_text(out / QUALITY_FILE, dump_lines(quality))
         write_text(out / CARD_FILE, card)
-        side_files = (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE)
+        side_files = (LEAVES_FILE, STATS_FILE, REJECTS_FILE, CARD_FILE)
         document["files"] = {name: _describe_file(out / name) for name in side_files}
         document["self_sha256"] = json_sha256(document)
         write_text(out / DATASET_FILE, dump_json(document))
@@ -132,14 +144,24 @@ def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
     return "".join(json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows)
 
 
-def _describe(header: StoreHeader, plans: Sequence[ShardPlan], rejects: Sequence[Reject]) -> dict[str, Any]:
+def _describe(
+    header: StoreHeader, plans: Sequence[ShardPlan], tables: TablePlan, rejects: Sequence[Reject]
+) -> dict[str, Any]:
     return {
         "format": FORMAT,
+        "needs": [],
         "scope": header.scope,
         "fps": str(header.fps),
         "windows": {"length": header.length, "stride": header.stride, "order": header.order},
         "fields": [f.to_json() for f in header.fields],
         "skeleton": header.skeleton.to_json(),
+        "tables": {
+            name: {
+                "file": "segments" if name == "segments" else "tables",
+                "columns": [{"name": column, "type": kind} for column, kind in columns.items()],
+            }
+            for name, columns in tables.types.items()
+        },
         "counts": _count(header, plans),
         "rejects": dict(sorted(Counter(r.reason for r in rejects).items())),
     }
@@ -147,7 +169,7 @@ def _describe(header: StoreHeader, plans: Sequence[ShardPlan], rejects: Sequence
 
 def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[str, int | float]]:
     counts: dict[str, dict[str, int | float]] = {}
-    songs = songs_of([c for p in plans for c in p.clips], header.meta)
+    songs = songs_of([c for p in plans for c in p.clips])
     for split in dict.fromkeys(p.split for p in plans):
         clips = [c for p in plans if p.split == split for c in p.clips]
         frames = sum(c.n_frames for c in clips)
@@ -157,13 +179,36 @@ def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[st
             "frames": frames,
             "hours": float(header.grid.seconds(frames) / 3600),
             "songs": len({songs[c.id] for c in clips if c.id in songs}),
+            **_count_groups(header, clips),
         }
     return counts
 
 
+def _count_groups(header: StoreHeader, clips: Sequence[StoredClip]) -> dict[str, int | float]:
+    """Return the numbers of a split with groups: `hours` count each dancer, `scene_hours` each group once."""
+    frames = {clip.group or clip.id: clip.n_frames for clip in clips}
+    groups = len({clip.group for clip in clips if clip.group})
+    return (
+        {"groups": groups, "scene_hours": float(header.grid.seconds(sum(frames.values())) / 3600)} if groups else {}
+    )
+
+
+def _write_tables(out: Path, tables: TablePlan, plans: Sequence[ShardPlan]) -> dict[str, Any]:
+    """Write the tables of all splits, and return their keys of dataset.json."""
+    splits, layers, empty = {}, Counter[int](), 0
+    for split in dict.fromkeys(plan.split for plan in plans):
+        written = write_tables(out, tables, split, [plan for plan in plans if plan.split == split])
+        files = {part: {"file": name, **_describe_file(out / name)} for part, name in written["files"].items()}
+        splits[split] = {**files, "rows": written["rows"]}
+        layers.update(written["layers"])
+        empty += written["empty_segments"]
+    entries = [layer_json(layer, layers[number]) for number, layer in enumerate(tables.layers)]
+    return {"splits": splits, "layers": entries, **({"empty_segments": empty} if empty else {})}
+
+
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
     """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
-    reserved = {*document, "shards", "files", "self_sha256"}
+    reserved = {*document, "shards", "splits", "layers", "leaves", "files", "self_sha256"}
     clashing = sorted(reserved & set(header.meta))
     if clashing:
         raise StoreError("meta has keys that the format uses itself", found=", ".join(clashing))
@@ -174,15 +219,22 @@ def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]
     return {**document, **meta}
 
 
-def _describe_shard(out: Path, plan: ShardPlan, published: Future[None]) -> dict[str, Any]:
+def _describe_shard(out: Path, plan: ShardPlan, published: Future[None]) -> tuple[dict[str, Any], bytes]:
+    """Return the entry of a shard in dataset.json, and its part of leaves.bin."""
     published.result()
-    return {
+    path = out / plan.file
+    sha256, digests = leaf_hashes(path)
+    entry = {
         "file": plan.file,
         "split": plan.split,
-        **_describe_file(out / plan.file),
+        "size": path.stat().st_size,
+        "sha256": sha256,
+        "leaves_sha256": sha256_bytes(digests),
         "clips": len(plan.clips),
         "windows": sum(len(c.starts) for c in plan.clips),
+        "fields": {f.name: [plan.first_bytes[f.name], plan.rows[f.name]] for f in plan.header.fields},
     }
+    return entry, digests
 
 
 def _describe_file(path: Path) -> dict[str, Any]:

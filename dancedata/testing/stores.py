@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -233,5 +233,4 @@ def _rows(f: Field, header: StoreHeader, frames: int) -> int:
 
 
 def _random(rng: np.random.Generator, f: Field, shape: tuple[int, ...]) -> Array:
-    kind: Literal["float32", "float16"] = f.dtype
-    return rng.normal(size=(*shape, f.columns.width)).astype(kind)
+    return rng.normal(size=(*shape, f.columns.width)).astype(f.dtype)

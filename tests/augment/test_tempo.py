@@ -192,7 +192,7 @@ def test_plan_parts_and_jobs_see_the_same_copies(source: Path, tmp_path: Path) -
     assert all(sha256_file(tmp_path / "a" / s) == sha256_file(tmp_path / "b" / s) for s in shards[0])
     store = dancedata.open(tmp_path / "a")
     # Stretched copies of a song are not counted as songs, nor shared by another split.
-    songs = songs_of(store.clips, store.meta)
+    songs = songs_of(store.clips)
     assert all(songs[clip.id] == songs[clip.source] for clip in store.clips if clip.source)
     assert {split: own["songs"] for split, own in store.meta["counts"].items()} == {
         split: own["songs"] for split, own in plan["splits"].items()

@@ -151,7 +151,7 @@ def test_music_without_mp3(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_damaged_dataset(monkeypatch: pytest.MonkeyPatch) -> None:
     def build(*arguments: Any, **options: Any) -> Any:
         built = plain(*arguments, **options)
-        shard = next(built.path.glob("*.h5"))
+        shard = next(built.path.glob("*-of-*.h5"))
         shard.write_bytes(shard.read_bytes()[:-1] + b"x")
         return built
 

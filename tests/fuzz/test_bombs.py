@@ -67,15 +67,15 @@ def linked(target: object) -> Callable[[bytes], bytes]:
     def changed(whole: bytes) -> bytes:
         memory = io.BytesIO(whole)
         with h5py.File(memory, "r+") as file:
-            del file["motion/pose"]
+            del file["windows/start"]
             if target == "virtual":
-                layout = h5py.VirtualLayout((60, 3), "<f4")
-                layout[:] = h5py.VirtualSource("/etc/passwd", "x", (60, 3))
-                file.create_virtual_dataset("motion/pose", layout)
+                layout = h5py.VirtualLayout((6,), "<i4")
+                layout[:] = h5py.VirtualSource("/etc/passwd", "x", (6,))
+                file.create_virtual_dataset("windows/start", layout)
             elif target == "external":
-                file.create_dataset("motion/pose", (60, 3), "<f4", external=[("/etc/passwd", 0, 720)])
+                file.create_dataset("windows/start", (6,), "<i4", external=[("/etc/passwd", 0, 24)])
             else:
-                file["motion/pose"] = target
+                file["windows/start"] = target
         return memory.getvalue()
 
     return changed
@@ -149,7 +149,7 @@ def test_small_files_that_want_much(hunt: ModuleType, tmp_path: Path, target: st
     assert target == "label" or "valid" not in report["outcomes"], report["outcomes"]
 
 
-def test_shards_that_want_much_or_look_elsewhere(hunt: ModuleType, tmp_path: Path) -> None:
+def test_tables_that_want_much_or_look_elsewhere(hunt: ModuleType, tmp_path: Path) -> None:
     from fractions import Fraction
 
     from dancedata.store.schema import Field
@@ -160,15 +160,15 @@ def test_shards_that_want_much_or_look_elsewhere(hunt: ModuleType, tmp_path: Pat
         Field("music", "audio", random_columns(2, mirror=False), Fraction(30), "float16"),
     )
     made = write_random_store(tmp_path / "store", fields=fields, clips={"train": 2}, n_frames=(40, 60), length=20)
-    whole = (made.path / "train-00000-of-00001.h5").read_bytes()
+    whole = (made.path / "train-tables.h5").read_bytes()
     changes = [
-        shard("motion/pose", 1 << 30, chunked=False),
-        shard("motion/pose", 1 << 55, chunked=True),
-        shard("clips/id", 1 << 40, chunked=True),
+        shard("clips/id/bytes", 1 << 30, chunked=False),
+        shard("clips/id/bytes", 1 << 55, chunked=True),
+        shard("clips/id/offset", 1 << 40, chunked=True),
         shard("windows/start", 1 << 30, chunked=False),
-        linked(h5py.ExternalLink("other.h5", "/motion/pose")),
-        linked(h5py.SoftLink("/audio/music")),
-        linked(h5py.SoftLink("/motion/pose")),
+        linked(h5py.ExternalLink("other.h5", "/windows/start")),
+        linked(h5py.SoftLink("/windows/clip")),
+        linked(h5py.SoftLink("/windows/start")),
         linked("virtual"),
         linked("external"),
     ]

@@ -32,12 +32,15 @@ TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 FILES = {
     "README.md",
     "dataset.json",
-    "quality.jsonl",
+    "leaves.bin",
     "rejects.jsonl",
     "stats.json",
     "train-00000-of-00001.h5",
     "val-00000-of-00001.h5",
     "test-00000-of-00001.h5",
+    "train-tables.h5",
+    "val-tables.h5",
+    "test-tables.h5",
 }
 
 

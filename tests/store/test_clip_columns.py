@@ -5,18 +5,20 @@ import os
 import shutil
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
 
 import dancedata
-from dancedata.store.clip_columns import CLIP_COLUMNS, COUNT, NAME, NUMBER, TEXT, TEXT_LIST, ClipRecord, ColumnType
+from dancedata.core.errors import StoreError
+from dancedata.store import open_store, verify_store, write_store
+from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
+from dancedata.testing.stores import write_random_store
+from tests.messages import raises_message
 
 FIELD = ("    id: str\n", "    id: str\n    studio: str = ''\n")
-ROW = (
-    '    ClipColumn("id", NAME, "clip"),\n',
-    '    ClipColumn("id", NAME, "clip"),\n    ClipColumn("studio", TEXT, "studio"),\n',
-)
+ROW = ('    _text("genre", "genre"),\n', '    _text("genre", "genre"),\n    _text("studio", "studio"),\n')
 
 SCRIPT = """
 import dataclasses, sys
@@ -46,18 +48,27 @@ try:
     write("three", "To\\nkyo")
 except StoreError as error:
     print("write:", error)
-with h5py.File(next(two.glob("*.h5")), "r+") as file:
+opened = open_store(two)
+with h5py.File(two / "train-tables.h5", "r+") as file:
     del file["clips/studio"]
 from dancedata.store.dataset_json import load_description
-from dancedata.store.verify_shard import verify_shard
+import os
+from dancedata.store import Store
+from dancedata.store.listed_file import ListedFile
+from dancedata.store.verify_shard import verify_split
 description = load_description(two)
-print("layout:", *verify_shard(next(two.glob("*.h5")), description, description.shards[0])[0])
+entry = description.splits["train"].tables
+size = (two / entry.file).stat().st_size
+listed = {**opened._files, entry.file: ListedFile(two / entry.file, size, "", os.stat(two / entry.file))}
+print("layout:", *verify_split(Store(two, description, listed), description, "train"))
 """
 
 
 def test_every_attribute_of_a_record_has_a_column() -> None:
-    # The split is an attribute of the shard.
-    assert {column.name for column in CLIP_COLUMNS} | {"split"} == {f.name for f in dataclasses.fields(ClipRecord)}
+    # The split is an attribute of the tables, free columns have the prefix x/.
+    assert {column.name for column in CLIP_COLUMNS} | {"split", "columns"} == {
+        f.name for f in dataclasses.fields(ClipRecord)
+    }
 
 
 def test_another_attribute_is_two_entries(tmp_path: Path) -> None:
@@ -84,23 +95,67 @@ def test_another_attribute_is_two_entries(tmp_path: Path) -> None:
     assert "studio" in shown["report"]
     assert "Tokyo" in shown["report"]
     assert "studio: an attribute of a clip cannot be stored: a text with a NUL or a line break" in shown["write"]
-    assert "/clips/studio is missing" in shown["layout"]
+    assert "/clips/studio/offset: a shard lacks a dataset" in shown["layout"]
+
+
+COLUMNS = {column.name: column for column in CLIP_COLUMNS}
 
 
 @pytest.mark.parametrize(
     ("column", "value"),
-    [(NAME, "clip é"), (TEXT, ""), (TEXT_LIST, ()), (TEXT_LIST, ("a", "b c")), (NUMBER, None), (NUMBER, 92.5),
-     (COUNT, 0), (COUNT, 2**40)],
+    [("id", "clip é"), ("genre", ""), ("lists", ()), ("lists", ("a", "b c")), ("tempo_bpm", None),
+     ("tempo_bpm", 92.5), ("n_flags", 0), ("n_flags", 2**31 - 1), ("audio_start", Fraction(-1, 3)),
+     ("source_end", None),
+     ("made_of", "0123456789ab" * 3), ("made_of", ""), ("member", -1)],
 )  # fmt: skip
-def test_values_come_back(column: ColumnType, value: object) -> None:
-    assert column.problem(value) == ""
-    assert column.decode(column.encode(value)) == value
+def test_values_come_back(tmp_path: Path, column: str, value: object) -> None:
+    made = write_random_store(tmp_path / "draft", clips={"train": 2})
+    clips = [dataclasses.replace(made.clips[0], **{column: value}), *made.clips[1:]]
+    (tmp_path / "store").mkdir()
+    write_store(tmp_path / "store", made.header, clips)
+    with open_store(tmp_path / "store") as store:
+        assert value in [getattr(clip, column) for clip in store.clips]
 
 
 @pytest.mark.parametrize(
     ("column", "value"),
-    [(NAME, ""), (TEXT, "a\0"), (TEXT, "\udcff"), (TEXT, 3), (TEXT_LIST, ("a\nb",)), (TEXT_LIST, ("",)),
-     (NUMBER, "92"), (COUNT, -1), (COUNT, 1.5)],
+    [("id", ""), ("genre", "a\0"), ("genre", "\udcff"), ("genre", 3), ("lists", ("a\nb",)), ("lists", ("",)),
+     ("lists", "ab"), ("tempo_bpm", "92"), ("n_flags", -1), ("n_flags", 1.5), ("n_flags", 2**31), ("n_frames", 0),
+     ("audio_start", 0.5), ("made_of", "xyz"), ("member", "1")],
 )  # fmt: skip
-def test_values_that_cannot_be_stored(column: ColumnType, value: object) -> None:
-    assert column.problem(value)
+def test_values_that_cannot_be_stored(column: str, value: object) -> None:
+    assert COLUMNS[column].problem(value)
+
+
+FREE = {"level": (3, 5), "indoors": (True, False), "bpm": (80, 92.5), "tags": (("a", "b"), ()), "beats": ((1, 2), ())}
+
+
+def test_free_columns_come_back_with_their_types(tmp_path: Path) -> None:
+    made = write_random_store(tmp_path / "draft", clips={"train": 2, "test": 1})
+    of_clip = [{name: pair[k] for name, pair in FREE.items()} for k in range(2)]
+    clips = [dataclasses.replace(c, columns=of_clip[k] if k < 2 else {}) for k, c in enumerate(made.clips)]
+    (tmp_path / "store").mkdir()
+    write_store(tmp_path / "store", made.header, clips)
+    assert verify_store(tmp_path / "store") == []
+    with open_store(tmp_path / "store") as store:
+        types = store.tables("train").types
+        assert types == {
+            "x/level": "int",
+            "x/indoors": "bool",
+            "x/bpm": "float",
+            "x/tags": "texts",
+            "x/beats": "ints",
+        }
+        first, second, third = (store.clip(c.id).columns for c in made.clips)
+    assert first == of_clip[0]
+    assert second == {name: value for name, value in of_clip[1].items() if value != ()}
+    assert third == {}
+
+
+@pytest.mark.parametrize("values", [("a", 1), (object(),), (("a", 1),)])
+def test_free_columns_of_several_types_are_refused(tmp_path: Path, values: tuple[object, ...]) -> None:
+    made = write_random_store(tmp_path / "draft", clips={"train": 2})
+    clips = [dataclasses.replace(c, columns={"x": values[k % len(values)]}) for k, c in enumerate(made.clips)]
+    (tmp_path / "store").mkdir()
+    with raises_message(StoreError):
+        write_store(tmp_path / "store", made.header, clips)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -37,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
 def edit(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
     """Change dataset.json, and make the hashes in it right, as an adversary does."""
     document = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
-    for name in ("stats.json", "rejects.jsonl", "quality.jsonl"):
+    for name in ("stats.json", "rejects.jsonl"):
         document["files"][name]["sha256"] = sha256_file(folder / name)
     change(document)
     document["self_sha256"] = self_hash(document)
@@ -66,7 +67,7 @@ def ended_by_an_alarm(seconds: int = 60) -> Iterator[None]:
         signal.signal(signal.SIGALRM, previous)
 
 
-@pytest.mark.parametrize("name", ["dataset.json", "stats.json", "rejects.jsonl", "quality.jsonl"])
+@pytest.mark.parametrize("name", ["dataset.json", "stats.json", "rejects.jsonl"])
 @pytest.mark.parametrize("kind", ["pipe", "device"])
 def test_no_command_waits_for_special_files(folder: Path, name: str, kind: str) -> None:
     (folder / name).unlink()
@@ -113,8 +114,6 @@ def test_control_characters_in_a_description(folder: Path) -> None:
 
     rows = [{"reason": LOUD, "clip": LOUD}, {"reason": "nan", "file": "\ud800"}]
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    flag = {"clip": LOUD, "kind": LOUD, "joint": LOUD, "unit": LOUD, "frame": 3, "value": 1.5}
-    (folder / "quality.jsonl").write_text(json.dumps(flag) + "\n")
     edit(folder, change)
     text = everything(folder)
     assert SAFE in text
@@ -167,11 +166,6 @@ def test_deep_nesting_in_a_description(folder: Path) -> None:
         ("rejects.jsonl", '{"reason": "nan", "clip": ["x"]}'),
         ("rejects.jsonl", '{"reason": "nan", "window": "x"}'),
         ("rejects.jsonl", "[]"),
-        ("quality.jsonl", '{"kind": "x"}'),
-        ("quality.jsonl", '{"clip": "x", "value": "much"}'),
-        ("quality.jsonl", '{"clip": "x", "value": 1e999}'),
-        ("quality.jsonl", f'{{"clip": "x", "value": {"9" * 4000}}}'),
-        ("quality.jsonl", '{"clip": "x", "frame": true}'),
     ],
 )
 def test_lines_of_other_types_are_an_error(folder: Path, name: str, line: str) -> None:
@@ -182,13 +176,11 @@ def test_lines_of_other_types_are_an_error(folder: Path, name: str, line: str) -
 
 
 def test_many_lines_are_parsed_in_linear_time(folder: Path) -> None:
-    """Each with its own reason, or its own clip."""
+    """Each with its own reason."""
     rejects = [{"reason": f"r{k}", "clip": f"c{k}"} for k in range(20_000)]
     (folder / "rejects.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rejects))
-    flags = [{"clip": f"c{k}", "frame": 1, "value": 1} for k in range(20_000)]
-    (folder / "quality.jsonl").write_text("".join(json.dumps(row) + "\n" for row in flags))
     edit(folder, lambda document: None)
-    assert len(describe_store(folder).split("\n")) > 20_000
+    assert describe_store(folder).count("\n    r") >= 8
 
 
 def test_files_next_to_a_dataset_are_named_without_their_control_characters(folder: Path) -> None:
@@ -204,3 +196,33 @@ def test_rates_that_no_integer_holds_are_an_error(folder: Path, rate: str) -> No
     edit(folder, lambda document: document["fields"][0].update(rate=rate))
     with raises_message(StoreError):
         everything(folder)
+
+
+FLAG = {"clip": "train_c00", "kind": "k", "joint": "j", "frame": 3, "value": 1.5, "unit": "deg", "rate": "30"}
+
+
+def test_control_characters_of_quality_flags(tmp_path: Path) -> None:
+    flag = FLAG | {"kind": LOUD.replace("\0", ""), "joint": LOUD, "unit": LOUD}
+    made = write_random_store(
+        tmp_path / "store", fields=random_fields({"pose": 3}, {}), clips={"train": 1}, n_frames=(40, 40), length=20,
+        quality=[flag, FLAG],
+    )  # fmt: skip
+    text = everything(made.path)
+    assert all(c.isprintable() or c == "\n" for c in text)
+
+
+@pytest.mark.parametrize(
+    "line", ['{"value": "much"}', '{"frame": true}', '{"unit": 3}', '{"joint": 7}', "[1, 2]", '{"frame": 1e999}', "{"]
+)
+def test_data_of_quality_flags_of_other_types_are_an_error(tmp_path: Path, line: str) -> None:
+    """The format 1 has them in quality.jsonl."""
+    folder = tmp_path / "store"
+    shutil.copytree(Path(__file__).parent / "format1" / "track", folder)
+    row = '{"clip": "train_c01", ' + line[1:] if line.startswith("{") else line
+    (folder / "quality.jsonl").write_text(row + "\n")
+    document = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
+    document["files"]["quality.jsonl"]["sha256"] = sha256_file(folder / "quality.jsonl")
+    document["self_sha256"] = self_hash(document)
+    (folder / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
+    with raises_message(StoreError):
+        describe_store(folder)

@@ -45,37 +45,45 @@ def test_data_is_aligned_contiguous_and_little_endian(make_store: Any, scope: st
 
 def test_names_are_the_documented_ones(make_store: Any, scope: str) -> None:
     made = make_store(scope=scope)
-    wanted = {f"clips/{n}" for n in ("id", "genre", "music", "dancer", "tempo_bpm", "source", "n_frames", "n_flags")}
-    wanted |= {"clips/trim_start", "clips/lists", "clips/height_m", "clips/source_rate"}
-    wanted |= {f"windows/{n}" for n in ("clip", "start", "length", "index")}
-    wanted |= {f"windows/rows/{n}" for n in ("pose", "fast", "music", "layer")}
-    wanted |= {"motion/pose", "motion/fast", "audio/music", "audio/layer"}
-    wanted |= {f"clips/motion/{n}/{c}" for n in ("pose", "fast") for c in ("start", "length")}
+    texts = {f"clips/{n}/{part}" for n in ("id", "genre", "music", "dancer") for part in ("offset", "bytes")}
+    tables = texts | {f"clips/lists/{part}" for part in ("list", "offset", "bytes")}
+    tables |= {f"clips/{n}" for n in ("tempo_bpm", "n_frames", "n_flags", "by_id")} | {
+        "windows/clip",
+        "windows/start",
+    }
+    tables |= {f"clips/motion/{n}/{c}" for n in ("pose", "fast") for c in ("start", "length")}
     if scope == "track":
-        wanted |= {f"clips/audio/{n}/{c}" for n in ("music", "layer") for c in ("start", "length", "offset")}
+        tables |= {f"clips/audio/{n}/{c}" for n in ("music", "layer") for c in ("start", "length", "offset")}
+    else:
+        tables |= {f"windows/rows/{n}" for n in ("pose", "fast", "music", "layer")}
     with h5py.File(made.path / "train-00000-of-00001.h5", "r", locking=False) as file:
-        assert set(datasets(file)) == wanted
-        assert file["clips/id"].dtype.metadata is None or file["clips/id"].asstr()[0] == "train_c00"
-        assert h5py.check_string_dtype(file["clips/id"].dtype) == h5py.h5t.string_info("utf-8", 9)
+        assert set(datasets(file)) == {"motion/pose", "motion/fast", "audio/music", "audio/layer"}
         assert file["motion/pose"].dtype == "<f4"
         assert file["audio/layer"].dtype == "<f2"
-        assert file.attrs["format"] == 1
+        assert file.attrs["format"] == 2
         assert file.attrs["scope"].decode() == scope
+    with h5py.File(made.path / "train-tables.h5", "r", locking=False) as file:
+        # Columns that no clip has a value of are left out.
+        assert set(datasets(file)) == tables
+        offset, data = file["clips/id/offset"][...], file["clips/id/bytes"][...].tobytes()
+        assert data[offset[1] : offset[2]] == b"train_c01"
+        assert file["windows"].attrs["length"] == 30
         assert np.isnan(file["clips/tempo_bpm"][1])
 
 
 def test_example_of_the_documentation_runs(make_store: Any, scope: str, capsys: Any) -> None:
     made = make_store(scope=scope)
-    [code] = re.findall(r"```python\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
+    code, of_groups = re.findall(r"```python\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
     namespace: dict[str, Any] = {"OUT": str(made.path)}
     exec(code, namespace)
+    exec(of_groups, namespace)  # nothing: there are none
     assert capsys.readouterr().out.splitlines() == [
         "train_c00 pose (30, 7)",
         "train_c00 fast (60, 4)",
         "train_c00 music (30, 5)",
         "train_c00 layer (30, 3)",
     ]
-    np.testing.assert_array_equal(namespace["rows"], made.rows("train_c00", "layer", 0, 30))
+    np.testing.assert_array_equal(namespace["window"], made.rows("train_c00", "layer", 0, 30))
 
 
 WRITE = """
@@ -116,7 +124,7 @@ def test_shards_keep_to_their_size(make_store: Any) -> None:
     sizes = []
     for shard in store._shards["train"]:
         sizes.append(sum(shard.layout(f).n_rows * shard.layout(f).row_bytes for f in store.fields))
-        assert sizes[-1] <= 20_000 or len(shard.clips.records) == 1
+        assert sizes[-1] <= 20_000 or shard.n_clips == 1
     assert len(sizes) > 2
     # Two neighbours never fit into one.
     assert all(a + b > 20_000 for a, b in pairwise(sizes))
@@ -125,7 +133,7 @@ def test_shards_keep_to_their_size(make_store: Any) -> None:
 def test_dataset_json(make_store: Any) -> None:
     made = make_store(meta={"recipe": {"name": "x"}, "licence": "CC0"})
     info = json.loads((made.path / "dataset.json").read_text())
-    assert (info["format"], info["scope"], info["fps"]) == (1, "track", "30")
+    assert (info["format"], info["scope"], info["fps"]) == (2, "track", "30")
     assert info["windows"] == {"length": 30, "stride": 15, "order": "time"}
     assert [(f["name"], f["kind"], f["rate"], f["dtype"]) for f in info["fields"]] == [
         ("pose", "motion", "30", "float32"),
@@ -147,4 +155,4 @@ def test_dataset_json(make_store: Any) -> None:
     for entry in info["shards"]:
         data = (made.path / entry["file"]).read_bytes()
         assert (len(data), hashlib.sha256(data).hexdigest()) == (entry["size"], entry["sha256"])
-    assert set(info["files"]) == {"stats.json", "rejects.jsonl", "quality.jsonl", "README.md"}
+    assert set(info["files"]) == {"stats.json", "rejects.jsonl", "leaves.bin", "README.md"}

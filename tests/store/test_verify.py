@@ -11,22 +11,34 @@ import h5py
 import numpy as np
 import pytest
 
-from dancedata.core.hashing import json_sha256
+from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
+from dancedata.store.leaves import leaf_hashes
 from dancedata.testing.stores import random_fields, write_random_store
 
 TRAIN = "train-00000-of-00001.h5"
+TABLES = "train-tables.h5"
 
 
 def seal(folder: Path) -> None:
     """Make sizes and hashes right again after a change, so that only deeper defects are left to find."""
     path = folder / "dataset.json"
     info = json.loads(path.read_text())
-    for entry, name in [(e, e["file"]) for e in info["shards"]] + [(e, n) for n, e in info["files"].items()]:
-        if not (folder / name).is_file():
-            continue
-        entry.update(size=(folder / name).stat().st_size, sha256=sha256_file(folder / name))
+    leaves = b""
+    for shard in info["shards"]:
+        if "leaves_sha256" in shard and (folder / shard["file"]).is_file():
+            digests = leaf_hashes(folder / shard["file"])[1]
+            shard["leaves_sha256"] = sha256_bytes(digests)
+            leaves += digests
+    if "leaves" in info:
+        info["leaves"]["sha256"] = sha256_bytes(leaves)
+        (folder / "leaves.bin").write_bytes(leaves)
+    entries = [*info["shards"], *(split[part] for split in info.get("splits", {}).values() for part in split)]
+    named = [(e, e["file"]) for e in entries if "file" in e] + [(e, n) for n, e in info["files"].items()]
+    for entry, name in named:
+        if (folder / name).is_file():
+            entry.update(size=(folder / name).stat().st_size, sha256=sha256_file(folder / name))
     info.pop("self_sha256", None)
     path.write_text(json.dumps({**info, "self_sha256": json_sha256(info)}))
 
@@ -41,7 +53,7 @@ def change_json(folder: Path, change: Callable[[dict[str, Any]], None], *, hide:
 
 
 def edit(folder: Path, dataset: str, index: Any, value: Any, shard: str = TRAIN) -> None:
-    """Change values of a shard and hide it from the hashes."""
+    """Change values of a shard, or of a table, and hide it from the hashes."""
     with h5py.File(folder / shard, "r+", locking=False) as file:
         file[dataset][index] = value
     seal(folder)
@@ -72,36 +84,24 @@ def test_flipped_bit_anywhere(make_store: Any) -> None:
     assert verify_store(made.path) == []
 
 
-@pytest.mark.parametrize("keep", [0, 1000, -1])
-def test_truncated_shard_is_not_parsed(make_store: Any, keep: int, monkeypatch: Any) -> None:
+@pytest.mark.parametrize("keep", [0, 1000, -1, None])
+@pytest.mark.parametrize("name", [TRAIN, TABLES])
+def test_changed_file_is_not_parsed(make_store: Any, name: str, keep: int | None, monkeypatch: Any) -> None:
     made = make_store()
-    path = made.path / TRAIN
-    path.write_bytes(path.read_bytes()[:keep])
+    path, data = made.path / name, (made.path / name).read_bytes()
+    path.write_bytes(bytes(8) + data[8:] if keep is None else data[:keep])
 
-    def parse(path: Path, *others: Any) -> Any:
-        assert path.name != TRAIN
-        return [], ()
+    def verify(store: Any, description: Any, split: str) -> Any:
+        assert split != "train"
+        return ()
 
-    monkeypatch.setattr("dancedata.store.verify.verify_shard", parse)
-    assert "bytes, in dataset.json" in only_error(made.path)
-
-
-def test_changed_shard_of_the_same_size_is_not_parsed(make_store: Any, monkeypatch: Any) -> None:
-    made = make_store()
-    path = made.path / TRAIN
-    data = path.read_bytes()
-    path.write_bytes(bytes(8) + data[8:])
-
-    def parse(path: Path, *others: Any) -> Any:
-        assert path.name != TRAIN
-        return [], ()
-
-    monkeypatch.setattr("dancedata.store.verify.verify_shard", parse)
-    assert "bytes have changed" in only_error(made.path)
+    monkeypatch.setattr("dancedata.store.verify.verify_split", verify)
+    problems = [str(p) for p in verify_store(made.path) if p.severity == "error"]
+    assert ("bytes have changed" if keep is None else "bytes, in dataset.json") in problems[0]
 
 
 def test_missing_files(make_store: Any) -> None:
-    for name in (TRAIN, "stats.json", "rejects.jsonl", "quality.jsonl"):
+    for name in (TRAIN, TABLES, "stats.json", "rejects.jsonl", "leaves.bin"):
         made = make_store()
         (made.path / name).unlink()
         assert name in only_error(made.path)
@@ -133,8 +133,15 @@ JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
     ("hours", lambda d: d["counts"]["test"].update(hours=0.5), "hours, not 0.5"),
     ("missing count", lambda d: d["counts"].pop("val"), "counts are not those of the splits"),
     ("side file", lambda d: d["files"].pop("stats.json"), "does not list stats.json"),
-    ("width", lambda d: d["fields"][0].update(name="other"), "/motion/other is missing"),
-    ("windows of shard", lambda d: d["shards"][0].update(windows=3), "not 3 rows"),
+    ("field", lambda d: d["fields"][0].update(name="other"), "does not state the rows of every field"),
+    ("needs", lambda d: d.update(needs=["wings"]), "needs wings"),
+    ("type", lambda d: d["tables"]["clips"]["columns"][0].update(type="texture"), "KeyError: 'texture'"),
+    ("other type", lambda d: d["tables"]["clips"]["columns"][0].update(type="int"), "lacks a dataset"),
+    ("no tables", lambda d: d["splits"].pop("train"), "tables of test, val, shards of test, train, val"),
+    ("windows of split", lambda d: d["splits"]["train"]["rows"].update(windows=3), "another number of rows"),
+    ("clips of shard", lambda d: d["shards"][0].update(clips=3), "the shards hold another number of clips"),
+    ("first byte", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(0, 64), "in dataset.json 64"),
+    ("rows", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(1, 9), "not 9 rows"),
     ("rate", lambda d: d["fields"][0].update(rate="60"), "/windows/rows/pose"),
     ("dtype", lambda d: d["fields"][0].update(dtype="float16"), "is of type float32, not"),
 ]
@@ -174,24 +181,23 @@ TABLE_CASES: list[tuple[str, int, int, str]] = [
     ("windows/clip", 0, 99, "clips that do not exist"),
     ("windows/start", 0, -1, "outside their clip"),
     ("windows/start", 0, 10**6, "outside their clip"),
-    ("windows/length", 1, 31, "of another length"),
-    ("windows/index", 2, 7, "/windows/index"),
-    ("windows/rows/pose", 0, 1, "/windows/rows/pose"),
-    ("windows/rows/fast", 0, -5, "/windows/rows/fast"),
-    ("windows/rows/music", 3, 10**7, "/windows/rows/music"),
-    ("clips/n_frames", 0, 0, "not a whole number >= 1"),
+    ("clips/n_frames", 0, 0, "not a whole number from 1"),
     ("clips/n_flags", 0, -1, "/clips/n_flags of clip"),
+    ("clips/by_id", 0, 1, "/clips/by_id"),
+    ("clips/by_id", 0, 99, "clips that do not exist"),
+    ("clips/id/offset", 1, 99, "/clips/id"),
+    ("clips/id/bytes", 0, 0xFF, "cannot be read"),
     ("clips/motion/pose/start", 1, 0, "do not follow one another"),
-    ("clips/motion/fast/length", 0, 10**7, "do not follow one another"),
+    ("clips/motion/fast/length", 0, 10**7, "spans outside"),
     ("clips/audio/music/length", 0, 10**7, "spans outside"),
-    ("clips/audio/layer/offset", 0, -2, "spans outside"),
+    ("clips/audio/layer/offset", 0, -2, "/windows/rows/layer"),
 ]
 
 
 @pytest.mark.parametrize(("dataset", "index", "value", "message"), TABLE_CASES)
 def test_rows_and_windows_out_of_bounds(make_store: Any, dataset: str, index: int, value: int, message: str) -> None:
     made = make_store()
-    edit(made.path, dataset, index, value)
+    edit(made.path, dataset, index, value, TABLES)
     assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
 
 
@@ -199,12 +205,12 @@ def test_rows_and_windows_out_of_bounds(make_store: Any, dataset: str, index: in
 @pytest.mark.parametrize("value", [-1, 10**7])
 def test_rows_out_of_bounds_in_window_scope(make_store: Any, field: str, value: int) -> None:
     made = make_store(scope="window")
-    edit(made.path, f"windows/rows/{field}", 1, value)
+    edit(made.path, f"windows/rows/{field}", 1, value, TABLES)
     assert f"/windows/rows/{field}" in only_error(made.path)
 
 
-def replace(folder: Path, dataset: str, make: Callable[[Any, Any], None]) -> None:
-    with h5py.File(folder / TRAIN, "r+", locking=False) as file:
+def replace(folder: Path, dataset: str, make: Callable[[Any, Any], None], name: str = TRAIN) -> None:
+    with h5py.File(folder / name, "r+", locking=False) as file:
         old = file[dataset][...]
         del file[dataset]
         make(file, old)
@@ -214,21 +220,23 @@ def replace(folder: Path, dataset: str, make: Callable[[Any, Any], None]) -> Non
 def test_other_layout(make_store: Any) -> None:
     made = make_store()
     replace(made.path, "motion/pose", lambda f, old: f.create_dataset("motion/pose", data=old, compression="gzip"))
-    assert "/motion/pose is not contiguous" in only_error(made.path)
+    assert any("/motion/pose is not contiguous" in str(p) for p in verify_store(made.path))
     made = make_store()
     replace(made.path, "motion/pose", lambda f, old: f.create_dataset("motion/pose", data=old.astype(">f4")))
     assert any("/motion/pose is of type >f4" in str(p) for p in verify_store(made.path))
     made = make_store()
-    replace(made.path, "windows/rows/music", lambda f, old: None)
-    assert "/windows/rows/music is missing" in only_error(made.path)
+    replace(made.path, "windows/start", lambda f, old: None, TABLES)
+    assert "lacks a dataset" in only_error(made.path)
     made = make_store()
-    replace(made.path, "clips/id", lambda f, old: f.create_dataset("clips/id", data=np.arange(len(old))))
-    assert any("not fixed-length text" in str(p) for p in verify_store(made.path))
+    replace(
+        made.path, "clips/genre/bytes", lambda f, old: f.create_dataset("clips/genre/bytes", data=old[1:]), TABLES
+    )
+    assert "offsets do not begin at 0 and end at the last entry" in only_error(made.path)
     made = make_store()
     with h5py.File(made.path / TRAIN, "r+", locking=False) as file:
-        file.attrs["format"] = 2
+        file.attrs["format"] = 1
     seal(made.path)
-    assert "attribute format is 2" in only_error(made.path)
+    assert "attribute format is 1" in only_error(made.path)
 
 
 def test_shard_that_is_not_hdf5(make_store: Any) -> None:
@@ -239,10 +247,10 @@ def test_shard_that_is_not_hdf5(make_store: Any) -> None:
 
 
 def test_clip_in_two_splits(make_store: Any) -> None:
-    made = make_store()
-    edit(made.path, "clips/id", 0, b"val_c00")
-    message = "clip val_c00 occurs 2 times, in train, val"
-    assert any(message in str(p) for p in verify_store(made.path))
+    made = make_store(clips={"train": 2, "other": 1})
+    edit(made.path, "clips/id/bytes", slice(0, 5), np.frombuffer(b"train", dtype=np.uint8), "other-tables.h5")
+    message = "clip train_c00 occurs 2 times, in other, train"
+    assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
 
 
 def test_songs_that_splits_share(make_store: Any, tmp_path: Path) -> None:
@@ -303,6 +311,6 @@ def test_memory_does_not_grow_with_the_dataset(tmp_path: Path) -> None:
 
 def test_a_tempo_that_is_infinite_is_unknown(make_store: Any) -> None:
     made = make_store()
-    edit(made.path, "clips/tempo_bpm", 0, np.inf)
+    edit(made.path, "clips/tempo_bpm", 0, np.inf, TABLES)
     with open_store(made.path) as store:
         assert next(iter(store.clips)).tempo_bpm is None

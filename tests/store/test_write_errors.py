@@ -201,7 +201,7 @@ def test_side_files(make_store: Any, out: Path) -> None:
         Reject("no_music", clip="y"),
         Reject("nan"),
     ]
-    quality = [{"clip": "é", "joint": "left_knee", "frame": 3, "value": 1.5}]
+    quality = [{"clip": made.clips[0].id, "joint": "left_knee", "frame": 3, "value": 1.5}]
     write_store(out, made.header, made.clips, rejects=rejects, quality=quality, card="# Card é\n")
     store = open_store(out)
     assert store.rejects == [json.loads(json.dumps(r.to_json())) for r in rejects]

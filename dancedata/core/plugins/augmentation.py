@@ -29,7 +29,7 @@ class SampleField:
     """
 
     name: str
-    kind: Literal["motion", "keymotion", "audio"]
+    kind: Literal["motion", "keymotion", "audio", "scene"]
     columns: Columns
     grid: FrameGrid
     representation: Representation | None = None

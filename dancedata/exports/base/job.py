@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -85,8 +86,22 @@ class ExportJob:
 
 
 def record_json(clip: ClipView) -> dict[str, Any]:
-    """Return the attributes of a clip as plain JSON data."""
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(clip.record).items()}
+    """Return the attributes of a clip as plain JSON data; group, offsets and free columns only where it has them."""
+    values = {
+        key: value for key, value in vars(clip.record).items() if key not in _OPTIONAL or value != _OPTIONAL[key]
+    }
+    del values["made_of"]
+    return {
+        key: list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Fraction) else value
+        for key, value in values.items()
+    }
+
+
+#: Attributes that few clips have, with their defaults.
+_OPTIONAL: dict[str, Any] = {
+    "group": "", "member": -1, "role": "", "song": "", "source_start": None, "source_end": None,
+    "audio_start": 0, "audio_start_by": "", "columns": {},
+}  # fmt: skip
 
 
 def field_json(job: ExportJob, name: str, **more: Any) -> dict[str, Any]:

@@ -1,0 +1,164 @@
+"""Segments in a store: rows of the table /segments from `Segment`s, and back."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dancedata.core.errors import StoreError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import canonical_json
+from dancedata.core.segments import TICKS_PER_SECOND, Layer, Segment, ticks
+from dancedata.core.text import shown
+from dancedata.files.strict_json import parse_json
+from dancedata.store.dataset_json import checked_flag
+from dancedata.store.table_file import SegmentTable
+
+if TYPE_CHECKING:
+    from dancedata.store.dataset import Store
+    from dancedata.store.stored_clip import StoredClip
+
+#: Layers of the quality flags: of places, and of whole clips.
+QUALITY = "quality"
+_FLAGS = Layer(QUALITY, kind="instant", by="quality_flags", sided="no")
+_CLIP_FLAGS = Layer(QUALITY, kind="span", by="quality_flags", sided="no")
+
+
+class SegmentRow(NamedTuple):
+    """A row of the table: one value for each of SEGMENT_COLUMNS, in this order."""
+
+    clip: int
+    whole: bool
+    start: int
+    end: int
+    start_t: int
+    end_t: int
+    layer: int
+    label: str
+    texts: tuple[str, ...]
+    texts_mirrored: tuple[str, ...]
+    tokens: tuple[str, ...]
+    value: float
+    other: int
+    joint: int
+    data: str
+
+
+def layer_json(layer: Layer, rows: int) -> dict[str, Any]:
+    """Return the entry of a layer in dataset.json."""
+    entry = asdict(layer)
+    return {**entry, "units": dict(layer.units), "mirror": [list(pair) for pair in layer.mirror], "rows": rows}
+
+
+def layer_of(entry: Mapping[str, Any]) -> Layer:
+    """Read what `layer_json` returned; KeyError or ValueError for anything else."""
+    kind, sided = entry["kind"], entry["sided"]
+    if kind not in ("span", "instant") or sided not in ("no", "mirrored", "unknown"):
+        raise ValueError(f"a layer of kind {kind!r}, sided {sided!r}")
+    texts = {name: str(entry[name]) for name in ("name", "language", "author", "licence", "citation", "by")}
+    units = tuple((str(label), str(unit)) for label, unit in entry["units"].items())
+    mirror = tuple((str(a), str(b)) for a, b in entry["mirror"])
+    return Layer(kind=kind, sided=sided, units=units, mirror=mirror, **texts)
+
+
+def segment_rows(
+    clips: Sequence[StoredClip], numbers: Mapping[Layer, int], grid: FrameGrid
+) -> tuple[list[SegmentRow], int]:
+    """Return the rows of a split's clips, in the order of the table, and how many segments cover no frame."""
+    row_of = {clip.id: row for row, clip in enumerate(clips)}
+    rows, empty = [], 0
+    for number, clip in enumerate(clips):
+        for segment in clip.segments:
+            begin, end = segment.frames(grid, clip.n_frames)
+            if begin == end:
+                empty += 1
+                continue
+            if segment.other and segment.other not in row_of:
+                raise StoreError(
+                    "a segment names a partner that the split does not have",
+                    where=f"clip {clip.id}, segment {segment.label!r}",
+                    found=segment.other,
+                )
+            rows.append(
+                SegmentRow(
+                    number, segment.whole, begin, end, ticks(segment.start), ticks(segment.end),
+                    numbers[segment.layer], segment.label, segment.texts, segment.texts_mirrored,
+                    segment.tokens, float(segment.value),
+                    row_of[segment.other] if segment.other else -1, segment.joint,
+                    canonical_json(segment.data) if segment.data else "",
+                )
+            )  # fmt: skip
+    return sorted(rows, key=lambda r: (r.clip, r.start, r.end, r.layer, r.label, r.texts, r.start_t, r.data)), empty
+
+
+def segments_of(table: SegmentTable, row: int, layers: Sequence[Layer], ids: Sequence[str]) -> list[Segment]:
+    """Return the segments of a clip."""
+    columns = table.columns
+    segments = []
+    for k in table.rows_of(row):
+        start, end = (Fraction(int(columns[name][k]), TICKS_PER_SECOND) for name in ("start_t", "end_t"))
+        other, data = int(columns["other"][k]), columns["data"][k]
+        segments.append(
+            Segment(
+                layers[int(columns["layer"][k])], start, end, columns["label"][k],
+                texts=columns["texts"][k], texts_mirrored=columns["texts_mirrored"][k], tokens=columns["tokens"][k],
+                value=float(columns["value"][k]), other=ids[other] if other >= 0 else "",
+                joint=int(columns["joint"][k]), whole=bool(columns["whole"][k]),
+                data=json.loads(data) if data else {},
+            )
+        )  # fmt: skip
+    return segments
+
+
+def quality_segments(
+    flags: Sequence[Mapping[str, Any]], clips: Mapping[str, int], grid: FrameGrid
+) -> dict[str, list[Segment]]:
+    """Return quality flags as segments, by clip; `clips` are the numbers of frames.
+
+    StoreError for a flag of a clip that the store does not have.
+    """
+    segments: dict[str, list[Segment]] = {}
+    for flag in flags:
+        clip = flag["clip"]
+        if clip not in clips:
+            raise StoreError(
+                "a quality flag of a clip that is not stored", where=f"clip {clip}", found=flag.get("kind")
+            )
+        data = {key: value for key, value in flag.items() if key not in ("clip", "kind", "value")}
+        if "frame" in flag:
+            layer, start = _FLAGS, Fraction(flag["frame"]) / Fraction(str(flag.get("rate", grid.rate)))
+            start = end = min(start, grid.seconds(clips[clip] - 1))
+        else:
+            layer, start, end = _CLIP_FLAGS, Fraction(0), grid.seconds(clips[clip])
+        value = float(flag["value"]) if "value" in flag else math.nan
+        segment = Segment(layer, start, end, str(flag.get("kind", "")), value=value, data=data)
+        segments.setdefault(clip, []).append(segment)
+    return segments
+
+
+def quality_rows(store: Store) -> list[dict[str, Any]]:
+    """Return the quality flags of a store, as format 1 has them in quality.jsonl; StoreError for damaged ones."""
+    try:
+        return [row for split in store.splits for row in _flags(store, split)]
+    except (ValueError, IndexError) as error:
+        raise StoreError("the quality flags cannot be read", where=str(store.path), found=shown(error)) from error
+
+
+def _flags(store: Store, split: str) -> Iterator[dict[str, Any]]:
+    table, layers = store.segment_table(split), store.layers
+    numbers = [k for k, layer in enumerate(layers) if layer.name == QUALITY]
+    if table is None or not numbers:
+        return
+    columns, ids = table.columns, store.tables(split).ids
+    for k in np.flatnonzero(np.isin(columns["layer"], numbers)).tolist():
+        value = float(columns["value"][k])
+        flag: dict[str, Any] = {"clip": ids[int(columns["clip"][k])]}
+        flag |= {"kind": columns["label"][k]} if columns["label"][k] else {}
+        flag |= {} if math.isnan(value) else {"value": value}
+        yield {**checked_flag(flag | parse_json(columns["data"][k] or "{}"), f"segment {k}")}

@@ -1,0 +1,263 @@
+"""Tables: the tables of a split as arrays of columns. Above this file nothing knows the format on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import StoreError
+from dancedata.core.grid import FrameGrid
+from dancedata.store.clip_columns import CLIP_COLUMNS, FREE, ClipColumn, ClipRecord
+from dancedata.store.schema import Field
+from dancedata.store.table_columns import MISSING, TextColumn
+from dancedata.store.window_list import IntArray
+
+#: Found rows of clips that are remembered.
+_REMEMBERED = 1 << 17
+
+
+@dataclass(frozen=True)
+class FieldSpans:
+    """Rows of a field by clip, (N,) each.
+
+    Attributes
+    ----------
+    first
+        Row in the shard that belongs to frame 0; of audio that begins later, no row of the clip lies there.
+    available
+        Rows from there to the end of the clip or its timeline.
+    offset
+        Row of the timeline that belongs to frame 0, negative where it begins later; None for rows of one clip.
+    """
+
+    first: IntArray
+    available: IntArray
+    offset: IntArray | None = None
+
+    @cached_property
+    def leads(self) -> bool:
+        """Whether a timeline begins after frame 0 of its clip."""
+        return self.offset is not None and bool((self.offset < 0).any())
+
+    def lead(self, row: int) -> int:
+        """Return how many rows after a clip's frame 0 its timeline begins."""
+        return max(0, -int(self.offset[row])) if self.offset is not None else 0
+
+    @classmethod
+    def of(cls, start: IntArray, length: IntArray, offset: IntArray | None) -> FieldSpans:
+        """Make it from the columns of a table."""
+        if offset is None:
+            return cls(start, length)
+        return cls(start + offset, length - offset, offset)
+
+
+@dataclass(eq=False)
+class Tables:
+    """The tables of one split. Rows of clips count over the split; rows of fields count in the clip's shard.
+
+    Attributes
+    ----------
+    columns
+        Columns of the table of clips that the dataset has, by name; "x/<name>" are free ones.
+    types
+        Types of the free columns.
+    spans
+        Per field; not of audio in window scope.
+    shard_begin
+        (S + 1,) first clip of every shard, and the number of clips.
+    window_clip, window_start
+        (W,) clip and first frame of every stored window, in stored order.
+    window_length
+        Frames of a stored window.
+    window_rows
+        In window scope, per field: (W,) first row of every window. In track scope they follow from the spans.
+    groups, songs
+        Columns of these tables.
+    """
+
+    split: str
+    columns: Mapping[str, Any]
+    types: Mapping[str, str]
+    spans: Mapping[str, FieldSpans]
+    shard_begin: IntArray
+    window_clip: npt.NDArray[np.integer[Any]]
+    window_start: npt.NDArray[np.integer[Any]]
+    window_length: int
+    window_rows: Mapping[str, IntArray] = field(default_factory=dict)
+    groups: Mapping[str, Any] = field(default_factory=dict)
+    songs: Mapping[str, Any] = field(default_factory=dict)
+    by_id: npt.NDArray[np.integer[Any]] | None = None
+    _rows: dict[str, int] = field(default_factory=dict)
+    _records: dict[int, ClipRecord] = field(default_factory=dict)
+
+    @property
+    def n_clips(self) -> int:
+        """Number of clips."""
+        return len(self.ids)
+
+    @property
+    def ids(self) -> TextColumn:
+        """Ids of the clips."""
+        ids: TextColumn = self.columns["id"]
+        return ids
+
+    @property
+    def n_frames(self) -> npt.NDArray[np.integer[Any]]:
+        """Frames of every clip, (N,)."""
+        return np.asarray(self.columns["n_frames"])
+
+    def find(self, clip_id: str) -> int | None:
+        """Return the row of a clip, None if the split does not have it."""
+        row = self._rows.get(clip_id)
+        if row is None:
+            row = self._search(clip_id)
+            if row is not None:
+                if len(self._rows) >= _REMEMBERED:
+                    self._rows.clear()
+                self._rows[clip_id] = row
+        return row
+
+    def _search(self, clip_id: str) -> int | None:
+        if self.by_id is None:
+            self.by_id = self.ids.sorted_rows()
+        searched = clip_id.encode(errors="surrogatepass")
+        low, high = 0, len(self.by_id)
+        while low < high:
+            middle = (low + high) // 2
+            if self.ids.raw(int(self.by_id[middle])) < searched:
+                low = middle + 1
+            else:
+                high = middle
+        if low < len(self.by_id) and self.ids.raw(int(self.by_id[low])) == searched:
+            return int(self.by_id[low])
+        return None
+
+    def shard_of(self, clip: npt.ArrayLike) -> IntArray:
+        """Return the numbers of the shards of clips."""
+        return np.asarray(np.searchsorted(self.shard_begin, clip, side="right") - 1, dtype=np.int64)
+
+    def value(self, column: ClipColumn, row: int) -> Any:
+        """Return the attribute of a clip that a column holds."""
+        if column.name not in self.columns:
+            return column.decode(column.default) if not column.type.startswith("row:") else ""
+        stored = self.columns[column.name][row]
+        if column.type.startswith("row:"):
+            table = self.groups if column.name == "group" else self.songs
+            return table["id"][int(stored)] if stored >= 0 else ""
+        return column.decode(stored)
+
+    def record(self, row: int) -> ClipRecord:
+        """Return a row of the table of clips."""
+        record = self._records.get(row)
+        if record is None:
+            values = {column.name: self.value(column, row) for column in CLIP_COLUMNS}
+            record = ClipRecord(split=self.split, columns=self.free(row), **values)
+            if len(self._records) >= _REMEMBERED:
+                self._records.clear()
+            self._records[row] = record
+        return record
+
+    def records(self) -> Iterator[ClipRecord]:
+        """Yield all rows of the table of clips."""
+        return map(self.record, range(self.n_clips))
+
+    def free(self, row: int) -> dict[str, Any]:
+        """Return the free columns of a clip, without those that it has no value of."""
+        values = {}
+        for name, kind in self.types.items():
+            value = self.columns[name][row]
+            value = value.item() if isinstance(value, np.generic) else value
+            missing = MISSING[kind]
+            if value != missing and not (kind == "float" and value != value):
+                values[name.removeprefix(FREE)] = bool(value) if kind == "bool" else value
+        return values
+
+    @cached_property
+    def by_start(self) -> npt.NDArray[np.integer[Any]] | None:
+        """Positions (W,) that sort the windows by clip and start; None where they are stored so."""
+        clip, start = self.window_clip, self.window_start
+        later = (clip[1:] > clip[:-1]) | ((clip[1:] == clip[:-1]) & (start[1:] > start[:-1]))
+        return None if later.all() else np.lexsort((start, clip)).astype(np.int32)
+
+    @cached_property
+    def clip_begin(self) -> IntArray:
+        """(N + 1,) first window of every clip, in the order of `by_start`."""
+        counts = (
+            np.bincount(self.window_clip, minlength=self.n_clips) if len(self.window_clip) else np.zeros(self.n_clips)
+        )
+        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+    def positions_of(self, clip: int) -> npt.NDArray[np.integer[Any]]:
+        """Return the positions in the table of a clip's windows, by their first frames."""
+        begin, end = self.clip_begin[clip : clip + 2].tolist()
+        return np.arange(begin, end) if self.by_start is None else self.by_start[begin:end]
+
+    @cached_property
+    def window_index(self) -> npt.NDArray[np.int32]:
+        """(W,) number of every window in its clip, by start."""
+        if self.by_start is None:
+            in_clip: npt.NDArray[np.int32] = np.arange(len(self.window_clip), dtype=np.int32)
+            return np.asarray(in_clip - self.clip_begin[self.window_clip], dtype=np.int32)
+        index = np.empty(len(self.window_clip), dtype=np.int32)
+        in_order = self.window_clip[self.by_start]
+        index[self.by_start] = np.arange(len(in_order)) - self.clip_begin[in_order]
+        return index
+
+    def rows_of(self, f: Field, grid: FrameGrid) -> IntArray:
+        """Return the first row of every stored window in a field, (W,), in its clip's shard."""
+        if f.name in self.window_rows:
+            return self.window_rows[f.name]
+        start = self.window_start.astype(np.int64)
+        first: IntArray = self.spans[f.name].first[self.window_clip] + grid.rows_of_all(start, of=f.grid)[0]
+        return first
+
+
+def broken(where: str, problem: str, actual: object, allowed: object = None) -> StoreError:
+    """Return the error of a table that does not fit its dataset."""
+    return StoreError(problem, where=where, found=actual, allowed=allowed, fix="run dancedata check on the dataset")
+
+
+def check_windows(tables: Tables, where: str) -> Tables:
+    """Raise StoreError for windows of clips that do not exist; reads their column once."""
+    clip, n = tables.window_clip, tables.n_clips
+    if len(clip) and (int(clip.min()) < 0 or int(clip.max()) >= n):
+        actual = f"{int(clip.min())} to {int(clip.max())}"
+        raise broken(f"{where}, /windows/clip", "windows of clips that do not exist", actual, f"0 to {n - 1}")
+    return tables
+
+
+def check_frames(columns: Mapping[str, Any], where: str) -> None:
+    """Raise StoreError for a clip with a negative number of frames."""
+    for name in ("n_frames", "trim_start"):
+        least = int(np.min(columns[name], initial=0)) if name in columns else 0
+        if least < 0:
+            raise broken(f"{where}, /clips/{name}", "a clip has a negative number of frames", least)
+
+
+def check_spans(
+    f: Field, start: IntArray, length: IntArray, offset: IntArray | None, n_rows: IntArray, where: str
+) -> FieldSpans:
+    """Check that clips lie within the rows of a field: readers allocate as many rows as a clip has.
+
+    `n_rows` (N,) are the rows of the field in each clip's shard.
+    """
+    bad = (start < 0) | (length < 0) | (start > n_rows)
+    bad |= length > n_rows - np.where(bad, 0, start)
+    if offset is not None:
+        bad |= offset > length
+    if bad.any():
+        k = int(np.argmax(bad))
+        actual = f"clip {k} from row {start[k]} on, {length[k]} rows"
+        actual += "" if offset is None else f", frame 0 at row {offset[k]} of them"
+        raise broken(f"{where}, /clips/{f.path}", "spans outside the rows of a field", actual, f"{n_rows[k]} rows")
+    return FieldSpans.of(start, length, offset)
+
+
+def join(tables: Sequence[npt.NDArray[Any]], dtype: npt.DTypeLike = np.int64) -> npt.NDArray[Any]:
+    """Join columns of shards."""
+    return np.concatenate([*tables, np.empty(0, dtype)]).astype(dtype)
