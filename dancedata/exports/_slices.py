@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import wave
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from shlex import quote
@@ -24,6 +24,7 @@ from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, ne
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
+    from dancedata.core.motion import Motion
     from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView, WindowList
 
@@ -80,6 +81,8 @@ class SliceWriter:
         How often each frame is in a pickle: 2 where the loader keeps every second one.
     batch
         Batch size of the trainer, whose loaders drop the last, smaller batch.
+    place
+        Puts a motion into the trainer's axes, from +Y up; None: these are its own.
     """
 
     job: ExportJob
@@ -88,6 +91,7 @@ class SliceWriter:
     sound: Sound
     repeat: int
     batch: int
+    place: Callable[[Motion], Motion] | None = None
 
     def write(self, part: str, splits: Sequence[str]) -> tuple[list[Slice], dict[str, npt.NDArray[np.float32]]]:
         """Write the folders of a part, "train" or "test"; return its slices and their motion at 30 per second."""
@@ -109,13 +113,14 @@ class SliceWriter:
         return slices, motion
 
     def _write_motion(self, part: str, slices: list[Slice]) -> dict[str, npt.NDArray[np.float32]]:
-        whole = {  # metres and axis-angle, +Y up
+        whole = {  # metres and axis-angle
             "pos": np.empty((len(slices), LENGTH, 3), np.float32),
             "q": np.empty((len(slices), LENGTH, 72), np.float32),
         }
         for number, item in enumerate(self.job.each(f"{part}: motion", slices)):
             rows = self.job.store.read(item.window, MOTION)
             motion = REPRESENTATIONS.get(MOTION)().decode(rows, FrameGrid.of(FPS))
+            motion = motion if self.place is None else self.place(motion)
             whole["pos"][number] = motion.translation
             whole["q"][number] = motion.rotations.reshape(LENGTH, -1)
             repeated = {key: np.repeat(array[number], self.repeat, axis=0) for key, array in whole.items()}

@@ -1,14 +1,20 @@
 """POPDG: EDGE's folders at 30 frames per second."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import rotation
 from dancedata.core.typing import override
 from dancedata.exports._slices import SliceExport, SliceWriter, needs_slices
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 
 _BATCH = 128
+#: What the loader adds to positions, in our axes.
+_ADDED = (0.0, 1.0, 5.0)
 _GUIDE = """## Train
 
 In a checkout of POPDG, with its requirements installed:
@@ -24,16 +30,20 @@ python train.py --data_path {out}/ --processed_data_dir NEW_FOLDER/ --feature_ty
 - train.py does not pass `--feature_type` on to its dataset: it reads `jukebox_feats` whatever the flag says, which
   only sizes the model. So `{feature}` ({width} columns) lies in `jukebox_feats`{again}.
 - Its loaders drop batches smaller than `--batch_size` (128 by default), of test too.
-- The loader was read, not run.
+- Motion is in a camera's axes, as in PopDanceSet: the loader turns it to +Z up and adds (0, -5, 1) m, which was
+  subtracted here, so its columns are those of `edge151`.
 """
 
 
 @EXPORTS.register("popdg")
 @dataclass(frozen=True)
 class Popdg(SliceExport):
-    """POPDG's folders motions_sliced (30 frames per second), wavs_sliced and features (Luo et al. 2024)."""
+    """POPDG's folders motions_sliced (30 frames per second), wavs_sliced and features (Luo et al. 2024).
 
-    version: ClassVar[int] = 1
+    Motion is in the axes of a camera, +Y down, from which POPDG's loader turns it.
+    """
+
+    version: ClassVar[int] = 2
     reference: ClassVar[str] = "Luke-Luo1/POPDG, commit ec57d87, dataset/load_popdanceset.py"
     guide_text: ClassVar[str] = _GUIDE
 
@@ -43,8 +53,16 @@ class Popdg(SliceExport):
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH)
+        writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH, place=to_camera)
         for part in ("train", "test"):
             writer.write(part, (part,))
             folder.write_text(f"splits/{part}.txt", "".join(f"{clip.id}\n" for clip in job.clips(part)))
         folder.write_text("high_quality_dataset", "")
+
+
+def to_camera(motion: Motion) -> Motion:
+    """Return a motion, +Y up, as POPDG's loader takes it: half a turn about x, without the place that it adds."""
+    rotations = motion.rotations.copy()
+    rotations[:, 0] = (rotation(np.array([np.pi, 0.0, 0.0])) * rotation(rotations[:, 0])).as_rotvec()
+    translation = (motion.translation - _ADDED) * (1.0, -1.0, -1.0)
+    return replace(motion, translation=translation, rotations=rotations)

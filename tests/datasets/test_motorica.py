@@ -142,6 +142,8 @@ def test_trims(tmp_path: Path) -> None:
     assert (whole.n_frames, part.n_frames) == (480, 240)
     assert np.array_equal(part.rotations, whole.rotations[120:360])
     assert not whole.rotations[:120].any(), "the T-pose"
+    (clip,) = Motorica(trim_s=0.101).scan(tmp_path).clips
+    assert clip.audio_start == clip.source_start == Fraction(12, 120), "whole frames"
     long = Motorica(trim_s=2)
     with raises_message(DataError):
         long.load(long.scan(tmp_path).clips[0])

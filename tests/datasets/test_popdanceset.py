@@ -14,7 +14,10 @@ from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.datasets.popdanceset.motion import load_motion, write_example
+from dancedata.pipeline.build import build
 from dancedata.representations.edge151 import Edge151
+from dancedata.store.verify import verify_store
+from dancedata.testing.conformance import recipe_with
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
 
@@ -59,6 +62,15 @@ def test_what_the_lists_share(source: Path) -> None:
     by_video = PopDanceSet(split="by-video").scan(source)
     assert splits(by_video)[FIRST] == splits(by_video)[SECOND]
     assert "Leak of the official lists, which are not used" in notes(by_video)
+
+
+def test_check_reports_shared_videos(source: Path, tmp_path: Path) -> None:
+    (source / "splits" / "test.txt").write_text(f"{SECOND}\n{TEST}")
+    (source / "splits" / "train.txt").write_text(f"{FIRST}\n{MATRICES}")
+    recipe = recipe_with(dataset="popdanceset", skeleton=SMPL24_EDGE)
+    build(recipe, source, tmp_path / "out", cache=tmp_path / "cache", jobs=1, progress=False)
+    (leak,) = (problem for problem in verify_store(tmp_path / "out") if problem.severity == "error")
+    assert "train and test share songs: BVaaaaaaaa1a" in str(leak)
 
 
 def test_lists_beside_the_motion(source: Path) -> None:

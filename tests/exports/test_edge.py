@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import dancedata
 from dancedata.audio.signal import load_audio
@@ -194,8 +195,10 @@ def test_popdg_has_each_frame_once(export, built) -> None:
     rows = store.read(
         next(w for w in store.windows("train") if w.clip == clip and w.start == 15 * int(number)), "edge151"
     )
-    again = dancedata.encode(motion_of(piece["pos"], piece["q"]), "edge151")
-    np.testing.assert_allclose(again[:, 4:], rows[:, 4:], atol=1e-5)
+    # The loader's turn, (x, y, z) -> (x, z, -y), and what it adds.
+    np.testing.assert_allclose(piece["pos"][:, [0, 2, 1]] * [1, 1, -1] + [0, -5, 1], rows[:, 4:7], atol=1e-5)
+    turned = Rotation.from_euler("x", -90, degrees=True) * Rotation.from_rotvec(piece["q"][:, :3])
+    np.testing.assert_allclose(turned.as_matrix()[:, :2].reshape(-1, 6), rows[:, 7:13], atol=1e-5)
     assert (out / "high_quality_dataset").read_text() == ""
     assert (out / "splits" / "train.txt").read_text().splitlines() == [
         c.id for c in store.clips if c.split == "train"

@@ -227,9 +227,10 @@ class Motorica(Dataset):
         begin = self._starts(key) if key is not None else Fraction(0)
         if not self.trim_s:
             return begin, Fraction(0), None
-        from dancedata.datasets.motorica.motion import seconds_of
+        from dancedata.datasets.motorica.motion import RATE, seconds_of
 
-        trim, length = as_fraction(self.trim_s, "trim_s"), seconds_of(path)
+        # Whole frames, so that motion and music are cut at one instant.
+        trim, length = Fraction(round(as_fraction(self.trim_s, "trim_s") * RATE), RATE), seconds_of(path)
         end = None if length is None else max(length - trim, Fraction(0))
         return begin, trim, end
 
