@@ -153,7 +153,7 @@ class Registry(Generic[P]):
             return None
         # Those of other distributions first, so that a name that is taken twice is an error in every case.
         self._once("installed", self._import_installed)
-        module = name.replace("+", "p")
+        module = name.replace("+", "p").replace("-", "_")
         if module.isidentifier() and not module.startswith("_"):
             self._once(f"module {module}", lambda: self._import_own(module))
         if name not in self._classes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -81,7 +82,9 @@ class SignalId:
     speed
         Speed relative to the file's signal.
     decoded_sha256
-        Of a stretched signal: hash of the file's signal.
+        Of a stretched or shortened signal: hash of the file's signal.
+    skipped
+        Samples at the beginning, less than a row of features, that are left out: the grid of rows begins after them.
     """
 
     path: Path
@@ -91,6 +94,7 @@ class SignalId:
     n_samples: int
     speed: Fraction = Fraction(1)
     decoded_sha256: str = ""
+    skipped: int = 0
 
     @cached_property
     def grid(self) -> FrameGrid:
@@ -113,6 +117,25 @@ class SignalId:
         )
         n_samples = stretch.stretched_length(self.n_samples, speed)
         return replace(self, sha256=stretched_sha256, n_samples=n_samples, speed=speed, decoded_sha256=self.sha256)
+
+    def without(self, samples: int) -> SignalId:
+        """Return the signal without some samples at its beginning."""
+        if not samples:
+            return self
+        sha256 = Cache.key("skipped", signal=self.sha256, samples=samples)
+        decoded, left = self.decoded_sha256 or self.sha256, max(0, self.n_samples - samples)
+        return replace(self, sha256=sha256, n_samples=left, decoded_sha256=decoded, skipped=samples)
+
+
+def timeline_of(signal: SignalId, start: Fraction, grid: FrameGrid) -> tuple[SignalId, int]:
+    """Return the signal whose rows lie on a clip's frames, and the row at its frame 0, below 0 where music is later.
+
+    The music's second `start` belongs to frame 0. Rows begin at the fraction of a row that it has, at the nearest
+    sample: rounding to a row would move the music by up to half of one.
+    """
+    offset = math.floor(start * grid.rate)
+    fraction = start - grid.seconds(offset)
+    return signal.without(math.floor(fraction * signal.sample_rate + Fraction(1, 2))), offset
 
 
 def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
@@ -313,8 +336,10 @@ def _decode_again(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
         file = Cache.stat_key("signal", signal.path)
     if file != signal.file and signal_of_file.sha256 != (signal.decoded_sha256 or signal.sha256):
         raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
-    if signal.speed == 1:
-        return signal_of_file
-    from dancedata.audio.stretch import stretched
+    if signal.speed != 1:
+        from dancedata.audio.stretch import stretched
 
-    return stretched(signal_of_file, signal.speed)
+        signal_of_file = stretched(signal_of_file, signal.speed)
+    if signal.skipped:
+        return replace(signal_of_file, samples=signal_of_file.samples[signal.skipped :])
+    return signal_of_file

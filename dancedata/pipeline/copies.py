@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Reject
+from dancedata.core.segments import Segment
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.encode import EncodedClip, encode_sources
 from dancedata.pipeline.features import extract_features, stored_clip
-from dancedata.pipeline.groups import segments_of_copy
 from dancedata.pipeline.motion import MotionResult
 from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import cut_windows
@@ -122,7 +122,7 @@ def _faster(spec: CopySpec, clip: SourceClip) -> SourceClip:
     ref, speed = clip.ref, spec.speed_of(clip.ref.group or clip.ref.id)
     bpm = None if ref.tempo_bpm is None else float(Fraction(ref.tempo_bpm) * speed)
     music = spec.music_of(ref.music, ref.group or ref.id)
-    renamed = replace(ref, id=spec.clip_id(ref.id), music=music, tempo_bpm=bpm)
+    renamed = replace(ref, id=spec.clip_id(ref.id), music=music, tempo_bpm=bpm, audio_start=ref.audio_start / speed)
     return replace(clip, ref=renamed, signal=None if clip.signal is None else clip.signal.at_speed(speed))
 
 
@@ -138,7 +138,7 @@ def _copied(
     """
     motion = {name: _CopiedArray(a, fields[name], spec, clip.id) for name, a in (arrays or clip.motion).items()}
     group = spec.clip_id(clip.group) if clip.group else ""
-    segments = segments_of_copy(clip, spec)
+    segments = _segments_of_copy(clip, spec)
     return replace(
         clip, id=spec.clip_id(clip.id), group=group, source=clip.id, motion=motion, segments=segments, made_of=""
     )
@@ -161,3 +161,24 @@ class _CopiedArray:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         rows = self.spec.rows_of(np.asarray(self.array), self.field.columns, self.field.kind, self.clip)
         return np.array(rows, dtype=dtype)
+
+
+def _segments_of_copy(clip: StoredClip, spec: CopySpec) -> tuple[Segment, ...]:
+    """Return the segments of a copy: at its speed, and in the words of a mirrored dancer.
+
+    Layers whose words may name a side, and have no mirrored ones, are left out of mirrored copies. Quality flags are
+    those of the source.
+    """
+    segments = [segment for segment in clip.segments if segment.layer.name != "quality"]
+    if spec.augmentation.changes == "time":
+        speed = spec.speed_of(clip.group or clip.id)
+        segments = [replace(segment, start=segment.start / speed, end=segment.end / speed) for segment in segments]
+    if spec.augmentation.name == "mirror":
+        segments = [_mirrored(segment) for segment in segments if segment.layer.sided != "unknown"]
+    return tuple(replace(segment, other=spec.clip_id(segment.other) if segment.other else "") for segment in segments)
+
+
+def _mirrored(segment: Segment) -> Segment:
+    pairs = dict(segment.layer.mirror) | {b: a for a, b in segment.layer.mirror}
+    texts = segment.texts_mirrored or segment.texts
+    return replace(segment, label=pairs.get(segment.label, segment.label), texts=texts, texts_mirrored=segment.texts)

@@ -21,6 +21,7 @@ from dancedata.pipeline.audio import (
     extract_track,
     extract_windows,
     known_windows,
+    timeline_of,
     window_units,
 )
 from dancedata.pipeline.motion import MotionResult
@@ -113,12 +114,15 @@ class _Extraction:
         """Return a block, or a reject, for each clip; clips of equal music and tempo share it."""
         feature_keys = FeatureKeys(self.job)
         timelines: dict[str, list[str]] = {}
+        offsets: dict[str, int] = {}
         units: dict[str, _Unit] = {}
         for clip in self.clips:
-            signal, bpm = _signal(clip), clip.source.ref.tempo_bpm
+            ref = clip.source.ref
+            bpm = ref.tempo_bpm
+            signal, offsets[ref.id] = timeline_of(_signal(clip), ref.audio_start, self.job.grid)
             key = feature_keys.track(bpm, signal.sha256)
             units.setdefault(key, _Unit(signal, bpm, key))
-            timelines.setdefault(key, []).append(clip.source.ref.id)
+            timelines.setdefault(key, []).append(ref.id)
         cached = [self.cache.array("features", key) for key in timelines]
         results = self._run(extract_track, list(units.values()), cached)
         blocks: dict[str, Blocks] = {}
@@ -128,7 +132,7 @@ class _Extraction:
                 if isinstance(result, Reject):
                     failed[clip_id] = result
                 else:
-                    blocks[clip_id] = (AudioBlock(key, result),)
+                    blocks[clip_id] = (AudioBlock(key, result, offsets[clip_id]),)
         return blocks, failed
 
     def windows(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:

@@ -12,12 +12,10 @@ import numpy as np
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
-from dancedata.core.segments import Segment
 from dancedata.core.spatial import middle_of
 from dancedata.core.text import listed
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.recipe import Recipe
-from dancedata.store import StoredClip
 
 T = TypeVar("T")
 #: Dancers of a group are cut to the shortest, if none is longer by more than this.
@@ -116,24 +114,3 @@ def _copied(motions: Sequence[Motion], refs: Sequence[ClipRef], copies: CopySpec
     # As a translation of each dancer: without the place of his pelvis at rest.
     axes = [middle - (pelvis - motion.translation[0]) for pelvis, motion in zip(pelves, motions, strict=True)]
     return [copies.motion_of(motion, refs[0].group, axis) for motion, axis in zip(motions, axes, strict=True)]
-
-
-def segments_of_copy(clip: StoredClip, spec: CopySpec) -> tuple[Segment, ...]:
-    """Return the segments of a copy: at its speed, and in the words of a mirrored dancer.
-
-    Layers whose words may name a side, and have no mirrored ones, are left out of mirrored copies. Quality flags are
-    those of the source.
-    """
-    segments = [segment for segment in clip.segments if segment.layer.name != "quality"]
-    if spec.augmentation.changes == "time":
-        speed = spec.speed_of(clip.group or clip.id)
-        segments = [replace(segment, start=segment.start / speed, end=segment.end / speed) for segment in segments]
-    if spec.augmentation.name == "mirror":
-        segments = [_mirrored(segment) for segment in segments if segment.layer.sided != "unknown"]
-    return tuple(replace(segment, other=spec.clip_id(segment.other) if segment.other else "") for segment in segments)
-
-
-def _mirrored(segment: Segment) -> Segment:
-    pairs = dict(segment.layer.mirror) | {b: a for a, b in segment.layer.mirror}
-    texts = segment.texts_mirrored or segment.texts
-    return replace(segment, label=pairs.get(segment.label, segment.label), texts=texts, texts_mirrored=segment.texts)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.pipeline.audio import window_samples
+from dancedata.core.errors import UsageError
+from dancedata.pipeline.audio import timeline_of, window_samples
 from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.groups import groups_of
 from dancedata.pipeline.motion import MotionResult, motion_window_count
@@ -106,6 +107,8 @@ def _starts(recipe: Recipe, clip: SourceClip, motion: MotionResult) -> tuple[tup
     if signal is None:
         return tuple(recipe.windows.starts(count)), rejects
     audio_s = round(signal.n_samples / signal.sample_rate, 3)
+    if ref.audio_start:
+        return _starts_beside(recipe, clip, motion, count, rejects)
     with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
     if not with_music:
         return (), [*rejects, short_audio(recipe, ref, signal.path, audio_s)]
@@ -113,6 +116,36 @@ def _starts(recipe: Recipe, clip: SourceClip, motion: MotionResult) -> tuple[tup
         detail = f"window {k} reaches beyond the end of {signal.path.name}"
         rejects.append(Reject("no_audio", ref.id, "", recipe.windows.start(k), detail, {"audio_s": audio_s}))
     return tuple(recipe.windows.starts(min(count, with_music))), rejects
+
+
+def _starts_beside(
+    recipe: Recipe, clip: SourceClip, motion: MotionResult, count: int, rejects: list[Reject]
+) -> tuple[tuple[int, ...], list[Reject]]:
+    """Return the starts of windows that lie within music which does not begin with the clip."""
+    ref, signal = clip.ref, clip.signal
+    if recipe.scope == "window" or signal is None:
+        raise UsageError(
+            "music that does not begin with its clip needs scope: track",
+            where=f"clip {ref.id}",
+            found=f"frame 0 at {float(ref.audio_start):g} s of the music",
+            fix="build with scope: track",
+        )
+    first, end = 0, motion.n_frames
+    for job in recipe.audio:
+        shifted, offset = timeline_of(signal, ref.audio_start, job.grid)
+        rows = job.feature.n_rows(shifted.n_samples, shifted.sample_rate, job.grid)
+        first = max(first, job.grid.rows_up(-offset, of=recipe.grid))
+        end = min(end, job.grid.rows_down(rows - offset, of=recipe.grid))
+    length = recipe.windows.length
+    starts = [start for start in recipe.windows.starts(count) if start >= first and start + length <= end]
+    audio_s = round(signal.n_samples / signal.sample_rate, 3)
+    if not starts:
+        return (), [*rejects, short_audio(recipe, ref, signal.path, audio_s)]
+    for start in (start for start in recipe.windows.starts(count) if start not in starts):
+        detail = f"the window at frame {start} is not within {signal.path.name}, whose second "
+        detail += f"{float(ref.audio_start):g} is frame 0"
+        rejects.append(Reject("no_audio", ref.id, "", start, detail, {"audio_s": audio_s}))
+    return tuple(starts), rejects
 
 
 def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:

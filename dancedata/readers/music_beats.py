@@ -83,7 +83,8 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     starts = store.starts(clip, length, fields=tuple(fields), trim=trim)
     if not len(starts):
         return np.empty(0, dtype=np.int64)
-    rows = np.flatnonzero(store.read_clip(clip, beats.name)[:, beats.columns.slice(at).start])
+    first, labelled = store.rows_within(clip, beats.name)
+    rows = first + np.flatnonzero(labelled[:, beats.columns.slice(at).start])
     rows = np.maximum(rows.astype(np.int64) - beat_rows_late(beats.name), 0)
     frames = beats.grid.nearest_rows(rows, of=store.grid)
     nearest = starts.start + (frames - starts.start + starts.step // 2) // starts.step * starts.step
@@ -102,7 +103,7 @@ def estimated_tempo(store: Store, windows: WindowList, clip: str, fields: Sequen
         return math.nan
     beats = _field_with(store, "beat", fields)
     if store.scope == "track":
-        pieces = [store.read_clip(clip, beats.name)]
+        pieces = [store.rows_within(clip, beats.name)[1]]
     else:
         places = np.flatnonzero(windows.clip == windows.clip_ids.index(clip)).tolist()
         pieces = [store.read(windows[place], beats.name) for place in places]

@@ -309,6 +309,23 @@ class Store:
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
         return window_starts(tables, row, self._description, window_grid, window_fields, trim)
 
+    def rows_within(self, clip_id: str, field: str) -> tuple[int, npt.NDArray[Any]]:
+        """Read the rows of a field that lie within a clip, from its first frame or where its music begins.
+
+        Track scope only. Returns the row at which they begin, counted from frame 0, and the rows.
+        """
+        tables, row = self._place(clip_id)
+        lead = tables.spans[field].lead(row) if field in tables.spans else 0
+        if not lead:
+            return 0, self.read_clip(clip_id, field)
+        f, (begin, _) = self.field(field), self.grid.common_period(self._fields[field].grid)
+        first = -(-f.grid.rows_up(lead, of=self.grid) // begin) * begin
+        length = max(0, (int(tables.n_frames[row]) - first) // begin * begin)
+        available = f.grid.rows_down(int(tables.spans[field].available[row]), of=self.grid) // begin * begin
+        length = min(length, max(0, available - first))
+        rows = self.read(Window(clip_id, first, length), field) if length else np.empty((0, f.columns.width))
+        return self.grid.rows_down(first, of=f.grid), rows
+
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
 
