@@ -43,7 +43,7 @@ class Registry(Generic[P]):
     fields are the keys a recipe may set.
 
     Modules are imported when they are needed: to find one plug-in, that of its name, with "p" for "+" (aistpp has
-    "aist++"), is imported before the others; for the names of all, every module is.
+    "aist++") and "_" for "-", is imported before the others; for the names of all, every module is.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class Registry(Generic[P]):
             return None
         # Those of other distributions first, so that a name that is taken twice is an error in every case.
         self._once("installed", self._import_installed)
-        module = name.replace("+", "p")
+        module = name.replace("+", "p").replace("-", "_")
         if module.isidentifier() and not module.startswith("_"):
             self._once(f"module {module}", lambda: self._import_own(module))
         if name not in self._classes:

@@ -114,7 +114,7 @@ def test_every_shipped_plug_in_is_in_the_module_of_its_name(registry: Registry) 
     """So that asking for a name imports it, and one of another distribution with that name is an error."""
     for name in registry.names():
         module = registry.get(name).__module__
-        own = f"{registry.package}.{name.replace('+', 'p')}"
+        own = f"{registry.package}.{name.replace('+', 'p').replace('-', '_')}"
         assert module == own or module.startswith(f"{own}."), name
 
 
