@@ -87,19 +87,19 @@ def test_both_in_one_world_with_y_up(source: Path) -> None:
     assert len(follower) - len(leader) == 3
     for joints in (follower, leader):
         assert (joints[:, 15, 1] - joints[:, 0, 1]).min() > 0.3
-    apart = np.linalg.norm(follower[:180, 0] - leader[:180, 0], axis=-1)
-    raw = [np.load(ref.motion_path, allow_pickle=True)[()]["transl"][:180] for ref in scan.clips[:2]]
+    apart = np.linalg.norm(follower[:243, 0] - leader[:243, 0], axis=-1)
+    raw = [np.load(ref.motion_path, allow_pickle=True)[()]["transl"][:243] for ref in scan.clips[:2]]
     np.testing.assert_allclose(apart, np.linalg.norm(raw[0] - raw[1], axis=-1), atol=1e-6)
 
 
 @pytest.mark.parametrize(
     ("reason", "changes"),
     [
-        ("bad_shape", {"poses": np.zeros((183, 156))}),
-        ("bad_shape", {"transl": np.zeros((183, 2))}),
-        ("length_mismatch", {"transl": np.zeros((180, 3))}),
-        ("contradiction", {"global_orient": np.ones((183, 3))}),
-        ("nan", {"transl": np.full((183, 3), np.nan)}),
+        ("bad_shape", {"poses": np.zeros((246, 156))}),
+        ("bad_shape", {"transl": np.zeros((246, 2))}),
+        ("length_mismatch", {"transl": np.zeros((243, 3))}),
+        ("contradiction", {"global_orient": np.ones((246, 3))}),
+        ("nan", {"transl": np.full((246, 3), np.nan)}),
         ("missing_key", {"global_orient": None}),
         ("unsafe_pickle", {"meta": Path("x")}),
     ],
@@ -117,7 +117,7 @@ def test_another_axis_is_refused_and_other_arrays(source: Path) -> None:
     with raises_message(DataError) as caught:
         load_dancer(path, "y")
     assert caught.value.reason == "bad_axes"
-    np.save(path, np.zeros((183, SMPL24.n_joints)))
+    np.save(path, np.zeros((246, SMPL24.n_joints)))
     with raises_message(DataError) as caught:
         load_dancer(path)
     assert caught.value.reason == "bad_shape"

@@ -130,15 +130,15 @@ def _bad_shape(path: Path, key: str, found: str, allowed: str) -> DataError:
 _SAMPLE_RATE = 24_000
 #: Pair, frames, the synthetic clip with the steps and the song.
 _PAIRS = (
-    ("Ballet_9_0", 183, "gLH_sBM_cAll_d16_mLH1_ch01"),
-    ("Waltz_5_0", 186, "gJS_sFM_cAll_d01_mJS1_ch02"),
-    ("Waltz_6_0", 190, "gHO_sBM_cAll_d19_mHO3_ch01"),
+    ("Ballet_9_0", 246, "gLH_sBM_cAll_d16_mLH1_ch01"),
+    ("Waltz_5_0", 249, "gJS_sFM_cAll_d01_mJS1_ch02"),
+    ("Waltz_6_0", 253, "gHO_sBM_cAll_d19_mHO3_ch01"),
 )
 _SHORTER, _APART_M = 3, 0.9
 
 
 def write_example(folder: Path) -> None:
-    """Write three pairs of six seconds: two of test, one of train; the leader's file is float32, 3 frames shorter."""
+    """Write three pairs of eight seconds: two of test, one of train; leaders are float32, 3 frames shorter."""
     motions, songs = folder / "motion" / "smplx" / "all", folder / "music" / "mp3" / "all"
     for place in (motions, songs):
         place.mkdir(parents=True, exist_ok=True)
