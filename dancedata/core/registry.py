@@ -43,7 +43,7 @@ class Registry(Generic[P]):
     fields are the keys a recipe may set.
 
     Modules are imported when they are needed: to find one plug-in, that of its name, with "p" for "+" (aistpp has
-    "aist++"), is imported before the others; for the names of all, every module is.
+    "aist++") and "_" for "-", is imported before the others; for the names of all, every module is.
 
     Parameters
     ----------

@@ -332,6 +332,31 @@ def load_values(path: Path) -> object:
     return load_torch(path) if _is_torch(path) else load_pickle(path)
 
 
+def load_object(path: Path) -> object:
+    """Return the object in an .npy file with an array () of objects, such as the dict of ``numpy.save(file, {...})``.
+
+    Raises
+    ------
+    DataError
+        ``broken_file``, ``unsafe_pickle``; ``bad_shape`` for any other array.
+    """
+    with _named(path), open_regular(path) as file:
+        header = _read_header(path, file)
+    if header.shape != () or not header.dtype.hasobject:
+        raise DataError(
+            "the file does not hold a dict",
+            reason="bad_shape",
+            where=str(path),
+            found=f"an array {header.shape} of {header.dtype}",
+            allowed="an .npy file as numpy.save writes it for a dict: an array () of objects",
+            fix="save the motion as a dict, or download the file again",
+        )
+    cell = load_pickle(path, start=header.start)
+    if not isinstance(cell, np.ndarray) or cell.shape != () or cell.dtype != object:
+        raise broken(path, f"a pickle of {type(cell).__name__}")
+    return cell[()]
+
+
 def _is_torch(path: Path) -> bool:
     try:
         with open_regular(path) as file:

@@ -330,13 +330,15 @@ def as_array(value: object) -> np.ndarray[Any, Any] | None:
     return np.asarray(value)
 
 
-def load_pickle(path: Path, names: Names = ARRAY_NAMES) -> Any:
+def load_pickle(path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
     """Read a pickle of numpy arrays, numbers, text, lists, tuples, sets and dicts, or a file of joblib.dump.
 
     Parameters
     ----------
     names
         (module, name) -> the function or `ClassName` that replaces it.
+    start
+        First byte of the pickle in the file.
 
     Raises
     ------
@@ -347,7 +349,7 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES) -> Any:
     """
     try:
         data, size = read_unpacked(path, MAX_PICKLE_BYTES)
-        content = ArrayUnpickler(data, names, size).load()
+        content = ArrayUnpickler(data[start:] if start else data, names, size).load()
         require_shallow(content)
     except UnsafePickleError as error:
         raise DataError(

@@ -95,7 +95,7 @@ _BASE = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 2, "str
 RECIPES: dict[str, dict[str, Any]] = {
     "thirty": {
         **_BASE,
-        "motion": {"edge151": {}, "lodge139": {}, "lodge319": {}, "finedance319": {}, "joints": {}},
+        "motion": {name: {} for name in ("edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints")},
         "keymotion": {"lodge": {}},
         "audio": {"librosa35": {}},
         "augment": {"mirror": True, "tempo": {"speeds": [1.25]}},

@@ -35,7 +35,7 @@ def unpacked(packed: dict) -> np.ndarray:
 @pytest.mark.parametrize(
     ("recipe", "field"),
     [
-        *[("thirty", name) for name in ("edge151", "lodge139", "lodge319", "finedance319", "joints")],
+        *[("thirty", name) for name in ("edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints")],
         ("window", "edge151"), ("sixty", "fact219"), ("sixty", "bailando72"), ("twenty", "humanml263"),
         ("infinite", "humanml264"),
     ],
@@ -58,7 +58,7 @@ def test_drawn_joints_are_the_decoded_ones(scenes, recipe: str, field: str) -> N
 def test_every_representation_that_has_joints_is_tested() -> None:
     from dancedata.core.registry import REPRESENTATIONS
 
-    tested = {"edge151", "lodge139", "lodge319", "finedance319", "joints", "fact219", "bailando72"}
+    tested = {"edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints", "fact219", "bailando72"}
     assert set(REPRESENTATIONS.names()) == tested | {"humanml263", "humanml264"}
 
 

@@ -1,6 +1,8 @@
-"""One pickle of AIOZ-GDANCE -> the motions of its dancers; and a synthetic source in its layout."""
+"""One AIOZ-GDANCE pickle -> the motions of its dancers in one world; and synthetic sources of that layout."""
 
 import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,151 +21,185 @@ from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
 
 RATE = 30
+POSES, ORIENTS, TRANS = "smpl_poses", "smpl_orients", "root_trans"
 JOINTS = 24
+#: Columns of all joints, and of all but the root.
+_ALL, _BODY = 3 * JOINTS, 3 * (JOINTS - 1)
 _DOWNLOAD_AGAIN = "download the file again"
 
 Floats = NDArray[np.float64]
 
 
-def count_dancers(path: Path) -> int:
-    """Return how many dancers a pickle holds; DataError if that cannot be read."""
-    with open_arrays(path) as arrays:
-        _require_keys(path, arrays)
-        shape = arrays.shape("smpl_poses")
-    if len(shape) != 3 or shape[0] < 1:
-        raise _bad_shape(path, "smpl_poses", shape, "(P, T, 72), or (P, T, 63) with smpl_orients")
-    return int(shape[0])
+@dataclass(frozen=True)
+class Sizes:
+    """Numbers of one pickle: dancers, frames, and columns of `smpl_poses`."""
+
+    dancers: int
+    frames: int
+    width: int
+    has_orients: bool
 
 
-def load_motions(path: Path) -> list[Motion]:
-    """Read the dancers of a pickle, in its order; read with the allow-list unpickler, so nothing in it is executed.
-
-    Returns
-    -------
-    list of Motion
-        30 FPS, metres, +Y up, SMPL24: ``root_trans`` is SMPL's translation. ``smpl_poses`` of 63 numbers are the 21
-        body joints without root and hands: ``smpl_orients`` goes before them and hands are at rest, as in GCD.
+def read_sizes(path: Path) -> Sizes:
+    """Return the sizes of a sequence.
 
     Raises
     ------
     DataError
-        ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``, ``length_mismatch``,
-        ``contradiction`` (72 numbers and smpl_orients), ``nan`` with the dancer, or ``not_rotations``.
+        reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``contradiction`` (root rotations
+        twice), ``length_mismatch`` or ``empty``.
     """
     with open_arrays(path) as arrays:
-        _require_keys(path, arrays)
-        poses, places = arrays.read("smpl_poses"), arrays.read("root_trans")
-        orients = arrays.read("smpl_orients") if "smpl_orients" in arrays.names else None
-    if poses.ndim != 3 or poses.shape[0] < 1:
-        raise _bad_shape(path, "smpl_poses", poses.shape, "(P, T, 72), or (P, T, 63) with smpl_orients")
-    n, frames, width = poses.shape
-    if frames == 0:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
-    if places.shape != (n, frames, 3):
-        raise _bad_shape(path, "root_trans", places.shape, f"{(n, frames, 3)}, as smpl_poses")
-    if orients is not None:
-        poses = _joined(path, poses, orients)
-    elif width != 3 * JOINTS:
-        raise _bad_shape(path, "smpl_poses", poses.shape, "(P, T, 72); fewer numbers need smpl_orients (P, T, 3)")
+        return _sizes(arrays)
+
+
+def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
+    """Read the motions of some dancers; the pickle is read once.
+
+    Parameters
+    ----------
+    members
+        Numbers of the dancers, from 0.
+
+    Returns
+    -------
+    list of Motion
+        30 FPS; rotations (T, 24, 3) axis-angle in radians, hands zero where the file has none; translation (T, 3) in
+        metres as in the file, +Y up, in one world; SMPL24.
+
+    Raises
+    ------
+    DataError
+        As `read_sizes`, ``nan`` and ``not_rotations`` with the dancer, or ``missing_dancer``.
+    """
+    with open_arrays(path) as arrays:
+        sizes = _sizes(arrays)
+        for member in members:
+            if not 0 <= member < sizes.dancers:
+                found = f"{sizes.dancers} dancers"
+                raise DataError(f"there is no dancer {member}", reason="missing_dancer", where=str(path), found=found)
+        poses, places = arrays.read(POSES)[list(members)], arrays.read(TRANS)[list(members)]
+        if sizes.has_orients:
+            blank = np.zeros((*poses.shape[:2], _BODY - sizes.width))
+            poses = np.concatenate([arrays.read(ORIENTS)[list(members)], poses, blank], axis=-1)
     motions = []
-    for dancer in range(n):
-        where = f"dancer {dancer}: "
-        require_finite(path, f"{where}root_trans", places[dancer], _DOWNLOAD_AGAIN)
-        require_finite(path, f"{where}smpl_poses", poses[dancer], _DOWNLOAD_AGAIN)
-        rotations = poses[dancer].reshape(frames, JOINTS, 3)
-        require_rotations(path, f"{where}smpl_poses", rotations, places[dancer], SMPL24.parents)
-        motions.append(Motion(places[dancer], rotations, FrameGrid.of(RATE), SMPL24))
+    for member, rows, trans in zip(members, poses, places, strict=True):
+        require_finite(path, f"the rotations of dancer {member}", rows, _DOWNLOAD_AGAIN)
+        require_finite(path, f"{TRANS} of dancer {member}", trans, _DOWNLOAD_AGAIN)
+        rotations = rows.reshape(len(rows), JOINTS, 3)
+        require_rotations(path, f"{POSES} of dancer {member}", rotations, trans, SMPL24.parents)
+        motions.append(Motion(trans, rotations, FrameGrid.of(RATE), SMPL24))
     return motions
 
 
-def _joined(path: Path, poses: Floats, orients: Floats) -> Floats:
-    """Put the root's rotations before those of the other joints, and joints that are missing at rest."""
-    n, frames, width = poses.shape
-    if width > 3 * (JOINTS - 1) or width % 3:
-        raise DataError(
-            "smpl_orients and smpl_poses contradict each other",
-            reason="contradiction",
-            where=str(path),
-            found=f"smpl_poses {poses.shape} beside smpl_orients {orients.shape}",
-            allowed="72 numbers without smpl_orients, or at most 69 with it",
-            fix=_DOWNLOAD_AGAIN,
-        )
-    if orients.shape != (n, frames, 3):
-        raise _bad_shape(path, "smpl_orients", orients.shape, f"{(n, frames, 3)}, as smpl_poses")
-    rest = np.zeros((n, frames, 3 * JOINTS - 3 - width))
-    return np.concatenate([orients, poses, rest], axis=2)
-
-
-def _require_keys(path: Path, arrays: ArrayFile) -> None:
-    missing = [key for key in ("smpl_poses", "root_trans") if key not in arrays.names]
+def _sizes(arrays: ArrayFile) -> Sizes:
+    """Check which of the two forms a file has, and that its arrays agree."""
+    path = arrays.path
+    missing = [key for key in (POSES, TRANS) if key not in arrays.names]
     if missing:
         raise DataError(
             f"the motion file has no {' and no '.join(missing)}",
             reason="missing_key",
             where=str(path),
             found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-            allowed="a dict with smpl_poses and root_trans",
+            allowed=f"a dict with {POSES} and {TRANS}, and {ORIENTS} where {POSES} has no root",
             fix=_DOWNLOAD_AGAIN,
         )
-
-
-def _bad_shape(path: Path, key: str, shape: tuple[int, ...], allowed: str) -> DataError:
-    return DataError(
-        f"{key} has the wrong shape", reason="bad_shape", where=str(path), found=str(shape), allowed=allowed,
-        fix=_DOWNLOAD_AGAIN,
-    )  # fmt: skip
+    shape, has_orients = arrays.shape(POSES), ORIENTS in arrays.names
+    width = shape[-1] if len(shape) == 3 else 0
+    if has_orients and width == _ALL:
+        raise DataError(
+            f"the root's rotation is in the file twice: {POSES} has all {JOINTS} joints, and there is {ORIENTS}",
+            reason="contradiction",
+            where=str(path),
+            found=f"{POSES} {shape}, {ORIENTS} {arrays.shape(ORIENTS)}",
+            allowed=f"{POSES} (P, T, {_ALL}) alone, or (P, T, 63) with {ORIENTS} (P, T, 3)",
+            fix="remove the one that is wrong",
+        )
+    valid = width % 3 == 0 and 0 < width <= _BODY if has_orients else width == _ALL
+    if not valid:
+        hint = " (the 63 columns are the body without its root)" if width == 63 else ""
+        allowed = f"(P, T, n) with n at most {_BODY} and a multiple of 3" if has_orients else f"(P, T, {_ALL})"
+        raise DataError(
+            f"{POSES} has the wrong shape{' for a file without ' + ORIENTS if hint else ''}",
+            reason="bad_shape",
+            where=str(path),
+            found=f"{shape}{hint}",
+            allowed=allowed,
+            fix=_DOWNLOAD_AGAIN,
+        )
+    for key in (TRANS, *([ORIENTS] if has_orients else [])):
+        if arrays.shape(key) != (*shape[:2], 3):
+            raise DataError(
+                f"{key} and {POSES} do not agree",
+                reason="length_mismatch",
+                where=str(path),
+                found=f"{key} {arrays.shape(key)}, {POSES} {shape}",
+                allowed=f"{key} {(*shape[:2], 3)}: dancers, frames, 3",
+                fix=_DOWNLOAD_AGAIN,
+            )
+    if not (shape[0] and shape[1]):
+        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+    return Sizes(shape[0], shape[1], width, has_orients)
 
 
 # The synthetic source.
 
 _SAMPLE_RATE = 44_100
-#: Sequence, dancers, split: three videos, one of them in train and test.
+#: Sequence, dancers, official list, the synthetic clip with the steps and the song.
 _SEQUENCES = (
-    ("-Ab_cdEf123_01_0_180", 2, "train"),
-    ("-Ab_cdEf123_02_187_370", 3, "test"),
-    ("Zz9_8-7_6Q1_01_0_181", 5, "train"),
-    ("plainid0123_01_829_1009", 2, "val"),
+    ("-Ab_cdEf123_01_0_180", 2, "train", "gBR_sBM_cAll_d04_mBR0_ch01"),
+    ("-Ab_cdEf123_02_187_367", 3, "test", "gPO_sBM_cAll_d10_mPO4_ch03"),
+    ("Zz9_8-7_6Q1_02_300_481", 5, "val", "gMH_sBM_cAll_d22_mMH1_ch04"),
+    ("plainid0123_04_829_1009", 7, "train", "gHO_sBM_cAll_d19_mHO3_ch01"),
 )
-#: Listed, but without a pickle.
-_LOST = "plainid0123_09_0_200"
+_BODY_ONLY, _SWAPS = 2, 1
+_SPACING_M, _LARGEST_DELAY = 1.2, 6
+_LABELS = {"-Ab_cdEf123": "Hip-Hop,Street", "Zz9_8-7_6Q1": "Pop,Commercial", "plainid0123": "K-Pop,Modern"}
 
 
 def write_example(folder: Path) -> None:
-    """Write four sequences of six seconds: lines of dancers, 1.2 m apart; pickles of both forms, lists, labels."""
-    for name in ("motions_smpl", "musics"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    for name, size, split in _SEQUENCES:
-        start, end = (int(number) for number in name.split("_")[-2:])
-        frames = end - start
-        song = synthesise_song("mBR0", length_s=frames / RATE, sample_rate=_SAMPLE_RATE, n_channels=2)
+    """Write four sequences of six seconds with 2, 3, 5 and 7 dancers, the lists and labels.
+
+    The first video is in train and in test. The third file has the form without a root, the fourth is float64. The
+    first two dancers of the second one swap places.
+    """
+    (folder / "motions_smpl").mkdir(parents=True, exist_ok=True)
+    (folder / "musics").mkdir(exist_ok=True)
+    for k, (name, dancers, _, steps) in enumerate(_SEQUENCES):
+        start, end = (int(part) for part in name.rsplit("_", 2)[1:])
+        n, channels = end - start, 1 + k % 2
+        song = synthesise_song(steps.split("_")[4], length_s=n / RATE, sample_rate=_SAMPLE_RATE, n_channels=channels)
         (folder / "musics" / f"{name}.wav").write_bytes(wav_bytes(song.pcm, _SAMPLE_RATE))
-        dancers = [
-            synthesise_motion(f"gBR_sBM_cAll_d0{4 + k}_mBR0_ch0{1 + k}", n_frames=2 * frames - 1)[0].resampled(
-                FrameGrid.of(RATE)
-            )
-            for k in range(size)
-        ]
-        content = content_of(dancers, start, end, separate_root=size == 5)
-        (folder / "motions_smpl" / f"{name}.pkl").write_bytes(pickle.dumps(content, protocol=3))
-        label = f"{name},Hip-Hop,Street\n"
-        labels = folder / f"{split}_labels.csv"
-        before = labels.read_text() if labels.is_file() else "sequence_name,music_genre,dance_style\n"
-        labels.write_text(before + label)
+        content = _content(steps, dancers, n, swap=k == _SWAPS)
+        content["meta"] = {"orig_start": start, "orig_end": end}
+        if k == _BODY_ONLY:
+            poses = content[POSES]
+            content |= {POSES: poses[..., 3:66], ORIENTS: poses[..., :3]}
+            del content["smpl_betas"]
+        if k < len(_SEQUENCES) - 1:
+            content = {key: v.astype(np.float32) if isinstance(v, np.ndarray) else v for key, v in content.items()}
+        (folder / "motions_smpl" / f"{name}.pkl").write_bytes(pickle.dumps(content, protocol=4))
     for split in ("train", "val", "test"):
-        names = [name for name, _, of in _SEQUENCES if of == split] + [_LOST] * (split == "test")
-        (folder / f"{split}_split_sequence_names.txt").write_text("\n".join(names) + "\n")
+        names = [name for name, _, of, _ in _SEQUENCES if of == split]
+        (folder / f"{split}_split_sequence_names.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
+        rows = ["sequence_name,music_genre,dance_style", *(f"{n},{_LABELS[n.rsplit('_', 3)[0]]}" for n in names)]
+        (folder / f"{split}_labels.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
-def content_of(dancers: list[Motion], start: int, end: int, *, separate_root: bool = False) -> dict[str, Any]:
-    """Return dancers, moved 1.2 m apart, as a pickle of AIOZ-GDANCE has them."""
-    poses = np.stack([dancer.rotations.reshape(dancer.n_frames, 72) for dancer in dancers]).astype(np.float32)
-    apart = np.array([[[1.2 * k, 0.0, 0.4 * (k % 2)]] for k in range(len(dancers))])
-    places = np.stack([dancer.translation for dancer in dancers]) + apart
-    content: dict[str, Any] = {"root_trans": places.astype(np.float32), "smpl_poses": poses}
-    if separate_root:
-        content |= {"smpl_orients": poses[..., :3], "smpl_poses": poses[..., 3:66]}
+def _content(steps: str, dancers: int, n: int, *, swap: bool) -> dict[str, Any]:
+    """Return the dict of a sequence: one dance, each dancer up to 0.2 s later and in a place of his own on a line."""
+    dance = synthesise_motion(steps, n_frames=2 * (n + _LARGEST_DELAY) - 1)[0].resampled(FrameGrid.of(RATE))
+    delays = [(3 * member) % (_LARGEST_DELAY + 1) for member in range(dancers)]
+    places = np.zeros((dancers, n, 3))
+    places[..., 0] = _SPACING_M * (np.arange(dancers) - (dancers - 1) / 2)[:, None]
+    if swap:  # half a circle about the middle of the two, so that they stay apart
+        angle = np.pi * np.clip((np.arange(n) - n / 3) / (n / 3), 0, 1)
+        middle, radius = places[:2].mean(axis=0), _SPACING_M / 2
+        turn = radius * np.stack([np.cos(angle), np.zeros(n), np.sin(angle)], axis=-1)
+        places[0], places[1] = middle - turn, middle + turn
     return {
-        **content,
-        "smpl_betas": np.zeros((len(dancers), 10), np.float32),
-        "meta": {"orig_start": start, "orig_end": end},
+        POSES: np.stack([dance.rotations[d : d + n].reshape(n, _ALL) for d in delays]),
+        TRANS: np.stack([dance.translation[d : d + n] for d in delays]) + places,
+        "smpl_betas": np.zeros((dancers, 10)),
     }
