@@ -208,7 +208,7 @@ def _meta(recipe: Recipe, sources: Sources, record: SourceRecord) -> dict[str, A
         "source_sha256": sources.sha256,
         "source": {
             "layout": sources.scan.layout,
-            "notes": list(sources.scan.notes),
+            "notes": [*sources.scan.notes, *([] if recipe.retarget is None else [recipe.retarget.note()])],
             "clips": record.to_json(),
         },
         "dataset": recipe.dataset.name,

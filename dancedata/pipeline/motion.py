@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import CROSSING, crosses
+from dancedata.core.bodies import CROSSING, SKELETONS, crosses
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -21,6 +21,7 @@ from dancedata.core.quality import (
     MAX_TURN_DEG_S,
     PLAUSIBLE_BODY_M,
     PLAUSIBLE_ROOT,
+    Flag,
     quality_flags,
 )
 from dancedata.core.skeleton import SMPL24, Skeleton
@@ -114,6 +115,7 @@ class MotionKeys:
         dataset = recipe.dataset
         loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
         loading += [] if copies is None else [copies.key()]
+        self._retarget = recipe.retarget
         limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S, *PLAUSIBLE_BODY_M, *PLAUSIBLE_ROOT]
         self._content = dict(content)
         arithmetic = expected()
@@ -135,11 +137,15 @@ class MotionKeys:
 
     def of(self, ref: ClipRef, sha256: str) -> ClipKeys:
         """Return the keys of a clip, by its id (the parts of FineDance's 004 have one file) and its file's hash."""
+        stage: dict[str, Any] = {}
+        body = self._recipe.dataset.body_of(ref)
+        if self._retarget is not None:
+            stage["retarget"] = self._retarget.key(grouped=bool(ref.group))
+            body = SKELETONS[self._retarget.skeleton]
 
         def key(common: str, **crossing: int) -> str:
-            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **crossing)
+            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **stage, **crossing)
 
-        body = self._recipe.dataset.body_of(ref)
         crossing = {clip_field.name for clip_field in self._recipe.clip_fields if _crosses(clip_field, body)}
         fields = {
             name: key(common, **({"crossing": CROSSING} if name in crossing else {}))
@@ -189,6 +195,10 @@ def _encode_missing(
     if info is not None and None not in arrays.values():
         return info, arrays
     motion = recipe.dataset.load(ref)
+    residuals: list[Flag] = []
+    if recipe.retarget is not None:
+        result = recipe.retarget.apply(motion, where=str(ref.motion_path), grouped=bool(ref.group))
+        motion, residuals = result.motion, result.flags()
     motion = motion if copies is None else copies.motion_of(motion, ref.id)
     if motion.rotations.size * 3 <= _REMEMBERED:
         motion = motion.with_cache()  # for all fields, and in window scope for all windows
@@ -199,7 +209,7 @@ def _encode_missing(
     for named in sorted({*content, *keys.content}):
         if content.get(named) != keys.content.get(named):
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
-    flags = [f.to_json() for f in quality_flags(motion)]
+    flags = [f.to_json() for f in [*quality_flags(motion), *residuals]]
     info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _EXAMINED)
     for name, array in encoded.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
