@@ -104,5 +104,8 @@ def parse_retarget(value: Any) -> RetargetSpec | None:
         raise UsageError("retarget.feet: must be true or false", found=shown(repr(feet)))
     if not isinstance(joint_map, str | Mapping):
         raise UsageError("retarget.joint_map: must be a name, a path or a mapping", found=shown(repr(joint_map)))
-    names = None if joint_map == "auto" else load_map(joint_map)
+    try:
+        names = None if joint_map == "auto" else load_map(joint_map)
+    except UsageError as error:
+        raise UsageError(f"retarget.joint_map: {error}") from error
     return RetargetSpec(skeleton, names, None if scale == "auto" else float(scale), feet)

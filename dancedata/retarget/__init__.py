@@ -1,1 +1,1 @@
-"""Motion from one skeleton to another: joint maps, rest poses, scaled limbs, feet that stay on the floor."""
+"""Motion on another skeleton: joint maps, scale, standing feet."""

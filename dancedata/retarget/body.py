@@ -46,7 +46,7 @@ class Body:
 def body_of(motion: Motion, names: Names | None = None) -> Body:
     """Put a motion on SMPL's joints; the world rotation of each joint is kept, up to one constant rotation.
 
-    A motion that already has SMPL's body joints, in their order, is returned as it is.
+    A motion that already has SMPL's body joints, in their order, is returned as it is, whatever the map.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
         Joint map; default: the one of the package that matches most joints.
     """
     source = motion.skeleton
-    if has_body(source) and names is None:
+    if has_body(source):
         return Body(motion, motion.joints(), tuple(range(source.n_joints)), (), ())
     of = map_skeleton(source, names)
     rest = rest_positions(source.parents, source.offsets)

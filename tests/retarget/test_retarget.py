@@ -170,6 +170,11 @@ def test_a_bad_map_is_an_error(tmp_path: Path, joints: object) -> None:
         load_map(path)
 
 
+def test_smpl_names_need_no_map(dance: Motion) -> None:
+    plain, mapped = (retargeted(dance, SMPL24, names).motion for names in (None, load_map("mixamo")))
+    assert np.array_equal(plain.rotations, mapped.rotations)
+
+
 def test_a_skeleton_without_a_body_is_an_error(dance: Motion) -> None:
     skeleton = replace(SMPL24, name="robot", joints=tuple(f"J{k}" for k in range(24)))
     with raises_message(UsageError):
@@ -186,11 +191,16 @@ def test_a_target_of_another_family_is_an_error(dance: Motion) -> None:
         retargeted(dance, replace(SMPL24, name="robot", joints=tuple(f"J{k}" for k in range(24))))
 
 
-@pytest.mark.parametrize(
-    "value",
-    ["smpl24", {"skeleton": "smpl42"}, {"skeleton": "smpl24", "scale": 0}, {"skeleton": "smpl24", "feets": True}],
-    ids=["text", "skeleton", "scale", "key"],
-)
+_STAGES: dict[str, object] = {
+    "text": "smpl24",
+    "skeleton": {"skeleton": "smpl42"},
+    "scale": {"skeleton": "smpl24", "scale": 0},
+    "key": {"skeleton": "smpl24", "feets": True},
+    "map": {"skeleton": "smpl24", "joint_map": "mixano"},
+}
+
+
+@pytest.mark.parametrize("value", _STAGES.values(), ids=_STAGES)
 def test_a_bad_stage_is_a_problem_of_the_recipe(value: object) -> None:
     with raises_message(RecipeError):
         load_recipe("demo", {"retarget": value})
