@@ -1,6 +1,7 @@
 """Retargeting: exact where the skeletons allow it, feet that stand, one world for a group."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.bvh.write import motion_bvh
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.retarget import parse_retarget
@@ -234,3 +237,33 @@ def test_a_build_of_a_bvh_is_on_the_skeleton(dance: Motion, tmp_path: Path) -> N
         joints = store.clip("a").read("joints").reshape(-1, 24, 3)
     thighs = np.linalg.norm(joints[:, 4] - joints[:, 1], axis=1)
     assert np.abs(thighs - np.linalg.norm(SMPL24.offsets[4])).max() < 1e-4
+
+
+def test_clips_of_a_group_have_one_scale_and_keys_of_their_own(dance: Motion) -> None:
+    spec = parse_retarget({"skeleton": "smpl24"})
+    assert spec is not None
+    source = scaled(dance, 1.1)
+    alone, member = (spec.apply(source, where="a", grouped=grouped) for grouped in (False, True))
+    assert (alone.scale, member.scale) == (pytest.approx(1 / 1.1), 1.0)
+    assert spec.key(grouped=False) != spec.key(grouped=True)
+
+
+_SHARED = Path(os.environ.get("DANCEDATA_SHARED", Path(__file__).parents[3] / "shared"))
+_CAPTURES = {
+    "motorica": "golden/crowd/inputs/motorica/bvh/kthstreet_gKR_sFM_cAll_d01_mKR_ch01.bvh",
+    "cmu": "realdata/bvh/cmu_01_01.bvh",
+}
+
+
+@pytest.mark.parametrize("capture", _CAPTURES.values(), ids=_CAPTURES)
+def test_feet_of_real_captures_move_as_the_scaled_source(capture: str) -> None:
+    if not (_SHARED / capture).exists():
+        pytest.skip("no real captures")
+    motion = load_motion(_SHARED / capture, Reading(Declared(), Declared(unit="guess"))).part(0, 600)
+    result = retargeted(motion, SMPL24)
+    feet, moved = motion.joints()[:, 10:12] * result.scale, result.motion.joints()[:, 10:12]
+    for side in (0, 1):
+        for span in contact_spans(feet[:, side] / result.scale, float(motion.grid.rate)):
+            before, after = (sliding(toes[:, side], [span])[0] for toes in (feet, moved))
+            assert after == pytest.approx(before, abs=MM)
+    assert result.residual_m.max() < 0.3
