@@ -50,9 +50,11 @@ class Flag:
     Attributes
     ----------
     kind
-        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres. Those in `OF_CLIPS`
-        concern the whole clip. "implausible_body": value is the size of the skeleton, metres. "implausible_root":
-        value is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
+        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres.
+        "retarget_residual": value is the largest residual of a run of frames, metres, see `dancedata.retarget`.
+        Those in `OF_CLIPS` concern the whole clip.
+        "implausible_body": value is the size of the skeleton, metres. "implausible_root": value
+        is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
         "_arms", "_elbows" and "_up": value is a cosine that should be above 0. "crossed_legs": value is the distance
         of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres.
     joint, frame

@@ -209,7 +209,7 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
         "source_sha256": sources.sha256,
         "source": {
             "layout": sources.scan.layout,
-            "notes": list(sources.scan.notes),
+            "notes": [*sources.scan.notes, *([] if recipe.retarget is None else [recipe.retarget.note()])],
             "clips": dict(left_out),
         },
         "dataset": recipe.dataset.name,

@@ -71,6 +71,13 @@ def require_places(recipe: Recipe) -> None:
                 found=f"groups in the source of {recipe.dataset.name}",
                 fix="choose a representation with places, such as edge151",
             )
+    if recipe.retarget is not None:
+        raise UsageError(
+            "groups cannot be retargeted: each dancer is lifted onto the floor by a height of his own",
+            where="retarget",
+            found=f"groups in the source of {recipe.dataset.name}",
+            fix="leave out retarget, and choose a representation that the dancers' own skeleton fits",
+        )
     if recipe.scope == "window":
         raise UsageError("groups are stored whole", found="scope: window", fix="build with scope: track")
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import CROSSING, crosses
+from dancedata.core.bodies import CROSSING, SKELETONS, crosses
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -22,6 +22,7 @@ from dancedata.core.quality import (
     MAX_TURN_DEG_S,
     PLAUSIBLE_BODY_M,
     PLAUSIBLE_ROOT,
+    Flag,
     quality_flags,
 )
 from dancedata.core.skeleton import SMPL24, Skeleton
@@ -116,6 +117,7 @@ class MotionKeys:
         dataset = recipe.dataset
         loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
         loading += [] if copies is None else [copies.key()]
+        self._retarget = recipe.retarget
         limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S, *PLAUSIBLE_BODY_M, *PLAUSIBLE_ROOT]
         self._content = dict(content)
         arithmetic = expected()
@@ -140,13 +142,17 @@ class MotionKeys:
 
         `group` are all dancers of its group, whose length, floor and place shape its rows, with their files' hashes.
         """
-        partners = {"group": [[other.id, other.declared, of_file] for other, of_file in group]} if group else {}
+        stage: dict[str, Any] = {}
+        if group:
+            stage["group"] = [[other.id, other.declared, of_file] for other, of_file in group]
+        body = self._recipe.dataset.body_of(ref)
+        if self._retarget is not None:
+            stage["retarget"] = self._retarget.key(grouped=bool(ref.group))
+            body = SKELETONS[self._retarget.skeleton]
 
         def key(common: str, **crossing: int) -> str:
-            clip = [ref.id, ref.declared]
-            return Cache.key("clip", common=common, clip=clip, file=sha256, **partners, **crossing)
+            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **stage, **crossing)
 
-        body = self._recipe.dataset.body_of(ref)
         crossing = {clip_field.name for clip_field in self._recipe.clip_fields if _crosses(clip_field, body)}
         fields = {
             name: key(common, **({"crossing": CROSSING} if name in crossing else {}))
@@ -196,8 +202,12 @@ def _encode_missing(
     if info is not None and None not in arrays.values():
         return info, arrays
     motion = recipe.dataset.load(ref)
+    residuals: list[Flag] = []
+    if recipe.retarget is not None:
+        result = recipe.retarget.apply(motion, where=str(ref.motion_path), grouped=bool(ref.group))
+        motion, residuals = result.motion, result.flags()
     motion = motion if copies is None else copies.motion_of(motion, ref.id)
-    return _published(cache, recipe, ref, keys, sha256, motion, arrays)
+    return _published(cache, recipe, ref, keys, sha256, motion, arrays, residuals=residuals)
 
 
 def _published(
@@ -209,6 +219,7 @@ def _published(
     motion: Motion,
     arrays: dict[str, CachedArray | None],
     floors: Mapping[str, float] = MappingProxyType({}),
+    residuals: Sequence[Flag] = (),
 ) -> tuple[ClipInfo, dict[str, CachedArray | None]]:
     """Encode a loaded motion for the fields that are missing, and publish them; `floors` are those of its group."""
     if motion.rotations.size * 3 <= _REMEMBERED:
@@ -222,7 +233,7 @@ def _published(
     for named in sorted({*content, *keys.content}):
         if content.get(named) != keys.content.get(named):
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
-    flags = [f.to_json() for f in quality_flags(motion)]
+    flags = [f.to_json() for f in [*quality_flags(motion), *residuals]]
     info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _EXAMINED)
     for name, array in encoded.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)

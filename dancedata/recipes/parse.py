@@ -19,6 +19,7 @@ from dancedata.core.text import shown
 from dancedata.recipes.fields import WindowSpec
 from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, make_slots, slot_keys
 from dancedata.recipes.recipe import Recipe
+from dancedata.recipes.retarget import parse_retarget
 from dancedata.recipes.yaml import load_yaml, read_yaml
 
 #: Characters shown of a PyYAML error, which has several lines.
@@ -164,6 +165,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     if lengths is not None and grid is not None:
         windows = problems.catch(partial(_windows, lengths, grid))
     by_window = document.get("scope") == "window"
+    retarget = problems.catch(partial(parse_retarget, document.get("retarget")))
     slots = make_slots(document, grid, windows, by_window=by_window, problems=problems)
     dataset, windows = slots.dataset, slots.windows
     if problems or not (top and store and groups) or grid is None or dataset is None or windows is None:
@@ -182,6 +184,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         augment=slots.augment,
         shard_mb=store["shard_mb"],
         incomplete_groups=groups["incomplete"],
+        retarget=retarget,
     )
 
 
@@ -268,6 +271,7 @@ _KEYS = {
         "scope": _choice("track", "window"),
         "windows": _Key(_MISSING),
         **dict.fromkeys(("motion", "audio", "keymotion", "augment"), _Key()),
+        "retarget": _Key(),
         "store": _Key({}),
         "groups": _Key({}),
     },

@@ -15,6 +15,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.recipes.copies import CopySpec, augment_document
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
+from dancedata.recipes.retarget import RetargetSpec
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class Recipe:
     augment: tuple[CopySpec, ...]
     shard_mb: int
     incomplete_groups: Literal["set_aside", "keep"] = "set_aside"
+    retarget: RetargetSpec | None = None
 
     def __repr__(self) -> str:
         fields = ", ".join(field.name for field in self.fields)
@@ -62,7 +64,7 @@ class Recipe:
     @cached_property
     def document(self) -> dict[str, Any]:
         """The recipe with every default spelled out, as JSON; without paths, which are not part of its hash."""
-        return {
+        document = {
             "recipe": 1,
             "name": self.name,
             "description": self.description,
@@ -78,6 +80,8 @@ class Recipe:
             # Absent by default, so that the hashes of earlier recipes stay.
             **({"groups": {"incomplete": "keep"}} if self.incomplete_groups == "keep" else {}),
         }
+        # Absent by default, so that hashes of earlier recipes hold.
+        return document if self.retarget is None else {**document, "retarget": self.retarget.document()}
 
     @cached_property
     def sha256(self) -> str:

@@ -225,7 +225,11 @@ def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None
     assert keys.of(refs[0], "1" * 64).info == MotionKeys(recipe, {}).of(replace(refs[0], group=""), "1" * 64).info
 
 
-@pytest.mark.parametrize("keys", [{"motion": {"humanml263": {}}, "fps": 20}, {"scope": "window"}], ids=str)
+@pytest.mark.parametrize(
+    "keys",
+    [{"motion": {"humanml263": {}}, "fps": 20}, {"scope": "window"}, {"retarget": {"skeleton": "smpl24"}}],
+    ids=str,
+)
 def test_what_cannot_hold_a_group_is_refused(tmp_path: Path, cache: Path, keys: dict[str, Any]) -> None:
     write(tmp_path / "source", "a", 2)
     with raises_message(UsageError):

@@ -33,10 +33,11 @@ from dancedata.datasets.folder.people import on_video_frames, open_person
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
-from dancedata.formats.bvh.kinematics import rest_positions, stretch, world
+from dancedata.formats.bvh.kinematics import stretch, world
 from dancedata.formats.bvh.parse import Bvh, read_bvh
-from dancedata.formats.bvh.retarget import SMPL_REST, Rig, make_rig, retarget, skeleton_of
+from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of
 from dancedata.formats.video_pose import PersonArrays
+from dancedata.retarget.rest import SMPL_REST, rest_positions
 
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
 PLAUSIBLE_M = (1.2, 2.2)

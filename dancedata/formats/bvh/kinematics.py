@@ -41,15 +41,6 @@ def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
     return float(max(apart, default=0.0))
 
 
-def rest_positions(parents: Sequence[int], offsets: Floats) -> Floats:
-    """Return (J, 3) positions with all angles 0 and the root at 0."""
-    positions = np.zeros((len(parents), 3))
-    for k, parent in enumerate(parents):
-        if parent != -1:
-            positions[k] = positions[parent] + offsets[k]
-    return positions
-
-
 def world(bvh: Bvh, indices: Sequence[int], rows: slice) -> tuple[Floats, Floats]:
     """Return rotations and positions of some joints.
 

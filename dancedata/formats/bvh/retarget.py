@@ -31,28 +31,17 @@ from dancedata.core.errors import DataError
 from dancedata.core.rotations import rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.formats.bvh.joint_names import JointMap, ancestors
-from dancedata.formats.bvh.kinematics import bone_offsets, rest_positions, world
+from dancedata.formats.bvh.kinematics import bone_offsets, world
 from dancedata.formats.bvh.parse import Bvh
+from dancedata.retarget.rest import PELVIS, POINT, SMPL_REST, Aligner, anchor, norm, rest_positions
 
 Floats = NDArray[np.float64]
 
-PELVIS, NECK, HEAD = 0, 12, 15
-#: Rest positions of SMPL's joints relative to the pelvis, (24, 3) metres.
-SMPL_REST = rest_positions(SMPL24.parents, SMPL24.offsets)
-_SPINE = (3, 6, 9)
-_SIDES = ((1, 2), (13, 14), (16, 17))
-#: The child at the end of the bone that defines a joint's rotation.
-_CHILD = {1: 4, 2: 5, 4: 7, 5: 8, 7: 10, 8: 11}
-_CHILD |= {13: 16, 14: 17, 16: 18, 17: 19, 18: 20, 19: 21, 20: 22, 21: 23}
-#: Joints with a large range of rotation about their bone.
-_FREE = (1, 2, 16, 17, 18, 19, 20, 21)
 _LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
 _SAMPLES = 300
 #: Largest movement by position channels, as a fraction of the body.
 _STRETCH = 0.05
 _CHUNK = 4096
-#: Bones shorter than this fraction of the body count as points.
-_POINT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +84,10 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     """
     rest = rest_positions([joint.parent for joint in bvh.joints], bone_offsets(bvh))
     places = {s: rest[b] for s, b in joints.of.items()}
-    size = max(_norm(a - b) for a in places.values() for b in places.values())
+    size = max(norm(a - b) for a in places.values() for b in places.values())
     _check_bones(bvh, joints, places, size)
     turns = _sampled(bvh, joints)
-    maker = _Aligner(places, size * _POINT, up, turns)
+    maker = Aligner(places, size * POINT, up, turns)
     align = maker.run()
     child_of = {s: c for s, c in maker.child_of.items() if _bends(bvh, joints, s, c)}
     return Rig(joints, align, child_of, _bones(places, align, joints))
@@ -161,7 +150,7 @@ def _body_rotations(rig: Rig, mapped: list[int], turns: Floats, places: Floats) 
 def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size: float) -> None:
     where, fix = str(bvh.path), "export the file again with the skeleton of the capture"
     for a, b in (*_LEGS, (1, 2)):
-        if not _norm(places[a] - places[b]) > size * _POINT:
+        if not norm(places[a] - places[b]) > size * POINT:
             names = " and ".join(bvh.joints[joints.of[s]].name for s in (a, b))
             problem = f"{names} are at the same position"
             raise DataError(problem, reason="bad_skeleton", where=where, allowed="a distance above 0", fix=fix)
@@ -182,25 +171,17 @@ def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size:
 
 def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Floats:
     """Return the offsets (24, 3) in SMPL's rest pose, in the file's unit."""
-    bones, smpl = (sum(_norm(at[b] - at[a]) for a, b in _LEGS) for at in (places, SMPL_REST))
+    bones, smpl = (sum(norm(at[b] - at[a]) for a, b in _LEGS) for at in (places, SMPL_REST))
     scale = bones / smpl
     inner = set(SMPL24.parents)
     offsets = np.zeros((24, 3))
     for j in range(1, 24):
         if j in joints.of:
-            above = _anchor(j, places)
+            above = anchor(j, places)
             offsets[j] = align[above].T @ (places[j] - places[above])
         elif j not in inner:
             offsets[j] = SMPL24.offsets[j] * scale
     return offsets
-
-
-def _anchor(joint: int, places: Mapping[int, Floats]) -> int:
-    """Return the nearest ancestor that the file has."""
-    above = SMPL24.parents[joint]
-    while above not in places:
-        above = SMPL24.parents[above]
-    return above
 
 
 def _sampled(bvh: Bvh, joints: JointMap) -> dict[int, Floats]:
@@ -220,107 +201,3 @@ def _bends(bvh: Bvh, joints: JointMap, joint: int, child: int) -> bool:
             return True
         k = bvh.joints[k].parent
     return False
-
-
-class _Aligner:
-    """Computes the constant rotations from the root outwards."""
-
-    def __init__(self, places: Mapping[int, Floats], point: float, up: Floats, turns: Mapping[int, Floats]) -> None:
-        self.places = places
-        self.point = point
-        self.up = up
-        self.turns = turns
-        self.align = np.tile(np.eye(3), (24, 1, 1))
-        self.child_of: dict[int, int] = {}
-        spine = [s for s in _SPINE if s in places]
-        self._chest = spine[-1] if spine else PELVIS
-
-    def run(self) -> Floats:
-        """Return (24, 3, 3)."""
-        for j in sorted(self.places):
-            if j == PELVIS:
-                self.align[j] = self._pelvis()
-            elif j == self._chest:
-                self.align[j] = self._chest_rotation()
-            else:
-                self.align[j] = self._limb(j)
-        return self.align
-
-    def _pelvis(self) -> Floats:
-        spine = next((s for s in (*_SPINE, NECK, HEAD) if s in self.places and self._apart(PELVIS, s)), None)
-        rest_up, up = np.array([0.0, 1.0, 0.0]), self.up
-        if spine is not None:
-            bone = self.places[spine] - self.places[PELVIS]
-            if bone @ self.up < np.cos(np.radians(60)) * _norm(bone):
-                rest_up, up = SMPL_REST[spine], bone
-        return self._frame((1, 2), rest_up, up, np.eye(3))
-
-    def _chest_rotation(self) -> Floats:
-        above: Floats = self.align[_anchor(self._chest, self.places)]
-        sides = next((pair for pair in _SIDES[1:] if set(pair) <= set(self.places) and self._apart(*pair)), (16, 17))
-        neck = next((s for s in (NECK, HEAD) if s in self.places and self._apart(self._chest, s)), None)
-        if neck is None:
-            return above
-        rest_up = SMPL_REST[neck] - SMPL_REST[self._chest]
-        return self._frame(sides, rest_up, self.places[neck] - self.places[self._chest], above)
-
-    def _frame(self, sides: tuple[int, int], rest_up: Floats, up: Floats, otherwise: Floats) -> Floats:
-        """Map left to the file's line between two joints, and up as close as possible to `up`."""
-        left, right = sides
-        source = _basis(np.array([1.0, 0.0, 0.0]), rest_up)
-        target = _basis(self.places[left] - self.places[right], up)
-        return otherwise if source is None or target is None else target @ source.T
-
-    def _limb(self, joint: int) -> Floats:
-        above = _anchor(joint, self.places)
-        below = _CHILD.get(joint)
-        if joint in _SPINE:
-            below = next(s for s in (*_SPINE, NECK, HEAD) if s > joint and s in self.places)
-        if below is None or below not in self.places or not self._apart(joint, below):
-            start = self.align[PELVIS] if joint == HEAD else self.align[above]
-            return self._untwisted(joint, above, start, None)
-        self.child_of[joint] = below
-        bone = SMPL_REST[below] - SMPL_REST[joint]
-        start = self.align[above]
-        aimed = shortest_rotation(start @ bone, self.places[below] - self.places[joint], start[:, 2]) @ start
-        return self._untwisted(joint, above, aimed, bone / _norm(bone))
-
-    def _untwisted(self, joint: int, above: int, align: Floats, bone: Floats | None) -> Floats:
-        """Remove the multiples of 90 degrees from a joint's mean rotation; about its bone if it has one."""
-        from scipy.spatial.transform import Rotation
-
-        if not self.turns:
-            return align
-        parent = self.turns[above] @ self.align[above]
-        mean = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ self.turns[joint] @ align).mean()
-        if bone is None:
-            if np.degrees(mean.magnitude()) <= 60:
-                return align
-            quarters = Rotation.create_group("O")
-            nearest = quarters[int(np.argmin((quarters.inv() * mean).magnitude()))]
-            return np.asarray(align @ nearest.inv().as_matrix(), dtype=np.float64)
-        x, y, z, w = mean.as_quat()
-        twist = np.degrees(2 * np.arctan2(np.array([x, y, z]) @ bone, w))
-        twist = (twist + 180) % 360 - 180
-        limit, unit = (120.0, 180.0) if joint in _FREE else (60.0, 90.0)
-        if abs(twist) <= limit:
-            return align
-        back = Rotation.from_rotvec(-np.radians(round(twist / unit) * unit) * bone)
-        return np.asarray(align @ back.as_matrix(), dtype=np.float64)
-
-    def _apart(self, a: int, b: int) -> bool:
-        return _norm(self.places[a] - self.places[b]) > self.point
-
-
-def _norm(vector: Floats) -> float:
-    return float(np.linalg.norm(vector))
-
-
-def _basis(across: Floats, up: Floats) -> Floats | None:
-    """Return axes (columns), the first along `across`; None if up and across are parallel."""
-    first = across / max(_norm(across), 1e-300)
-    third = np.cross(first, up / max(_norm(up), 1e-300))
-    if _norm(third) < 1e-3:
-        return None
-    third /= _norm(third)
-    return np.stack([first, np.cross(third, first), third], axis=1)

@@ -1,0 +1,111 @@
+"""The stage `retarget` of a recipe: motion of every clip on one skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dancedata.core.bodies import SKELETONS
+from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.motion import Motion
+from dancedata.core.text import shown
+from dancedata.retarget.maps import Names, load_map
+from dancedata.retarget.transfer import VERSION, Retargeted, retargeted
+
+_KEYS = ("skeleton", "joint_map", "scale", "feet")
+
+
+@dataclass(frozen=True)
+class RetargetSpec:
+    """What a recipe asks for.
+
+    Attributes
+    ----------
+    skeleton
+        Name of a skeleton of the SMPL family.
+    joint_map
+        SMPL joint -> names; None for the map of the package that matches most joints.
+    scale
+        Of the world; None for the ratio of the legs, and for 1 in groups.
+    feet
+        Whether feet are kept where they stand.
+    """
+
+    skeleton: str
+    joint_map: Names | None = None
+    scale: float | None = None
+    feet: bool = True
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON data with every default and the names of the joint map, not its path."""
+        joint_map = None if self.joint_map is None else {k: list(v) for k, v in sorted(self.joint_map.items())}
+        return {
+            "skeleton": self.skeleton,
+            "joint_map": joint_map or "auto",
+            "scale": "auto" if self.scale is None else self.scale,
+            "feet": self.feet,
+        }
+
+    def key(self, *, grouped: bool) -> dict[str, Any]:
+        """Return the part of a cache key; `grouped` tells whether the clip is a dancer of a group."""
+        return {**self.document(), "version": VERSION, "scale": self._scale(grouped)}
+
+    def note(self) -> str:
+        """Return a note on the source: what the stage does, and what it cannot map."""
+        scale = "1 in groups, else the ratio of the legs" if self.scale is None else self.scale
+        return (
+            f"every clip is retargeted to {self.skeleton} (scale of the world: {scale}; feet "
+            f"{'kept where they stand' if self.feet else 'not corrected'}); fingers and spine joints that it lacks "
+            "are dropped, twists of limbs are copied"
+        )
+
+    def apply(self, motion: Motion, *, where: str, grouped: bool) -> Retargeted:
+        """Retarget the motion of one clip; DataError (``bad_skeleton``) if its skeleton cannot be mapped."""
+        scale = self._scale(grouped)
+        try:
+            return retargeted(motion, SKELETONS[self.skeleton], self.joint_map, scale=scale, feet=self.feet)
+        except UsageError as error:
+            raise DataError(
+                f"the motion cannot be retargeted to {self.skeleton}",
+                reason="bad_skeleton",
+                where=where,
+                found=str(error),
+                fix="give a joint map: retarget.joint_map",
+            ) from error
+
+    def _scale(self, grouped: bool) -> float | None:
+        return 1.0 if grouped and self.scale is None else self.scale
+
+
+def parse_retarget(value: Any) -> RetargetSpec | None:
+    """Check the value of the key `retarget`; None for an absent one, UsageError for a wrong one."""
+    if value is None:
+        return None
+    if not isinstance(value, Mapping):
+        raise UsageError(
+            "retarget: not a mapping of keys", found=shown(repr(value)), allowed="such as {skeleton: smpl24}"
+        )
+    for key in value:
+        if key not in _KEYS:
+            raise UsageError(f"retarget.{shown(str(key))}: unknown key", fix=did_you_mean(str(key), _KEYS))
+    skeleton = value.get("skeleton")
+    if skeleton not in SKELETONS:
+        raise UsageError(
+            "retarget.skeleton: not a skeleton of the package",
+            found=shown(repr(skeleton)),
+            allowed=", ".join(SKELETONS),
+        )
+    scale, feet, joint_map = value.get("scale", "auto"), value.get("feet", True), value.get("joint_map", "auto")
+    is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
+    if scale != "auto" and not (is_number and 0.01 <= scale <= 100):
+        raise UsageError("retarget.scale: must be auto or a number", found=shown(repr(scale)), allowed="0.01 to 100")
+    if not isinstance(feet, bool):
+        raise UsageError("retarget.feet: must be true or false", found=shown(repr(feet)))
+    if not isinstance(joint_map, str | Mapping):
+        raise UsageError("retarget.joint_map: must be a name, a path or a mapping", found=shown(repr(joint_map)))
+    try:
+        names = None if joint_map == "auto" else load_map(joint_map)
+    except UsageError as error:
+        raise UsageError(f"retarget.joint_map: {error}") from error
+    return RetargetSpec(skeleton, names, None if scale == "auto" else float(scale), feet)

@@ -1,0 +1,1 @@
+"""Motion on another skeleton: joint maps, scale, standing feet."""

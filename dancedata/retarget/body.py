@@ -1,0 +1,110 @@
+"""A motion on any skeleton with a body -> SMPL's 24 joints, with that skeleton's own bones."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dancedata.core.bodies import has_body
+from dancedata.core.errors import UsageError
+from dancedata.core.motion import Motion, world_matrices
+from dancedata.core.rotations import Float64Array, rotvec_from_matrix, shortest_rotation
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.retarget.maps import Names, map_skeleton
+from dancedata.retarget.rest import POINT, Aligner, anchor, norm, rest_positions
+
+#: Frames that are inspected for the mean rotations of joints.
+_SAMPLES = 300
+_LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
+_SMPL_LEGS = sum(norm(SMPL24.offsets[b]) for _, b in _LEGS)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A motion on SMPL's joints, before its bones change.
+
+    Attributes
+    ----------
+    motion
+        On a skeleton that begins with SMPL's 22 body joints.
+    places
+        Positions (T, K, 3) of the joints that the source has, metres.
+    joints
+        (K,) their indices in the motion's skeleton.
+    unmapped
+        Joints of the source that no joint of `motion` stands for.
+    missing
+        Joints of `motion` that the source lacks.
+    """
+
+    motion: Motion
+    places: Float64Array
+    joints: tuple[int, ...]
+    unmapped: tuple[str, ...]
+    missing: tuple[str, ...]
+
+
+def body_of(motion: Motion, names: Names | None = None) -> Body:
+    """Put a motion on SMPL's joints; the world rotation of each joint is kept, up to one constant rotation.
+
+    A motion that already has SMPL's body joints, in their order, is returned as it is, whatever the map.
+
+    Parameters
+    ----------
+    names
+        Joint map; default: the one of the package that matches most joints.
+    """
+    source = motion.skeleton
+    if has_body(source):
+        return Body(motion, motion.joints(), tuple(range(source.n_joints)), (), ())
+    of = map_skeleton(source, names)
+    rest = rest_positions(source.parents, source.offsets)
+    places = {j: rest[k] for j, k in of.items()}
+    size = max(norm(a - b) for a in places.values() for b in places.values())
+    for a, b in (*_LEGS, (1, 2)):
+        if not norm(places[a] - places[b]) > size * POINT:
+            raise UsageError(
+                f"skeleton {source.name}: {SMPL24.joints[a]} and {SMPL24.joints[b]} are at the same position",
+                allowed="a distance above 0",
+            )
+    world = world_matrices(source, motion.matrices)
+    step = -(-motion.n_frames // _SAMPLES)
+    turns = {j: world[::step, k] for j, k in of.items()}
+    aligner = Aligner(places, size * POINT, np.array([0.0, 1.0, 0.0]), turns, level=False)
+    align = aligner.run()
+    bones = np.zeros((24, 3))
+    scale = sum(norm(places[b] - places[a]) for a, b in _LEGS) / _SMPL_LEGS
+    for j in range(1, 24):
+        above = anchor(j, places)
+        bones[j] = align[above].T @ (places[j] - places[above]) if j in of else 0.0
+        if j not in of and j not in SMPL24.parents:
+            bones[j] = SMPL24.offsets[j] * scale
+    at = motion.joints()
+    full = np.empty((motion.n_frames, 24, 3, 3))
+    for j in range(24):
+        if j not in of:
+            full[:, j] = full[:, SMPL24.parents[j]]
+            continue
+        full[:, j] = world[:, of[j]] @ align[j]
+        child = aligner.child_of.get(j)
+        if child is not None and _bends(source, of[j], of[child]):
+            full[:, j] = shortest_rotation(full[:, j] @ bones[child], at[:, of[child]] - at[:, of[j]]) @ full[:, j]
+    local = full.copy()
+    for j in range(1, 24):
+        local[:, j] = np.swapaxes(full[:, SMPL24.parents[j]], -1, -2) @ full[:, j]
+    bones[0] = SMPL24.offsets[0]
+    skeleton = Skeleton(f"smpl24:{source.name}", SMPL24.joints, SMPL24.parents, bones, SMPL24.pairs, SMPL24.feet)
+    moved = Motion(
+        at[:, of[0]] - bones[0],
+        rotvec_from_matrix(local),
+        motion.grid,
+        skeleton,
+        motion.trim_start,
+        motion.stretch_m,
+    )
+    unmapped = tuple(name for k, name in enumerate(source.joints) if k not in of.values())
+    missing = tuple(name for j, name in enumerate(SMPL24.joints) if j not in of)
+    return Body(moved, at[:, list(of.values())], tuple(of), unmapped, missing)
+
+
+def _bends(skeleton: Skeleton, above: int, below: int) -> bool:
+    return skeleton.parents[below] != above

@@ -1,0 +1,269 @@
+"""Retargeting: exact where the skeletons allow it, feet that stand, one world for a group."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dancedata.core.bodies import SMPLX22, SMPLX55
+from dancedata.core.errors import DataError, RecipeError, UsageError
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import rotation, rotvec_from_matrix
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.load import Reading, load_motion
+from dancedata.formats.bvh.write import motion_bvh
+from dancedata.recipes.parse import load_recipe
+from dancedata.recipes.retarget import parse_retarget
+from dancedata.retarget.feet import contact_spans, sliding
+from dancedata.retarget.maps import load_map, map_names, map_skeleton
+from dancedata.retarget.transfer import group_scale, leg_ratio, retargeted
+from dancedata.synthetic import synthesise_motion
+from tests.messages import raises_message
+
+MM = 1e-3
+
+
+@pytest.fixture(scope="module")
+def dance() -> Motion:
+    return synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
+
+
+def renamed(motion: Motion, family: str, scale: float) -> Motion:
+    """The same dance on a scaled skeleton with a family's names, its rest pose turned joint by joint."""
+    names = load_map(family)
+    joints = tuple(f"rig:{names[j][0]}" if j in names else f"Extra{k}" for k, j in enumerate(SMPL24.joints))
+    turns = np.tile(np.eye(3), (24, 1, 1))
+    turns[[16, 18, 20, 22]] = rotation(np.array([0, 0, -0.8])).as_matrix()  # an A pose
+    turns[[17, 19, 21, 23]] = rotation(np.array([0, 0, 0.8])).as_matrix()
+    offsets = np.array(SMPL24.offsets) * scale
+    offsets[1:] = np.einsum("jab,jb->ja", turns[list(SMPL24.parents[1:])], offsets[1:])
+    local = motion.matrices.copy()
+    for j in range(24):
+        above = turns[SMPL24.parents[j]] if j else np.eye(3)
+        local[:, j] = above @ local[:, j] @ turns[j].T
+    rotations = rotvec_from_matrix(local)
+    skeleton = Skeleton(family, joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+    pelvis = (motion.translation + SMPL24.offsets[0]) * scale
+    return Motion(pelvis - offsets[0], rotations, motion.grid, skeleton)
+
+
+def scaled(motion: Motion, scale: float) -> Motion:
+    skeleton = replace(SMPL24, name="scaled", offsets=SMPL24.offsets * scale)
+    return Motion(motion.translation * scale, motion.rotations, motion.grid, skeleton)
+
+
+def long_legged(motion: Motion) -> Motion:
+    """Longer thighs, shorter shins, wider hips: positions cannot agree."""
+    offsets = np.array(SMPL24.offsets)
+    offsets[[4, 5]] *= 1.25
+    offsets[[7, 8]] *= 0.9
+    offsets[[1, 2], 0] *= 1.5
+    return Motion(motion.translation, motion.rotations, motion.grid, replace(SMPL24, name="long", offsets=offsets))
+
+
+def slid(feet: np.ndarray, spans: list[tuple[int, int]]) -> float:
+    path, steps = sliding(feet, spans)
+    return path / steps
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 1.3])
+def test_a_scaled_body_is_exact(dance: Motion, scale: float) -> None:
+    result = retargeted(scaled(dance, scale), SMPL24)
+    assert np.abs(result.motion.joints() - dance.joints()).max() < MM
+    assert result.residual_m.max() < MM
+    assert result.scale == pytest.approx(1 / scale)
+    assert result.flags() == []
+
+
+@pytest.mark.parametrize("family", [name for name in map_names() if name != "smpl"])
+def test_a_family_is_recognised_and_exact_in_its_limbs(dance: Motion, family: str) -> None:
+    source = renamed(dance, family, 1.2)
+    result = retargeted(source, SMPL24)
+    # The skeleton has the joint that Motorica's map lacks, spine2.
+    assert result.residual_m.max() < (0.02 if family == "motorica" else MM)
+    of = map_skeleton(source.skeleton)
+    assert {SMPL24.joints[j] for j in of} >= set(load_map(family)) - {"left_hand", "right_hand"}
+
+
+def test_the_same_rest_pose_in_other_names_is_exact(dance: Motion) -> None:
+    names = {joint: f"J_{k}" for k, joint in enumerate(SMPL24.joints)}
+    skeleton = replace(SMPL24, name="own", joints=tuple(names.values()))
+    result = retargeted(dance.on(skeleton), SMPL24, load_map(names))
+    assert np.abs(result.motion.joints()[:, :22] - dance.joints()[:, :22]).max() < MM
+
+
+def test_feet_do_not_slide_more_than_in_the_source(dance: Motion) -> None:
+    target = long_legged(dance).skeleton
+    toes = dance.joints()[:, 10:12]
+    copied, kept = (retargeted(dance, target, feet=feet).motion.joints()[:, 10:12] for feet in (False, True))
+    factor = leg_ratio(dance.skeleton, target)
+    for side in (0, 1):
+        spans = contact_spans(toes[:, side], 60)
+        assert spans
+        before, without, after = (slid(feet[:, side], spans) for feet in (toes * factor, copied, kept))
+        assert after < before + 1e-4
+        assert after < without / 2
+        on_floor = np.concatenate([np.arange(*span) for span in spans])
+        assert np.abs(kept[on_floor, side, 1] - factor * toes[on_floor, side, 1]).max() < 2 * MM
+
+
+def test_feet_keep_their_rotation_and_bones_their_lengths(dance: Motion) -> None:
+    from dancedata.core.motion import world_matrices
+
+    source = long_legged(dance)
+    moved = retargeted(source, SMPL24).motion
+    own, other = (world_matrices(m.skeleton, m.matrices)[:, [7, 8]] for m in (source, moved))
+    assert np.abs(own - other).max() < 1e-9
+    joints = moved.joints()
+    lengths = np.linalg.norm(joints[:, 4] - joints[:, 1], axis=1)
+    assert np.ptp(lengths) < 1e-9
+
+
+def test_a_group_keeps_its_distances(dance: Motion) -> None:
+    other = Motion(dance.translation + np.array([1.5, 0.0, 0.4]), dance.rotations, dance.grid, dance.skeleton)
+    dancers = [scaled(dance, 1.1), long_legged(other)]
+    scale = group_scale([m.skeleton for m in dancers], SMPL24)
+    assert scale == group_scale([m.skeleton for m in reversed(dancers)], SMPL24)
+    results = [retargeted(m, SMPL24, scale=scale).motion for m in dancers]
+    before = (dancers[1].joints()[:, 0] - dancers[0].joints()[:, 0])[:, ::2] * scale
+    after = (results[1].joints()[:, 0] - results[0].joints()[:, 0])[:, ::2]
+    assert np.abs(before - after).max() < 1e-9
+
+
+def test_fingers_that_the_target_lacks_are_named(dance: Motion) -> None:
+    source = Motion(dance.translation, np.zeros((240, 55, 3)), dance.grid, SMPLX55)
+    notes = " ".join(retargeted(source, SMPLX22).notes)
+    assert "left_index1" in notes
+    assert "twists" in notes
+
+
+def test_large_residuals_are_flagged_once_for_each_run(dance: Motion) -> None:
+    result = retargeted(dance, SMPL24)
+    residual = np.zeros(240)
+    residual[[10, 11, 12, 50]] = 0.2, 0.4, 0.3, 0.5
+    flags = replace(result, residual_m=residual).flags()
+    assert [(f.kind, f.frame, f.value) for f in flags] == [
+        ("retarget_residual", 11, 0.4),
+        ("retarget_residual", 50, 0.5),
+    ]
+
+
+def test_a_map_may_come_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "own.json"
+    path.write_text(json.dumps({"joints": {"pelvis": "Root", "left_hip": ["LThigh"]}}))
+    assert load_map(path) == {"pelvis": ("Root",), "left_hip": ("LThigh",)}
+
+
+def test_an_unknown_map_is_an_error() -> None:
+    with raises_message(UsageError):
+        load_map("mixano")
+
+
+@pytest.mark.parametrize(
+    "joints", [{"pelvsi": "Hips"}, {"pelvis": 3}, [], {}], ids=["joint", "name", "list", "empty"]
+)
+def test_a_bad_map_is_an_error(tmp_path: Path, joints: object) -> None:
+    path = tmp_path / "own.json"
+    path.write_text(json.dumps({"joints": joints}))
+    with raises_message(UsageError):
+        load_map(path)
+
+
+def test_smpl_names_need_no_map(dance: Motion) -> None:
+    plain, mapped = (retargeted(dance, SMPL24, names).motion for names in (None, load_map("mixamo")))
+    assert np.array_equal(plain.rotations, mapped.rotations)
+
+
+def test_a_skeleton_without_a_body_is_an_error(dance: Motion) -> None:
+    skeleton = replace(SMPL24, name="robot", joints=tuple(f"J{k}" for k in range(24)))
+    with raises_message(UsageError):
+        retargeted(dance.on(skeleton), SMPL24)
+    spec = parse_retarget({"skeleton": "smpl24"})
+    assert spec is not None
+    with pytest.raises(DataError, match="cannot be retargeted") as caught:
+        spec.apply(dance.on(skeleton), where="a.bvh", grouped=False)
+    assert caught.value.reason == "bad_skeleton"
+
+
+def test_a_target_of_another_family_is_an_error(dance: Motion) -> None:
+    with raises_message(UsageError):
+        retargeted(dance, replace(SMPL24, name="robot", joints=tuple(f"J{k}" for k in range(24))))
+
+
+_STAGES: dict[str, object] = {
+    "text": "smpl24",
+    "skeleton": {"skeleton": "smpl42"},
+    "scale": {"skeleton": "smpl24", "scale": 0},
+    "key": {"skeleton": "smpl24", "feets": True},
+    "map": {"skeleton": "smpl24", "joint_map": "mixano"},
+}
+
+
+@pytest.mark.parametrize("value", _STAGES.values(), ids=_STAGES)
+def test_a_bad_stage_is_a_problem_of_the_recipe(value: object) -> None:
+    with raises_message(RecipeError):
+        load_recipe("demo", {"retarget": value})
+
+
+def test_recipes_without_the_stage_keep_their_hash() -> None:
+    plain, staged = load_recipe("demo"), load_recipe("demo", ["retarget.skeleton=smpl24"])
+    assert "retarget" not in plain.document
+    assert plain.sha256 != staged.sha256
+    assert load_recipe(staged.document).sha256 == staged.sha256
+
+
+def test_a_build_of_a_bvh_is_on_the_skeleton(dance: Motion, tmp_path: Path) -> None:
+    import dancedata
+
+    source = tmp_path / "source"
+    source.mkdir()
+    (source / "a.bvh").write_text(motion_bvh(long_legged(dance), "cm"))
+    overrides = {
+        "dataset": {"folder": {"unit": "cm", "music": "optional"}},
+        "audio": {},
+        "motion": {"joints": {}},
+        "windows": {"length_s": 2, "stride_s": 1},
+        "fps": 30,
+        "retarget.skeleton": "smpl24",
+    }
+    places = {"source": source, "out": tmp_path / "out", "cache": tmp_path / "cache"}
+    built = dancedata.build("demo", overrides=overrides, jobs=1, progress=False, **places)
+    assert any("retargeted to smpl24" in note for note in built.notes)
+    with dancedata.open(built.path) as store:
+        joints = store.clip("a").read("joints").reshape(-1, 24, 3)
+    thighs = np.linalg.norm(joints[:, 4] - joints[:, 1], axis=1)
+    assert np.abs(thighs - np.linalg.norm(SMPL24.offsets[4])).max() < 1e-4
+
+
+def test_clips_of_a_group_have_one_scale_and_keys_of_their_own(dance: Motion) -> None:
+    spec = parse_retarget({"skeleton": "smpl24"})
+    assert spec is not None
+    source = scaled(dance, 1.1)
+    alone, member = (spec.apply(source, where="a", grouped=grouped) for grouped in (False, True))
+    assert (alone.scale, member.scale) == (pytest.approx(1 / 1.1), 1.0)
+    assert spec.key(grouped=False) != spec.key(grouped=True)
+
+
+_SHARED = Path(os.environ.get("DANCEDATA_SHARED", Path(__file__).parents[3] / "shared"))
+_CAPTURES = {
+    "motorica": "golden/crowd/inputs/motorica/bvh/kthstreet_gKR_sFM_cAll_d01_mKR_ch01.bvh",
+    "cmu": "realdata/bvh/cmu_01_01.bvh",
+}
+
+
+@pytest.mark.parametrize("capture", _CAPTURES.values(), ids=_CAPTURES)
+def test_feet_of_real_captures_move_as_the_scaled_source(capture: str) -> None:
+    if not (_SHARED / capture).exists():
+        pytest.skip("no real captures")
+    motion = load_motion(_SHARED / capture, Reading(Declared(), Declared(unit="guess"))).part(0, 600)
+    result = retargeted(motion, SMPL24)
+    feet, moved = motion.joints()[:, 10:12] * result.scale, result.motion.joints()[:, 10:12]
+    for side in (0, 1):
+        for span in contact_spans(feet[:, side] / result.scale, float(motion.grid.rate)):
+            before, after = (sliding(toes[:, side], [span])[0] for toes in (feet, moved))
+            assert after == pytest.approx(before, abs=MM)
+    assert result.residual_m.max() < 0.3
