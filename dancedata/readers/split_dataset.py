@@ -336,7 +336,11 @@ class SplitDataset(Dataset[dict[str, Any]]):
     def genre_ids(self) -> Mapping[str, int]:
         """The number of each genre: as the dataset numbers them, else 0, 1, ... by name, over all splits."""
         numbers: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
-        return numbers or {name: k for k, name in enumerate(sorted({clip.genre for clip in self.store.clips} - {""}))}
+        if numbers:
+            return numbers
+        # The columns, not the clips: there may be a million.
+        columns = (self.store.tables(split).columns.get("genre", ()) for split in self.store.splits)
+        return {name: k for k, name in enumerate(sorted({genre for column in columns for genre in column} - {""}))}
 
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
