@@ -221,15 +221,24 @@ def describe_store(path: Path) -> str:
         left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
         quality = _describe_quality([f for f in store.quality if f.get("kind") not in OF_CLIPS])
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
+    counts = info.get("counts", {})
+    grouped = ["groups"] if any("groups" in n for n in counts.values()) else []
     lines = [
         f"{shown(info.get('name', path.name))}: {shown(path)} ({size_text(info['bytes'])})",
         scope_text(info["scope"], info["fps"], windows),
         f"  {_MUSIC_OF_WINDOWS[info['scope']]}",
         *table(
-            ["split", "clips", "windows", "songs", "minutes"],
+            ["split", "clips", *grouped, "windows", "songs", "minutes"],
             [
-                [split, n["clips"], n["windows"], n["songs"], f"{round(n['hours'] * 60, 6):.1f}"]
-                for split, n in info.get("counts", {}).items()
+                [
+                    split,
+                    n["clips"],
+                    *(n.get("groups", 0) for _ in grouped),
+                    n["windows"],
+                    n["songs"],
+                    f"{round(n['hours'] * 60, 6):.1f}",
+                ]
+                for split, n in counts.items()
             ],
         ),
     ]

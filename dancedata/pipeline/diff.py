@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
+from dancedata.core.segments import Segment
 from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
@@ -93,7 +94,8 @@ def _pairs(
 #: Most names, and characters of a message, in a line; JSON has all of them.
 _SHOWN, _MESSAGE = 5, 600
 _ABOUT_STORE = ("format", "scope", "fps", "windows", "genre_ids", "licence", "citation")
-_ABOUT_CLIP = ("split", *(column.name for column in CLIP_COLUMNS if column.name != "id"))
+#: Hashes of sources and songs are compared as such.
+_ABOUT_CLIP = ("split", *(c.name for c in CLIP_COLUMNS if c.name not in ("id", "made_of", "song")), "columns")
 _NOTED = ("name", "dancedata", "packages")
 
 
@@ -104,8 +106,8 @@ class Difference:
     Attributes
     ----------
     kind
-        recipe, source, store, fields, clips, windows, values, rejects, quality; or note, for names and versions,
-        which do not change the data.
+        recipe, source, store, fields, clips, windows, values, rejects, quality, segments; or note, for names and
+        versions, which do not change the data.
     message
         The difference, A first.
     names
@@ -175,6 +177,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
         differences += [*_clips(one, two, common, atol), *_windows(one, two), *_values(one, two, common, atol)]
         differences += _rows("rejects", one.rejects, two.rejects, atol)
         differences += _rows("quality", one.quality, two.quality, atol)
+        differences += _segments(one, two, common)
         return differences + list(_notes(one, two))
 
 
@@ -247,6 +250,19 @@ def _clips(
                 example.setdefault(key, f"{old!r}, {new!r}")
     for key, ids in changed.items():
         yield Difference("clips", f"{key} of {len(ids)} clips, as {example[key]}", tuple(ids))
+
+
+def _segments(one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]]) -> Iterator[Difference]:
+    """Compare words and events; quality flags are compared as such."""
+    if one.layers == two.layers == ():
+        return
+    ids = [ours.id for ours, theirs in common if _words(one, ours.id) != _words(two, theirs.id)]
+    if ids:
+        yield Difference("segments", f"segments of {len(ids)} clips", tuple(ids))
+
+
+def _words(store: Store, clip: str) -> list[Segment]:
+    return [segment for segment in store.segments(clip) if segment.layer.name != "quality"]
 
 
 def _windows(one: Store, two: Store) -> Iterator[Difference]:

@@ -280,7 +280,7 @@ def _check_about(document: Mapping[str, Any]) -> None:
     if len(canonical_json(document.get("recipe", {}))) > MAX_RECIPE:
         raise ValueError(f"a recipe of more than {MAX_RECIPE:,} characters")
     for split, counts in document["counts"].items():
-        for name in ("clips", "windows", "frames", "songs"):
+        for name in ("clips", "windows", "frames", "songs", *(["groups"] if "groups" in counts else [])):
             _whole(counts[name])
         if not _is_number(counts["hours"]):
             raise ValueError(f"{shown(split)} has {quoted(counts['hours'])} hours")

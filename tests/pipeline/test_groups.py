@@ -19,6 +19,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
+from dancedata.pipeline.describe import describe_store
 from dancedata.readers import GroupDataset
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message
@@ -125,6 +126,9 @@ def test_a_group_is_built_whole(tmp_path: Path, cache: Path) -> None:
     np.testing.assert_allclose(distances(roots(store, "a")), distances(source_roots + offset), atol=1e-5)
     sample = GroupDataset(store, fields=("joints", "librosa35"), normalize=False)[0]
     assert sample["joints"].shape == (3, 60, 72)
+    assert [line.split()[:3] for line in describe_store(tmp_path / "out").split("\n")[3:5]] == [
+        ["split", "clips", "groups"], ["train", "5", "2"],
+    ]  # fmt: skip
     tables = store.tables("train")
     assert [int(n) for n in tables.groups["n_source"]] == [3, 2]
     assert len(tables.songs["id"]) == 2
@@ -234,6 +238,16 @@ def test_what_cannot_hold_a_group_is_refused(tmp_path: Path, cache: Path, keys: 
     write(tmp_path / "source", "a", 2)
     with raises_message(UsageError):
         build(tmp_path / "source", tmp_path / "out", cache, **keys)
+
+
+def test_diff_names_words_and_free_columns(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "source", "a", 2)
+    build(tmp_path / "source", tmp_path / "one", cache)
+    monkeypatch.setattr(Ensemble, "segments", lambda self, ref: [Segment(WORDS, Fraction(0), Fraction(1), "other")])
+    build(tmp_path / "source", tmp_path / "two", cache)
+    found = {d.kind: d for d in dancedata.diff(tmp_path / "one", tmp_path / "two") if d.kind != "note"}
+    assert list(found) == ["segments"]
+    assert found["segments"].names == ("a_p0", "a_p1")
 
 
 def test_segments_come_back_and_go_with_copies(tmp_path: Path, cache: Path) -> None:
