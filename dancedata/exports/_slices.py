@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import wave
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -284,4 +285,4 @@ def wav_bytes(signal: AudioSignal) -> bytes:
 
 def _first_sample(item: Slice, rate: int) -> int:
     # EDGE adds up a stride that is truncated to samples.
-    return item.number * int(STRIDE_S * rate)
+    return math.floor(item.clip.audio_start * rate) + item.number * int(STRIDE_S * rate)

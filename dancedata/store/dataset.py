@@ -431,6 +431,9 @@ class Store:
     def music_offset(self, clip_id: str) -> Fraction:
         """Return the time in a clip's music that belongs to its first frame, seconds; 0 where that is not stored."""
         tables, row = self._place(clip_id)
+        start = tables.record(row).audio_start
+        if start:
+            return start  # exact, where rows begin at a fraction of one
         for name, spans in tables.spans.items():
             if spans.offset is not None and self._fields[name].kind == "audio":
                 return self._fields[name].grid.seconds(int(spans.offset[row]))

@@ -1,5 +1,6 @@
 """Music that does not begin with its clip: rows lie on the clip's frames, to the nearest sample."""
 
+import io
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -18,8 +19,10 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS, FEATURES
 from dancedata.core.skeleton import SMPL24
+from dancedata.exports._slices import cut_sounds, slices_of
+from dancedata.exports.base.job import ExportJob
 from dancedata.readers import WindowDataset
-from dancedata.store import Store, verify_store
+from dancedata.store import Store, open_store, verify_store
 from dancedata.synthetic import synthesise_song
 from tests.messages import raises_message
 
@@ -87,7 +90,7 @@ def test_the_song_begins_before_the_clip(
     expected = rows_of(song[skipped:])
     np.testing.assert_array_equal(store.clip("a").read("librosa35"), expected[row:][: SECONDS * 30])
     assert store.clip("a").audio_start == Fraction(start)
-    assert store.music_offset("a") == Fraction(row, 30)
+    assert store.music_offset("a") == Fraction(start)
     windows = store.windows("train")
     assert [w.start for w in windows] == list(range(0, SECONDS * 30 - 60 - row + 1, 15))
     assert {row["reason"] for row in store.rejects} == {"no_audio"}
@@ -125,9 +128,23 @@ def test_copies_at_another_speed_keep_their_place(
     store = build(tmp_path, cache, monkeypatch, "1/2", augment={"tempo": {"speeds": [1.25]}})
     assert verify_store(tmp_path / "out") == []
     assert store.clip("a__tempo").audio_start == Fraction(2, 5)
-    assert store.music_offset("a__tempo") == Fraction(12, 30)
+    assert store.music_offset("a__tempo") == Fraction(2, 5)
 
 
 def test_windows_by_themselves_are_refused(tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray) -> None:
     with raises_message(UsageError):
         build(tmp_path, cache, monkeypatch, "1/2", scope="window")
+
+
+def test_slices_of_sound_begin_with_their_frames(
+    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray
+) -> None:
+    keys = {"motion": {"edge151": {}}, "windows": {"length_s": 5, "stride_s": "1/2"}}
+    build(tmp_path, cache, monkeypatch, "1/4", **keys)
+    with open_store(tmp_path / "out") as store:
+        job = ExportJob(store, tmp_path / "x", tmp_path / "source")
+        found = slices_of(job, "train", "librosa35")
+        for item, sound in cut_sounds(job, found):
+            first = RATE // 4 + item.window.start * RATE // 30
+            cut = soundfile.read(io.BytesIO(sound), dtype="float32")[0]
+            np.testing.assert_allclose(cut, song[first : first + 5 * RATE], atol=2**-14)
