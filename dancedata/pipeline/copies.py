@@ -19,6 +19,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.encode import EncodedClip, encode_sources
 from dancedata.pipeline.features import extract_features, stored_clip
+from dancedata.pipeline.groups import require_acts_on
 from dancedata.pipeline.motion import MotionResult
 from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import cut_windows
@@ -68,6 +69,8 @@ def make_copies(
     rejects: list[Reject] = []
     for spec in recipe.augment:
         context = _Context(cache, recipe, spec, content, jobs, progress)
+        if any(original.clip.group for original in originals):
+            require_acts_on(spec)
         if spec.augmentation.changes == "rows":
             stored += [_copied(original.clip, spec, fields) for original in originals]
         elif spec.augmentation.changes == "motion":
@@ -136,7 +139,9 @@ def _copied(
 
     `arrays` are the encoded rows of the copy's motion; None: those of the clip.
     """
-    motion = {name: _CopiedArray(a, fields[name], spec, clip.id) for name, a in (arrays or clip.motion).items()}
+    # What changes a world draws by the group.
+    drawn_by = clip.group if clip.group and spec.augmentation.acts_on == "world" else clip.id
+    motion = {name: _CopiedArray(a, fields[name], spec, drawn_by) for name, a in (arrays or clip.motion).items()}
     group = spec.clip_id(clip.group) if clip.group else ""
     segments = _segments_of_copy(clip, spec)
     return replace(

@@ -107,13 +107,18 @@ def group_motions(recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | No
     return motions if copies is None else _copied(motions, refs, copies)
 
 
-def _copied(motions: Sequence[Motion], refs: Sequence[ClipRef], copies: CopySpec) -> list[Motion]:
-    acts_on = copies.augmentation.acts_on
-    if acts_on is None:
+def require_acts_on(copies: CopySpec) -> None:
+    """Raise UsageError for an augmentation that does not say what it changes in a group."""
+    if copies.augmentation.acts_on is None:
         raise UsageError(
             f"the augmentation {copies.name} does not say what it does to a group",
             fix='set `acts_on` in its class: "world" for one change of all dancers, "body" for one of each',
         )
+
+
+def _copied(motions: Sequence[Motion], refs: Sequence[ClipRef], copies: CopySpec) -> list[Motion]:
+    require_acts_on(copies)
+    acts_on = copies.augmentation.acts_on
     if acts_on == "body":
         return [copies.motion_of(motion, ref.id) for motion, ref in zip(motions, refs, strict=True)]
     pelves = np.stack([motion.part(0, 1).joints()[0, 0] for motion in motions])

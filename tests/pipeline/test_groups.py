@@ -16,7 +16,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
-from dancedata.core.registry import DATASETS
+from dancedata.core.registry import AUGMENTATIONS, DATASETS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.describe import describe_store
@@ -203,6 +203,17 @@ def test_copies_are_of_one_world(tmp_path: Path, cache: Path, augmentation: str)
         else:
             np.testing.assert_allclose(after[:, 0], before[:, 0], atol=2e-6)
     assert not np.allclose(roots(store, "a")[0][:20], roots(store, copy)[0][:20])
+
+
+@pytest.mark.parametrize("changes", ["rows", "motion"])
+def test_copies_of_a_group_say_what_they_change(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, changes: str
+) -> None:
+    write(tmp_path / "source", "a", 2)
+    monkeypatch.setattr(AUGMENTATIONS.get("yaw"), "acts_on", None)
+    monkeypatch.setattr(AUGMENTATIONS.get("yaw"), "changes", changes)
+    with raises_message(UsageError):
+        build(tmp_path / "source", tmp_path / "out", cache, augment={"yaw": True})
 
 
 def test_one_floor_keeps_a_lifted_partner_in_the_air(tmp_path: Path, cache: Path) -> None:
