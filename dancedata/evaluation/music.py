@@ -32,6 +32,7 @@ from dancedata.pipeline.audio import (
     extract_windows,
     identify_audio,
     known_windows,
+    timeline_of,
     window_units,
 )
 from dancedata.recipes.fields import FeatureJob, WindowSpec
@@ -85,6 +86,13 @@ class ClipMusic:
         if self.by_piece is not None:
             return self.by_piece.get(start, MusicBeats.of([], self.beats.grid))
         return beats_after(self.beats, start, grid)
+
+    def from_row(self, row: int, grid: FrameGrid) -> Self:
+        """Return the beats of music whose row `row`, negative where it begins later, is at the clip's frame 0."""
+        if not row:
+            return self
+        end_s = None if self.end_s is None else self.end_s - float(grid.seconds(row))
+        return replace(self, beats=beats_after(self.beats, row, grid), end_s=end_s)
 
     def identity(self, *, instants: bool) -> list[Any]:
         """Return JSON data for cache keys: frames, and where a metric reads them the instants."""
@@ -187,15 +195,24 @@ def song_beats(
         identify_audio, calls, jobs=resources.jobs, label="decoding music", progress=resources.progress
     )
     signals = dict(zip(paths, identified, strict=True))
-    songs = {
-        clip.id: _Song(signal, clip.tempo_bpm if rule.tempo else None)
+    beside = [clip.id for clip in clips_with_file if clip.audio_start and job.windows is not None]
+    if beside:
+        problems.append(f"no beats piece by piece where music does not begin with its clip: {listed(beside)}")
+    timelines = {
+        clip.id: (clip, *timeline_of(signal, clip.audio_start, job.grid))
         for clip in clips_with_file
-        if isinstance(signal := signals[files[clip.music]], SignalId)
+        if clip.id not in beside and isinstance(signal := signals[files[clip.music]], SignalId)
+    }
+    songs = {
+        clip_id: _Song(signal, clip.tempo_bpm if rule.tempo else None)
+        for clip_id, (clip, signal, _) in timelines.items()
     }
     compute = _tracks if job.windows is None else _windows
     beats, rejects = compute(resources, job, list(dict.fromkeys(songs.values())))
     problems += [reject.detail for reject in (*signals.values(), *rejects) if isinstance(reject, Reject)]
-    return {clip: beats[song] for clip, song in songs.items() if song in beats}, problems
+    return {
+        clip: beats[song].from_row(timelines[clip][2], job.grid) for clip, song in songs.items() if song in beats
+    }, problems
 
 
 @dataclass(frozen=True)
@@ -289,7 +306,9 @@ def stored_beats(
         return {}
     field = store.field(name)
     records = {c.id: c for c in store.clips if not c.source}
-    longest = {c.music: c.id for c in sorted(records.values(), key=lambda c: (c.n_frames, c.id)) if c.music}
+    # A clip that only names a song begins with it: the rows of a clip that begins elsewhere are not its.
+    whole = sorted((c for c in records.values() if c.music and not c.audio_start), key=lambda c: (c.n_frames, c.id))
+    longest = {c.music: c.id for c in whole}
     sources: dict[str, str | Window] = {}
     for clip in clips:
         record = records.get(clip.clip)
@@ -301,8 +320,11 @@ def stored_beats(
         if source is not None and store.scope == "track":
             sources[clip.id] = source
     store.require_intact({s.clip if isinstance(s, Window) else s for s in sources.values()}, sha256=sha256)
-    read = {c: store.read(s, name) if isinstance(s, Window) else store.read_clip(s, name) for c, s in sources.items()}
-    return {clip: ClipMusic.of_rows(rows, field) for clip, rows in read.items()}
+    read = {
+        c: (0, store.read(s, name)) if isinstance(s, Window) else store.rows_within(s, name)
+        for c, s in sources.items()
+    }
+    return {clip: ClipMusic.of_rows(rows, field).from_row(-first, field.grid) for clip, (first, rows) in read.items()}
 
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
@@ -327,7 +349,7 @@ def about_windows(store: Store, rule: MusicRule) -> list[str]:
 
 
 def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Store | None) -> tuple[ClipInput, ...]:
-    """Return clips with the names and tempos of their songs.
+    """Return clips with the names, tempos and beginnings of their songs.
 
     The name is from `songs`, the clip itself, the clip of that id in a store, or AIST++'s name of a sequence;
     otherwise it is the clip's id. The tempo is of this song, where the clip, a clip of the store or AIST++ states it.
@@ -341,5 +363,6 @@ def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Stor
         music = next(text for text in names if text)
         same = [c for c in (clip, record) if c is not None and song in (None, c.music)]
         tempo = next((c.tempo_bpm for c in same if c.tempo_bpm), None) or tempos.get(music) or tempo_bpm(music)
-        named.append(replace(clip, music=music, tempo_bpm=tempo))
+        start = next((c.audio_start for c in same if c.audio_start), Fraction(0))
+        named.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
     return tuple(named)

@@ -156,7 +156,10 @@ def _with(reader: Dataset, **values: str) -> Dataset:
 
 def _clip_set(reader: Dataset, refs: Sequence[ClipRef], source: Path) -> ClipSet:
     clips = [
-        DatasetClip(id=ref.id, music=ref.music, tempo_bpm=ref.tempo_bpm, dataset=reader, ref=ref) for ref in refs
+        DatasetClip(
+            id=ref.id, music=ref.music, tempo_bpm=ref.tempo_bpm, audio_start=ref.audio_start, dataset=reader, ref=ref
+        )
+        for ref in refs
     ]
     return ClipSet(tuple(clips), str(source), "truth")
 

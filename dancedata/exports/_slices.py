@@ -285,4 +285,5 @@ def wav_bytes(signal: AudioSignal) -> bytes:
 
 def _first_sample(item: Slice, rate: int) -> int:
     # EDGE adds up a stride that is truncated to samples.
-    return math.floor(item.clip.audio_start * rate) + item.number * int(STRIDE_S * rate)
+    begin = math.floor(item.clip.audio_start * rate + Fraction(1, 2))
+    return begin + item.number * int(STRIDE_S * rate)

@@ -178,6 +178,10 @@ class Bailando(Export):
             missing.append(
                 Missing(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips")
             )
+        beside = [clip.id for clip in clips if clip.audio_start]
+        if beside:
+            problem = f"loaders begin each song with its motion, and that of {listed(beside)} begins elsewhere"
+            missing.append(Missing(problem, "a source whose music files begin with the motion"))
         return missing + find_songs(job, clips)[1]
 
     @override

@@ -10,7 +10,7 @@ import numpy as np
 from dancedata.core.bodies import on_body
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.text import counted
+from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports._motions import decoded, needs_motion
 from dancedata.exports.base.folder import ExportFolder
@@ -72,7 +72,7 @@ class Gcd(Export):
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         groups: dict[str, list[tuple[ClipView, Motion]]] = {}
-        singles = 0
+        singles, short = 0, list[str]()
         for clip, motion in decoded(job, self.field):
             singles += not clip.group
             if clip.group:
@@ -81,24 +81,32 @@ class Gcd(Export):
         for group, members in groups.items():
             members.sort(key=lambda member: member[0].member)
             clip = members[0][0]
-            name, start = sequence_name(group, clip.n_frames)
+            # GCD draws windows by the length in the name, and takes as many rows of music.
+            music = clip.read(self.feature)[: clip.n_frames].astype(np.float32)
+            n = len(music)
+            if n < clip.n_frames:
+                short.append(group)
+            name, start = sequence_name(group, n)
             # Of SMPL's joints the translation keeps its numbers, as in the files that they came from.
             dancers = [m if m.skeleton.joints == SMPL24.joints else on_body(m, SMPL24) for _, m in members]
+            dancers = [d.part(0, n) for d in dancers]
             folder.write_pickle(
                 f"motions_smpl/{name}.pkl",
                 {
                     "smpl_poses": np.stack([d.rotations.reshape(d.n_frames, 72) for d in dancers]).astype(np.float32),
                     "root_trans": np.stack([d.translation for d in dancers]).astype(np.float32),
                     "smpl_betas": np.zeros((len(dancers), 10), np.float32),
-                    "meta": {"orig_start": start, "orig_end": start + clip.n_frames},
+                    "meta": {"orig_start": start, "orig_end": start + n},
                 },
             )
-            folder.write_npy(f"jukebox_features/{name}.npy", clip.read(self.feature).astype(np.float32))
+            folder.write_npy(f"jukebox_features/{name}.npy", music)
             names[clip.split].append(name)
         for split, of_split in names.items():
             folder.write_text(f"{split}_split_sequence_names.txt", "".join(f"{name}\n" for name in sorted(of_split)))
         every = sorted(name for of_split in names.values() for name in of_split)
         folder.write_text("split_sequence_names.txt", "".join(f"{name}\n" for name in every))
+        if short:
+            folder.note(f"{counted(len(short), 'group')} cut where the music ends: {listed(short)}")
         if singles:
             folder.note(f"{counted(singles, 'single dancer')} are not in the export: GCD reads groups")
 

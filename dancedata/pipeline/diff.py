@@ -329,7 +329,7 @@ def _pieces(
     """Yield the rows of both stores: clip by clip, in window scope window by window."""
     if one.scope == "track":
         for clip, same in common:
-            yield clip.id, (clip.read(name), same.read(name))
+            yield clip.id, (one.rows_within(clip.id, name)[1], two.rows_within(same.id, name)[1])
         return
     others = {(w.clip, w.start, w.length): w for split in two.splits for w in two.windows(split)}
     for split in one.splits:

@@ -201,7 +201,8 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
 def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -> tuple[Rows, Mask]:
     """Return the rows of a clip's song, and which there are; the mean of its windows in window scope."""
     if store.scope == "track":
-        song = store.read_song(clip, field.name)
+        later = store.music_offset(clip) < 0
+        song = store.rows_within(clip, field.name)[1] if later else store.read_song(clip, field.name)
         return song, np.ones(len(song), dtype=bool)
     first, last = min(w.start for w in windows), max(w.start + w.length for w in windows)
     rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)

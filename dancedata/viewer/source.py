@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -82,7 +83,7 @@ class ClipSource:
             signal = load_audio(self.music.files[clip.id])
             notes.append("this music is not the music that the dataset was built from")
         signal = self._at_speed(item, signal)
-        begin = self.store.music_offset(clip.id) + self.store.grid.seconds(item.start)
+        begin = clip.audio_start + self.store.grid.seconds(item.start)
         seconds = self.store.grid.seconds(item.n_frames)
         if seconds > MAX_SECONDS:
             notes.append(f"only the first {MAX_SECONDS / 60:.0f} minutes have music")
@@ -135,12 +136,12 @@ class ClipSource:
 
 
 def cut(signal: AudioSignal, begin: Fraction, seconds: Fraction) -> AudioSignal:
-    """Return a part of a signal, with silence where the signal has ended."""
+    """Return a part of a signal, with silence before it begins and after it has ended."""
     grid = FrameGrid.of(signal.sample_rate)
-    first, count = int(begin * grid.rate), grid.frames_up(seconds)
-    samples = np.zeros(count, dtype=np.float32)
-    available = signal.samples[first : first + count]
-    samples[: len(available)] = available
+    first, count = math.floor(begin * grid.rate), grid.frames_up(seconds)
+    samples, lead = np.zeros(count, dtype=np.float32), max(0, -first)
+    available = signal.samples[max(0, first) : max(0, first + count)]
+    samples[lead : lead + len(available)] = available
     return AudioSignal(samples, signal.sample_rate)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import soundfile
 from scipy.spatial.transform import Rotation
 
 import dancedata
@@ -71,3 +72,22 @@ def test_a_dataset_without_groups_is_refused(tmp_path: Path, cache: Path) -> Non
 )
 def test_names_state_the_frames(group: str, frames: int, name: str) -> None:
     assert sequence_name(group, frames)[0] == name
+
+
+def test_motion_ends_with_its_music(tmp_path: Path, cache: Path) -> None:
+    """The name promises frames, and GCD takes as many rows of music as of motion."""
+    source = tmp_path / "source"
+    DATASETS.get("aioz-gdance")().make_example(source)
+    wav = source / "musics" / "-Ab_cdEf123_01_0_180.wav"
+    samples, rate = soundfile.read(wav)
+    soundfile.write(wav, samples[: 4 * rate], rate)
+    recipe: dict[str, Any] = {
+        "recipe": 1, "name": "short", "dataset": {"aioz-gdance": {}}, "windows": {"length_s": 2, "stride_s": 1},
+        "motion": {"edge151": {}}, "audio": {"librosa35": {}},
+    }  # fmt: skip
+    dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=cache, progress=False)
+    dancedata.export(tmp_path / "store", "gcd", out=tmp_path / "out")
+    for path in (tmp_path / "out" / "motions_smpl").iterdir():
+        rows = np.load(tmp_path / "out" / "jukebox_features" / f"{path.stem}.npy")
+        start, end = map(int, path.stem.rsplit("_", 2)[1:])
+        assert len(rows) == end - start == pickle.loads(path.read_bytes())["root_trans"].shape[1]

@@ -1,7 +1,7 @@
 """Music that does not begin with its clip: rows lie on the clip's frames, to the nearest sample."""
 
-import io
-from dataclasses import dataclass
+import shutil
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,11 +19,18 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS, FEATURES
 from dancedata.core.skeleton import SMPL24
-from dancedata.exports._slices import cut_sounds, slices_of
-from dancedata.exports.base.job import ExportJob
+from dancedata.evaluation.inputs.clip import ClipSet
+from dancedata.evaluation.inputs.songs import MusicSources
+from dancedata.evaluation.inputs.store import store_clips
+from dancedata.evaluation.music import Resources, clip_music, field_beats
+from dancedata.evaluation.protocol import PROTOCOLS
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
 from dancedata.readers import WindowDataset
-from dancedata.store import Store, open_store, verify_store
+from dancedata.store import Store, verify_store
+from dancedata.store.songs import alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
+from dancedata.viewer.source import cut
 from tests.messages import raises_message
 
 RATE, SECONDS = 24_000, 8
@@ -90,7 +97,7 @@ def test_the_song_begins_before_the_clip(
     expected = rows_of(song[skipped:])
     np.testing.assert_array_equal(store.clip("a").read("librosa35"), expected[row:][: SECONDS * 30])
     assert store.clip("a").audio_start == Fraction(start)
-    assert store.music_offset("a") == Fraction(start)
+    assert store.music_offset("a") == Fraction(row, 30)
     windows = store.windows("train")
     assert [w.start for w in windows] == list(range(0, SECONDS * 30 - 60 - row + 1, 15))
     assert {row["reason"] for row in store.rejects} == {"no_audio"}
@@ -128,7 +135,7 @@ def test_copies_at_another_speed_keep_their_place(
     store = build(tmp_path, cache, monkeypatch, "1/2", augment={"tempo": {"speeds": [1.25]}})
     assert verify_store(tmp_path / "out") == []
     assert store.clip("a__tempo").audio_start == Fraction(2, 5)
-    assert store.music_offset("a__tempo") == Fraction(2, 5)
+    assert store.music_offset("a__tempo") == Fraction(12, 30)
 
 
 def test_windows_by_themselves_are_refused(tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray) -> None:
@@ -136,15 +143,73 @@ def test_windows_by_themselves_are_refused(tmp_path: Path, cache: Path, monkeypa
         build(tmp_path, cache, monkeypatch, "1/2", scope="window")
 
 
-def test_slices_of_sound_begin_with_their_frames(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray
+@pytest.fixture
+def two_splits(tmp_path: Path, song: np.ndarray, monkeypatch: Any) -> Path:
+    """Clips of train and test with songs of their own."""
+    pcm = synthesise_song("mHO3", length_s=SECONDS, sample_rate=RATE, n_channels=1).pcm
+    soundfile.write(tmp_path / "source" / "b.wav", pcm, RATE, subtype="PCM_16")
+    (tmp_path / "source" / "b.npz").write_bytes(b"y")
+    plain = Late.scan
+
+    def scan(self: Late, source: Path) -> Scan:
+        [a] = plain(self, source).clips
+        b = replace(a, id="b", motion_path=source / "b.npz", audio_path=source / "b.wav", split="test", music="n")
+        return Scan("late", (a, b))
+
+    monkeypatch.setattr(Late, "scan", scan)
+    return tmp_path / "source"
+
+
+@pytest.mark.parametrize("start", ["1/2", "-1/2", "-0.51"])
+def test_what_reads_whole_songs_reads_them(
+    tmp_path: Path, cache: Path, monkeypatch: Any, two_splits: Path, start: str
 ) -> None:
-    keys = {"motion": {"edge151": {}}, "windows": {"length_s": 5, "stride_s": "1/2"}}
-    build(tmp_path, cache, monkeypatch, "1/4", **keys)
-    with open_store(tmp_path / "out") as store:
-        job = ExportJob(store, tmp_path / "x", tmp_path / "source")
-        found = slices_of(job, "train", "librosa35")
-        for item, sound in cut_sounds(job, found):
-            first = RATE // 4 + item.window.start * RATE // 30
-            cut = soundfile.read(io.BytesIO(sound), dtype="float32")[0]
-            np.testing.assert_allclose(cut, song[first : first + 5 * RATE], atol=2**-14)
+    store = build(tmp_path, cache, monkeypatch, start)
+    assert verify_store(tmp_path / "out") == []
+    assert len(alike_songs(store, songs_of(store.clips)) or ()) == 0
+    (two_splits / "a.wav").write_bytes((two_splits / "b.wav").read_bytes())
+    shutil.copytree(tmp_path / "source", tmp_path / "other" / "source")
+    other = build(tmp_path / "other", cache, monkeypatch, start)
+    [gap] = [d for d in dancedata.diff(store.path, other.path) if d.kind == "values"]
+    assert gap.names == ("a",)
+
+
+@pytest.mark.parametrize("start", ["0", "1.2", "-1"])
+def test_beats_of_music_files_are_counted_from_frame_0(
+    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str
+) -> None:
+    """Beats from the source are those that the store has, and those of the song less its beginning."""
+    store = build(tmp_path, cache, monkeypatch, start)
+    found = {}
+    resources = Resources(Cache(cache), 1, Progress(quiet=True))
+    protocol = PROTOCOLS.get("dancedata")()
+    clip_set = ClipSet(store_clips(store, protocol), "out", "truth", store)
+    for name, files in (("store", {}), ("files", {"m": tmp_path / "source" / "a.wav"})):
+        music, _ = clip_music(resources, protocol, clip_set, MusicSources(files=files))
+        found[name] = music["a"].beats.seconds
+    within = found["files"][found["files"] < SECONDS - 0.1]
+    np.testing.assert_allclose(within, found["store"][found["store"] < SECONDS - 0.1], atol=1e-9)
+    heard = field_beats(rows_of(song), store.field("librosa35")).seconds - float(Fraction(start))
+    if Fraction(start) * 30 % 1 == 0:
+        np.testing.assert_allclose(found["files"], heard[heard >= 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("start", ["3/2", "-1"])
+def test_edge_gets_the_sound_of_its_windows(
+    tmp_path: Path, cache: Path, monkeypatch: Any, two_splits: Path, start: str
+) -> None:
+    store = build(
+        tmp_path, cache, monkeypatch, start, motion={"edge151": {}}, windows={"length_s": 5, "stride_s": "1/2"}
+    )
+    dancedata.export(store.path, "edge", tmp_path / "edge", source=two_splits)
+    song = soundfile.read(two_splits / "a.wav", dtype="float32")[0]
+    for window in store.windows("train"):
+        [file] = (tmp_path / "edge").rglob(f"train/wavs_sliced/a_slice{window.start // 15}.wav")
+        first = int((Fraction(start) + Fraction(window.start, 30)) * RATE)
+        np.testing.assert_array_equal(soundfile.read(file, dtype="float32")[0], song[first : first + 5 * RATE])
+
+
+def test_the_viewer_plays_silence_before_the_music() -> None:
+    signal = AudioSignal(np.arange(1, 101, dtype=np.float32), 10)
+    heard = cut(signal, Fraction(-1, 2), Fraction(1)).samples
+    np.testing.assert_array_equal(heard, [0, 0, 0, 0, 0, 1, 2, 3, 4, 5])

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,14 @@ class ClipInput(ABC):
         Name of its song, empty if unknown.
     tempo_bpm
         Tempo of the song, where the dataset states one.
+    audio_start
+        Second of the song at frame 0; negative where it begins later.
     """
 
     id: str
     music: str = ""
     tempo_bpm: float | None = None
+    audio_start: Fraction = Fraction(0)
 
     @property
     def clip(self) -> str:

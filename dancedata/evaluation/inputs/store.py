@@ -102,10 +102,13 @@ def store_clips(
     if store.scope == "window":
         return _windows(store, protocol, splits, name, reader, role)
     return tuple(
-        StoreClip(id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, reference=store.reference, field=name, reader=reader)
+        StoreClip(
+            id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start,
+            reference=store.reference, field=name, reader=reader,
+        )
         for c in store.clips
         if c.split in splits and not c.source
-    )
+    )  # fmt: skip
 
 
 def _windows(
