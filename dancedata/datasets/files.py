@@ -256,8 +256,13 @@ def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Seq
     return f"Clips: {counts}; left out: {why or 'none'}."
 
 
-def read_names(path: Path) -> list[str]:
+def read_names(path: Path, *, spaces: bool = False) -> list[str]:
     """Return the first word of every line of a list of names; empty lines and lines starting with ``#`` are skipped.
+
+    Parameters
+    ----------
+    spaces
+        Whether names may hold spaces: the name is then the line, without those at its ends.
 
     Raises
     ------
@@ -268,8 +273,8 @@ def read_names(path: Path) -> list[str]:
         lines = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise _bad_list(path, str(error)) from error
-    words = (line.split(maxsplit=1) for line in lines)
-    names = [parts[0] for parts in words if parts and not parts[0].startswith("#")]
+    words = ((line.strip() if spaces else line.split(maxsplit=1)[0]) for line in lines if line.strip())
+    names = [name for name in words if not name.startswith("#")]
     longest = max(names, key=len, default="")
     if len(names) > MAX_NAMES or len(longest) > MAX_NAME:
         many = f"{len(names):,} names" if len(names) > MAX_NAMES else f"a name of {len(longest):,} characters"

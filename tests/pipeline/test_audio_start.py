@@ -97,7 +97,7 @@ def test_the_song_begins_before_the_clip(
     expected = rows_of(song[skipped:])
     np.testing.assert_array_equal(store.clip("a").read("librosa35"), expected[row:][: SECONDS * 30])
     assert store.clip("a").audio_start == Fraction(start)
-    assert store.music_offset("a") == Fraction(row, 30)
+    assert store.music_offset("a") == Fraction(start)
     windows = store.windows("train")
     assert [w.start for w in windows] == list(range(0, SECONDS * 30 - 60 - row + 1, 15))
     assert {row["reason"] for row in store.rejects} == {"no_audio"}

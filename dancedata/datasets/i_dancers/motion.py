@@ -1,0 +1,203 @@
+"""One pickle of I-Dancers -> the motions of its dancers; and a synthetic source in its layout."""
+
+import pickle
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
+from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import listed, quoted
+from dancedata.datasets.files import require_finite
+from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.synthetic import synthesise_motion, synthesise_song
+from dancedata.synthetic.music import wav_bytes
+
+KEYS = ("smpl_poses", "smpl_trans")
+SUFFIX = "_smpl"
+JOINTS = 24
+#: Bound of the deviation of matrices from rotations, and of the cosine of the axis that is taken as up.
+_TOLERANCE, _UPRIGHT = 1e-3, 0.8
+_HEAD = SMPL24.index("head")
+_DOWNLOAD_AGAIN = "download the file again"
+
+Floats = NDArray[np.float64]
+
+
+def shape_of(path: Path) -> tuple[int, int]:
+    """Return dancers and frames of a pickle; DataError if they cannot be read."""
+    with open_arrays(path) as arrays:
+        _require_keys(path, arrays)
+        shape = arrays.shape("smpl_poses")
+    _require_shape(path, shape)
+    return shape[0], shape[1]
+
+
+def load_motions(path: Path, rate: Fraction, up: str = "auto", trim: int = 0) -> list[Motion]:
+    """Read the dancers of a pickle, in its order; read with the allow-list unpickler, so nothing in it is executed.
+
+    Parameters
+    ----------
+    rate
+        Frames per second.
+    up
+        Axis that is up in the file, "y" or "z"; "auto": that along which heads are above pelvises, on average
+        over all dancers and frames.
+    trim
+        Frames to leave out at both ends.
+
+    Returns
+    -------
+    list of Motion
+        Metres, +Y up, turned about the world's origin, so dancers stay in one world; SMPL24: ``smpl_trans`` is SMPL's
+        translation.
+
+    Raises
+    ------
+    DataError
+        ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``, ``nan`` with the dancer,
+        ``bad_rotation`` with frame and joint, or ``bad_axes`` if no axis is clearly up.
+    """
+    with open_arrays(path) as arrays:
+        _require_keys(path, arrays)
+        matrices, places = (arrays.read(key) for key in KEYS)
+    _require_shape(path, matrices.shape)
+    dancers, frames = matrices.shape[:2]
+    if frames <= 2 * trim:
+        raise too_short(path, frames, trim)
+    if places.shape != (dancers, frames, 3):
+        raise _bad_shape(path, "smpl_trans", places.shape, f"{(dancers, frames, 3)}, as smpl_poses")
+    for dancer in range(dancers):
+        require_finite(path, f"dancer {dancer}: smpl_trans", places[dancer], _DOWNLOAD_AGAIN)
+        require_finite(path, f"dancer {dancer}: smpl_poses", matrices[dancer].reshape(frames, -1), _DOWNLOAD_AGAIN)
+    _require_rotations(path, matrices)
+    matrices, places = (a[:, trim : frames - trim] for a in (matrices, places))
+    grid = FrameGrid(rate)
+    as_stored = [Motion(places[k], rotvec_from_matrix(matrices[k]), grid, SMPL24) for k in range(dancers)]
+    spine = np.mean([_spine(motion) for motion in as_stored], axis=0)
+    upright, rest = UPRIGHT[_up(path, spine, up)], SMPL24.offsets[0]
+    turned = []
+    for motion in as_stored:
+        rotations = motion.rotations.copy()
+        rotations[:, 0] = rotvec_from_matrix(upright @ matrix_from_rotvec(rotations[:, 0]))
+        turned.append(Motion((motion.translation + rest) @ upright.T - rest, rotations, grid, SMPL24))
+    return turned
+
+
+def too_short(path: Path, frames: int, trim: int) -> DataError:
+    """Return the error of a motion of which nothing is left."""
+    return DataError(
+        "the motion has no frames left after trim_frames",
+        reason="empty",
+        where=str(path),
+        found=f"{frames} frames",
+        allowed=f"more than {2 * trim}",
+        fix="set dataset.i-dancers.trim_frames to fewer frames",
+    )
+
+
+def _spine(motion: Motion) -> Floats:
+    """Return the vector from pelvis to head, on average."""
+    joints = motion.joints()
+    return np.asarray((joints[:, _HEAD] - joints[:, 0]).mean(axis=0))
+
+
+def _up(path: Path, spine: Floats, up: str) -> str:
+    """Return the axis that is up; DataError where the spines do not say so clearly, or clearly contradict `up`."""
+    cosines = dict(zip("xyz", spine / max(float(np.linalg.norm(spine)), 1e-9), strict=True))
+    clear = next((axis for axis, value in cosines.items() if abs(value) >= _UPRIGHT), "")
+    if up != "auto" and (not clear or (clear == up and cosines[up] > 0)):
+        return up
+    if up == "auto" and clear in ("y", "z") and cosines[clear] > 0:
+        return clear
+    raise DataError(
+        "the axis that is up is not clear" if up == "auto" else f"heads are not above pelvises along +{up}",
+        reason="bad_axes",
+        where=str(path),
+        found="cosines of the spines " + ", ".join(f"{axis} {value:.2f}" for axis, value in cosines.items()),
+        allowed=f"at least {_UPRIGHT} along +y or +z",
+        fix="set dataset.i-dancers.up to the axis that is up, y or z, or leave the file out",
+    )
+
+
+def _require_rotations(path: Path, matrices: Floats) -> None:
+    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
+    if not (off <= _TOLERANCE).all():
+        dancer, frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE))[0])
+        raise DataError(
+            "not a rotation matrix",
+            reason="bad_rotation",
+            where=f"{path}, dancer {dancer}, frame {frame}, joint {SMPL24.joints[joint]}",
+            found=f"deviation {off[dancer, frame, joint]:.3g}",
+            allowed=f"orthonormal, determinant 1, within {_TOLERANCE:g}",
+            fix=_DOWNLOAD_AGAIN,
+        )
+
+
+def _require_keys(path: Path, arrays: ArrayFile) -> None:
+    missing = [key for key in KEYS if key not in arrays.names]
+    if missing:
+        raise DataError(
+            f"the motion file has no {' and no '.join(missing)}",
+            reason="missing_key",
+            where=str(path),
+            found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
+            allowed=f"a dict with {', '.join(KEYS)}",
+            fix=_DOWNLOAD_AGAIN,
+        )
+
+
+def _require_shape(path: Path, shape: tuple[int, ...]) -> None:
+    if len(shape) != 5 or shape[2:] != (JOINTS, 3, 3) or shape[0] < 1:
+        raise _bad_shape(path, "smpl_poses", shape, f"(P, T, {JOINTS}, 3, 3) of rotation matrices")
+    if shape[1] == 0:
+        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+
+
+def _bad_shape(path: Path, key: str, shape: tuple[int, ...], allowed: str) -> DataError:
+    return DataError(
+        f"{key} has the wrong shape",
+        reason="bad_shape",
+        where=str(path),
+        found=str(shape),
+        allowed=allowed,
+        fix=_DOWNLOAD_AGAIN,
+    )
+
+
+# The synthetic source.
+
+_SAMPLE_RATE, _FRAMES = 24_000, 183
+#: Sequence, dancers, split.
+_SEQUENCES = (("seq_001", 2, "train"), ("seq_002", 3, "train"), ("seq 010", 2, "test"))
+
+
+def write_example(folder: Path) -> None:
+    """Write three sequences of six seconds at 30 FPS, dancers 1.2 m apart, +Y up, and the lists."""
+    for name in ("motion", "music"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    for number, (name, size, _) in enumerate(_SEQUENCES):
+        music = ("mBR0", "mPO1", "mHO2")[number]
+        song = synthesise_song(music, length_s=_FRAMES / 30, sample_rate=_SAMPLE_RATE, n_channels=1)
+        (folder / "music" / f"{name}.wav").write_bytes(wav_bytes(song.pcm, _SAMPLE_RATE))
+        dance, _ = synthesise_motion(f"gBR_sBM_cAll_d04_{music}_ch01", n_frames=2 * _FRAMES - 1)
+        content = content_of(dance.resampled(FrameGrid.of(30)), size)
+        (folder / "motion" / f"{name}{SUFFIX}.pkl").write_bytes(pickle.dumps(content, protocol=4))
+    for split in ("train", "test"):
+        names = [f"{name}{SUFFIX}.pkl" for name, _, of in _SEQUENCES if of == split]
+        (folder / f"{split}.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
+
+
+def content_of(motion: Motion, size: int) -> dict[str, Any]:
+    """Return copies of a dancer on a line as a pickle of I-Dancers has them."""
+    matrices = np.stack([motion.matrices] * size)
+    places = np.stack([np.add(motion.translation, (1.2 * k, 0.0, 0.3 * k)) for k in range(size)])
+    return {"smpl_poses": matrices.astype(np.float32), "smpl_trans": places.astype(np.float32)}

@@ -1,0 +1,229 @@
+"""The dataset reader i-dancers: lists, rate and axis that are not published, rotation matrices, groups in builds."""
+
+import pickle
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+from scipy.spatial.transform import Rotation
+
+import dancedata
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+from dancedata.datasets.i_dancers import IDancers
+from dancedata.datasets.i_dancers.motion import content_of, load_motions
+from dancedata.readers import GroupDataset
+from dancedata.synthetic import synthesise_motion
+from tests.datasets.scans import notes, rejects, splits
+from tests.messages import raises_message
+
+DANCE, _ = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=121)
+DANCE = DANCE.resampled(FrameGrid.of(30))
+RATE = Fraction(30)
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    IDancers().make_example(tmp_path / "мой dänce")
+    return tmp_path / "мой dänce"
+
+
+def write(path: Path, content: Any) -> Path:
+    path.write_bytes(pickle.dumps(content, protocol=4))
+    return path
+
+
+# ---- scan
+
+
+def test_scan(source: Path) -> None:
+    scan = IDancers().scan(source)
+    assert not scan.rejects
+    assert {clip.group: clip.split for clip in scan.clips} == {
+        "seq_001": "train",
+        "seq_002": "train",
+        "seq 010": "test",
+    }
+    assert [clip.id for clip in scan.clips if clip.group == "seq_002"] == [f"seq_002_p{k}" for k in range(3)]
+    assert scan.clips[0].audio_path == source / "music" / "seq 010.wav"
+    assert "Rate: 30 frames per second, by the lengths of motion and music." in notes(scan)
+    assert splits(IDancers().scan(source / "motion" / "..")) == splits(scan)
+
+
+def test_lists_and_files_that_do_not_agree(source: Path) -> None:
+    (source / "train.txt").write_text("seq_001\nseq_007_smpl.pkl", encoding="utf-8")
+    (source / "music" / "other.wav").write_bytes(b"")
+    (source / "motion" / "notes.pkl").write_bytes(b"")
+    (source / "music" / "seq 010.wav").unlink()
+    scan = IDancers().scan(source)
+    assert {clip.group for clip in scan.clips} == {"seq_001"}
+    assert rejects(scan, "unassigned") == ["seq_002"]
+    assert rejects(scan, "missing_motion") == ["seq_007"]
+    assert rejects(scan, "missing_music") == ["seq 010"]
+    assert rejects(scan, "unused_music") == ["music/other.wav"]
+    assert rejects(scan, "extra_file") == ["motion/notes.pkl"]
+    optional = IDancers(music="optional", fps="30").scan(source)
+    assert {clip.group for clip in optional.clips} == {"seq_001", "seq 010"}
+    assert rejects(IDancers(music="optional").scan(source), "missing_music") == ["seq 010"]
+
+
+def test_lists_are_needed_and_apart(source: Path) -> None:
+    (source / "test.txt").write_text("seq_001_smpl.pkl\nseq 010")
+    with raises_message(SourceError):
+        IDancers().scan(source)
+    (source / "test.txt").unlink()
+    with raises_message(SourceError):
+        IDancers().scan(source)
+
+
+def test_the_rate_is_told_by_the_music_or_asked_for(source: Path) -> None:
+    sound, rate = soundfile.read(source / "music" / "seq_001.wav")
+    soundfile.write(source / "music" / "seq_001.wav", sound[: len(sound) // 2], rate)
+    soundfile.write(source / "music" / "seq_002.wav", sound[: int(len(sound) * 0.9)], rate)
+    scan = IDancers().scan(source)
+    assert {clip.group: dict(clip.declared)["fps"] for clip in scan.clips} == {"seq_001": "60", "seq 010": "30"}
+    assert rejects(scan, "unknown_rate") == ["seq_002"]
+    assert "Rate: 30, 60 frames per second" in notes(scan)
+    asked = IDancers(fps="30000/1001").scan(source)
+    assert {dict(clip.declared)["fps"] for clip in asked.clips} == {"30000/1001"}
+    assert not asked.rejects
+
+
+def test_a_broken_pickle_is_left_out_by_name(source: Path) -> None:
+    (source / "motion" / "seq_001_smpl.pkl").write_bytes(b"cos\nsystem\n(S'false'\ntR.")
+    scan = IDancers().scan(source)
+    assert rejects(scan, "unsafe_pickle") == ["seq_001"]
+    assert {clip.group for clip in scan.clips} == {"seq_002", "seq 010"}
+
+
+@pytest.mark.parametrize(
+    "bad", [{"up": "x"}, {"music": "no"}, {"fps": "fast"}, {"trim_frames": -1}, {"trim_frames": 1.5}]
+)
+def test_invalid_parameters(bad: dict[str, Any]) -> None:
+    with raises_message(UsageError):
+        IDancers(**bad)
+
+
+# ---- motion
+
+
+def test_dancers_stay_in_one_world(tmp_path: Path) -> None:
+    dancers = load_motions(write(tmp_path / "a_smpl.pkl", content_of(DANCE, 3)), RATE)
+    for k, dancer in enumerate(dancers):
+        place = DANCE.joints() + np.array([1.2 * k, 0.0, 0.3 * k])
+        np.testing.assert_allclose(dancer.joints(), place, atol=2e-6)
+        assert (dancer.grid.rate, dancer.skeleton) == (30, SMPL24)
+
+
+def test_a_file_with_z_up_is_turned_about_the_world(tmp_path: Path) -> None:
+    """Pelvises included: SMPL's translation is not the pelvis, which is where the turn is lost most easily."""
+    turn = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    content = content_of(DANCE, 2)
+    pelvis = SMPL24.offsets[0]
+    content["smpl_trans"] = (content["smpl_trans"] + pelvis) @ turn.T - pelvis
+    content["smpl_poses"] = content["smpl_poses"].astype(float)
+    content["smpl_poses"][:, :, 0] = turn @ content["smpl_poses"][:, :, 0]
+    path = write(tmp_path / "a_smpl.pkl", content)
+    for up in ("auto", "z"):
+        turned = load_motions(path, RATE, up)
+        np.testing.assert_allclose(turned[1].joints(), DANCE.joints() + np.array([1.2, 0.0, 0.3]), atol=2e-6)
+    with raises_message(DataError) as caught:
+        load_motions(path, RATE, "y")
+    assert caught.value.reason == "bad_axes"
+
+
+def test_who_lies_has_no_axis(tmp_path: Path) -> None:
+    lying = DANCE.rotations.copy()
+    lying[:, 0] = (0.0, 0.0, np.pi / 4)
+    path = write(tmp_path / "a_smpl.pkl", content_of(Motion(DANCE.translation, lying, DANCE.grid, SMPL24), 2))
+    with raises_message(DataError) as caught:
+        load_motions(path, RATE)
+    assert caught.value.reason == "bad_axes"
+    np.testing.assert_allclose(load_motions(path, RATE, "y")[0].translation, DANCE.translation, atol=1e-6)
+
+
+def test_trimmed_frames_are_those_of_the_whole(tmp_path: Path) -> None:
+    path = write(tmp_path / "a_smpl.pkl", content_of(DANCE, 2))
+    whole, part = load_motions(path, RATE)[1], load_motions(path, RATE, trim=15)[1]
+    np.testing.assert_array_equal(part.rotations, whole.rotations[15:-15])
+    np.testing.assert_array_equal(part.translation, whole.translation[15:-15])
+    with raises_message(DataError) as caught:
+        load_motions(path, RATE, trim=31)
+    assert caught.value.reason == "empty"
+
+
+def poses(change: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any]], Any]:
+    return lambda content: {**content, "smpl_poses": change(content["smpl_poses"].copy())}
+
+
+def places(change: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any]], Any]:
+    return lambda content: {**content, "smpl_trans": change(content["smpl_trans"].copy())}
+
+
+def put(array: np.ndarray, at: Any, value: Any) -> np.ndarray:
+    array[at] = value
+    return array
+
+
+BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
+    "no translation": ("missing_key", lambda c: {"smpl_poses": c["smpl_poses"]}),
+    "rotation vectors": ("bad_shape", poses(lambda a: a[..., 0].reshape(*a.shape[:2], 72))),
+    "one dancer without an axis of its own": ("bad_shape", poses(lambda a: a[0])),
+    "no frames": ("empty", poses(lambda a: a[:, :0])),
+    "translation of fewer dancers": ("bad_shape", places(lambda a: a[:1])),
+    "translation of fewer frames": ("bad_shape", places(lambda a: a[:, 1:])),
+    "nan in one dancer's translation": ("nan", places(lambda a: put(a, (1, 7, 0), np.nan))),
+    "nan in one dancer's rotations": ("nan", poses(lambda a: put(a, (1, 7, 3, 0, 0), np.nan))),
+    "mirrored, determinant -1": ("bad_rotation", poses(lambda a: put(a, (1, 5, 18), np.diag([1, 1, -1])))),
+    "sheared": ("bad_rotation", poses(lambda a: put(a, (0, 5, 2, 0, 1), 0.7))),
+    "zeros": ("bad_rotation", poses(lambda a: put(a, (0, 5, 23), 0))),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files(tmp_path: Path, name: str) -> None:
+    reason, change = BAD[name]
+    path = write(tmp_path / "a_smpl.pkl", change(content_of(DANCE, 2)))
+    with raises_message(DataError) as caught:
+        load_motions(path, RATE)
+    assert caught.value.reason == reason
+
+
+def test_determinants_within_the_tolerance_are_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "a_smpl.pkl", poses(lambda a: a * np.float32(1 + 3e-7))(content_of(DANCE, 2)))
+    np.testing.assert_allclose(load_motions(path, RATE)[0].joints(), DANCE.joints(), atol=4e-6)
+
+
+# ---- build
+
+
+def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:
+    path = source / "motion" / "seq_001_smpl.pkl"
+    content = pickle.loads(path.read_bytes())
+    content["smpl_trans"][1, 30] = np.nan
+    path.write_bytes(pickle.dumps(content))
+    recipe = {
+        "recipe": 1,
+        "name": "own",
+        "dataset": {"i-dancers": {"trim_frames": 15}},
+        "fps": 30,
+        "scope": "track",
+        "windows": {"length_s": 4, "stride_s": 0.5},
+        "motion": {"edge151": {}},
+        "audio": {"librosa35": {}},
+    }
+    dancedata.build(recipe, source, tmp_path / "out", cache=tmp_path / "cache", jobs=1, progress=False)
+    with dancedata.open(tmp_path / "out") as store:
+        assert {r["clip"]: r["reason"] for r in store.rejects} == {"seq_001_p0": "nan", "seq_001_p1": "nan"}
+        assert {int(clip.n_frames) for clip in store.clips} == {153}
+        assert {clip.audio_start for clip in store.clips} == {Fraction(1, 2)}
+    sample = GroupDataset(tmp_path / "out", "train", normalize=False)[0]
+    assert sample["edge151"].shape == (3, 120, 151)
+    roots = sample["edge151"][:, :, 4:7]
+    np.testing.assert_allclose(np.linalg.norm(roots[1] - roots[0], axis=-1), np.hypot(1.2, 0.3), atol=1e-5)
