@@ -176,7 +176,7 @@ def measure_clips(
         entries = {number: cache.json(_STAGE, key) for number, key in keys.items()}
         cached.append(entries if None not in entries.values() else None)
     results = run_units(
-        measure_clip, calls, known=cached, jobs=resources.jobs, label="measuring", progress=resources.progress
+        measure_clip, calls, cached=cached, jobs=resources.jobs, label="measuring", progress=resources.progress
     )
     measured = []
     for clip, result in zip(readable, results, strict=True):

@@ -283,7 +283,7 @@ def _run(
     resources: Resources, job: FeatureJob, unit: Callable[..., Any], calls: Sequence[Any], cached: Sequence[Any]
 ) -> list[Any]:
     return run_units(
-        unit, calls, known=cached, jobs=resources.jobs, label=f"beats, {job.name}", progress=resources.progress,
+        unit, calls, cached=cached, jobs=resources.jobs, label=f"beats, {job.name}", progress=resources.progress,
         exact=job.feature.exact,
     )  # fmt: skip
 

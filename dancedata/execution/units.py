@@ -65,7 +65,7 @@ def run_units(
     jobs: Jobs,
     label: str,
     progress: Progress,
-    known: Sequence[object] = (),
+    cached: Sequence[object] = (),
     exact: bool = True,
 ) -> list[R]:
     """Return function(*call) for every call, in order.
@@ -80,7 +80,7 @@ def run_units(
     ----------
     label
         Name of the stage, shown as its progress and in messages.
-    known
+    cached
         Results of earlier runs, None for each missing one; only these are computed.
     exact
         Compute with the instructions that results are promised for, see `arithmetic`; in another process if this
@@ -93,7 +93,7 @@ def run_units(
     """
     if not calls:
         return []
-    results: list[Any] = list(known) or [None] * len(calls)
+    results: list[Any] = list(cached) or [None] * len(calls)
     missing = {index: call for index, call in enumerate(calls) if results[index] is None}
     with progress.stage(label, len(calls), known=len(calls) - len(missing)) as advance:
 

@@ -103,8 +103,8 @@ class Gcd(Export):
             names[clip.split].append(name)
         for split, of_split in names.items():
             folder.write_text(f"{split}_split_sequence_names.txt", "".join(f"{name}\n" for name in sorted(of_split)))
-        every = sorted(name for of_split in names.values() for name in of_split)
-        folder.write_text("split_sequence_names.txt", "".join(f"{name}\n" for name in every))
+        all_names = sorted(name for of_split in names.values() for name in of_split)
+        folder.write_text("split_sequence_names.txt", "".join(f"{name}\n" for name in all_names))
         if short:
             folder.note(f"{counted(len(short), 'group')} cut where the music ends: {listed(short)}")
         if singles:

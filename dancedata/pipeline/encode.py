@@ -11,10 +11,10 @@ from dancedata.pipeline.groups import groups_of, require_places
 from dancedata.pipeline.motion import (
     MotionKeys,
     MotionResult,
+    cached_group,
+    cached_motion,
     encode_group,
     encode_motion,
-    known_group,
-    known_motion,
 )
 from dancedata.pipeline.sources import SourceClip, Sources
 from dancedata.recipes.copies import CopySpec
@@ -57,23 +57,23 @@ def encode_sources(
     motion_keys = MotionKeys(recipe, content, copies)
     singles = [clip for clip in clips if not clip.ref.group]
     keys = [motion_keys.of(clip.ref, clip.motion_sha256) for clip in singles]
-    cached = [known_motion(cache, recipe, clip_keys) for clip_keys in keys]
+    cached = [cached_motion(cache, recipe, clip_keys) for clip_keys in keys]
     motion_recipe = recipe.without_audio
     calls = [(cache, motion_recipe, c.ref, c.motion_sha256, k, copies) for c, k in zip(singles, keys, strict=True)]
     label = "encoding motion" if copies is None else f"encoding copies ({copies.name})"
     results: dict[str, MotionResult | Reject] = {}
     if singles or not clips:
-        encoded = run_units(encode_motion, calls, known=cached, jobs=jobs, label=label, progress=progress)
+        encoded = run_units(encode_motion, calls, cached=cached, jobs=jobs, label=label, progress=progress)
         results |= zip((clip.ref.id for clip in singles), encoded, strict=True)
     groups = groups_of(clips, lambda clip: clip.ref)
     if groups:
         require_places(recipe)
         units = [[(c.ref, c.motion_sha256) for c in members] for members in groups.values()]
         of_unit = [[(r, sha, motion_keys.of(r, sha, unit)) for r, sha in unit] for unit in units]
-        known = [known_group(cache, recipe, [k for _, _, k in unit]) for unit in of_unit]
-        group_calls = [(cache, motion_recipe, unit, copies) for unit in of_unit]
+        of_groups = [cached_group(cache, recipe, [k for _, _, k in unit]) for unit in of_unit]
+        tasks = [(cache, motion_recipe, unit, copies) for unit in of_unit]
         label = f"{label} of groups"
-        encoded_groups = run_units(encode_group, group_calls, known=known, jobs=jobs, label=label, progress=progress)
+        encoded_groups = run_units(encode_group, tasks, cached=of_groups, jobs=jobs, label=label, progress=progress)
         for unit, of_members in zip(units, encoded_groups, strict=True):
             results |= zip((ref.id for ref, _ in unit), of_members, strict=True)
     return [results[clip.ref.id] for clip in clips]

@@ -188,7 +188,7 @@ class _Extraction:
         return run_units(
             function,
             calls,
-            known=cached,
+            cached=cached,
             jobs=jobs,
             label=self.job.name,
             progress=self.progress,

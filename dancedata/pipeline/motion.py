@@ -172,7 +172,7 @@ def encode_motion(
         return reject_of(error, clip=ref.id, file=ref.motion_path)
 
 
-def known_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult | None:
+def cached_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult | None:
     """Return the cached result of `encode_motion`, None if a part is missing."""
     info, arrays = _encoded(cache, keys)
     return None if info is None or None in arrays.values() else _result(recipe, info, arrays)
@@ -287,11 +287,11 @@ def encode_group(
         return [reject_of(error, clip=ref.id, file=ref.motion_path) for ref in refs]
 
 
-def known_group(cache: Cache, recipe: Recipe, keys: Sequence[ClipKeys]) -> list[MotionResult | Reject] | None:
+def cached_group(cache: Cache, recipe: Recipe, keys: Sequence[ClipKeys]) -> list[MotionResult | Reject] | None:
     """Return the cached result of `encode_group`, None if a part is missing."""
-    known = [known_motion(cache, recipe, of_member) for of_member in keys]
-    results = [result for result in known if result is not None]
-    return [*results] if len(results) == len(known) else None
+    cached = [cached_motion(cache, recipe, of_member) for of_member in keys]
+    results = [result for result in cached if result is not None]
+    return [*results] if len(results) == len(cached) else None
 
 
 def _encode(

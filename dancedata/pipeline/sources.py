@@ -164,7 +164,7 @@ def _hash_motion(cache: Cache, refs: Sequence[ClipRef], progress: Progress) -> d
     calls = [(cache, path) for path in paths]
     cached = [_known_hash(cache, path) for path in paths]
     hashes = run_units(
-        _hash_file, calls, known=cached, jobs=1, label="hashing motion", progress=progress, exact=False
+        _hash_file, calls, cached=cached, jobs=1, label="hashing motion", progress=progress, exact=False
     )
     return dict(zip(paths, hashes, strict=True))
 
@@ -191,7 +191,7 @@ def _identify_music(
     paths = sorted({ref.audio_path for ref in refs if ref.audio_path is not None})
     cached = [known_signal(cache, path) for path in paths]
     calls = [(cache, path) for path in paths]
-    signals = run_units(identify_audio, calls, known=cached, jobs=jobs, label="decoding music", progress=progress)
+    signals = run_units(identify_audio, calls, cached=cached, jobs=jobs, label="decoding music", progress=progress)
     return dict(zip(paths, signals, strict=True))
 
 

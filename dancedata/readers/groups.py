@@ -331,8 +331,8 @@ class GroupReader(BatchReader):
         field = next(candidate for candidate in self._augmenter.fields if candidate.name == name)
         spatial = None if field.representation is None else field.representation.spatial
         places = [] if spatial is None else [spatial.root(of_dancer[0], field.columns) for of_dancer in rows]
-        found = [place for place in places if place is not None]
-        return np.stack(found) if found else None
+        roots = [place for place in places if place is not None]
+        return np.stack(roots) if roots else None
 
     def _shared(self, field: FieldReader, request: Request, nth: int) -> Array:
         shift = self._store.grid.rows(request.shifts[nth], of=self._store.field(field.name).grid)

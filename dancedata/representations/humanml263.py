@@ -219,10 +219,10 @@ def _mean_length(bones: Float64Array) -> Float64Array:
 
 def _arrangement(bones: Float64Array, start: Float64Array) -> Float64Array:
     """Return the mean arrangement (K, 3) of bones (T, K, 3), turned onto each other, to begin with onto `start`."""
-    found = start
+    mean = start
     for _ in range(_ROUNDS):
-        found = np.mean(np.swapaxes(_closest(found, bones), -1, -2)[:, None] @ bones[..., None], axis=0)[..., 0]
-    return found
+        mean = np.mean(np.swapaxes(_closest(mean, bones), -1, -2)[:, None] @ bones[..., None], axis=0)[..., 0]
+    return mean
 
 
 def _closest(offsets: Float64Array, bones: Float64Array) -> Float64Array:

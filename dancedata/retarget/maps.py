@@ -106,9 +106,9 @@ def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, in
     matches = [(_matches(skeleton.joints, table), table) for table in tables]
     # Of maps that match equally many joints, the one that names fewer others.
     of = max(matches, key=lambda match: (len(match[0]), -len(match[1])))[0]
-    found = {SMPL24.joints[j] for j in of}
-    missing = [joint for joint in _REQUIRED if joint not in found]
-    if not found & {"neck", "head"}:
+    mapped = {SMPL24.joints[j] for j in of}
+    missing = [joint for joint in _REQUIRED if joint not in mapped]
+    if not mapped & {"neck", "head"}:
         missing.append("neck or head")
     if missing:
         raise UsageError(

@@ -136,8 +136,8 @@ def retargeted(
 
 def leg_ratio(source: Skeleton, skeleton: Skeleton) -> float:
     """Return the ratio of the lengths of two bodies' legs, from the hips to the ankles."""
-    target, own = (float(np.linalg.norm(s.offsets[[4, 5, 7, 8]], axis=1).sum()) for s in (skeleton, source))
-    return target / own
+    target, legs = (float(np.linalg.norm(s.offsets[[4, 5, 7, 8]], axis=1).sum()) for s in (skeleton, source))
+    return target / legs
 
 
 def group_scale(bodies: Iterable[Skeleton], skeleton: Skeleton) -> float:

@@ -411,11 +411,11 @@ class Store:
                 yield self._tables[split], None, windows.clip
                 return
         used = np.unique(windows.clip)
-        found = [self._place(windows.clip_ids[k]) for k in used.tolist()]
+        places = [self._place(windows.clip_ids[k]) for k in used.tolist()]
         number = np.searchsorted(used, windows.clip)
-        for tables in dict.fromkeys(tables for tables, _ in found):
-            of_split = np.array([t is tables for t, _ in found])[number]
-            row = np.array([row for _, row in found])[number]
+        for tables in dict.fromkeys(tables for tables, _ in places):
+            of_split = np.array([t is tables for t, _ in places])[number]
+            row = np.array([row for _, row in places])[number]
             yield tables, np.flatnonzero(of_split), row[of_split]
 
     def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
@@ -518,7 +518,7 @@ class Store:
         UsageError
             For an unknown clip or layer.
         """
-        names = sorted({known.name for known in self.layers})
+        names = sorted({layer.name for layer in self.layers})
         if layer is not None and layer not in names:
             raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))
         tables, row = self._place(clip_id)

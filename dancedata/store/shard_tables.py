@@ -57,12 +57,12 @@ def _made_of(description: Description) -> dict[str, bytes]:
     """Return the hashes of each clip's source, which format 1 has in dataset.json."""
     source = description.meta.get("source")
     clips = source.get("clips") if isinstance(source, Mapping) else None
-    made = {}
+    hashes = {}
     for clip, text in clips.items() if isinstance(clips, Mapping) else ():
         parts = str(text).replace("-", "0" * 12).split()
         if [len(part) for part in parts] == [12, 12, 12] and set("".join(parts)) <= set("0123456789abcdef"):
-            made[str(clip)] = bytes.fromhex("".join(parts))
-    return made
+            hashes[str(clip)] = bytes.fromhex("".join(parts))
+    return hashes
 
 
 def _joined(offsets: Sequence[IntArray | None]) -> IntArray | None:

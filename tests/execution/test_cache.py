@@ -382,7 +382,7 @@ def test_a_motion_that_changes_during_a_build_is_set_aside(corpus: Path, own: Ca
     found = motion_units.encode_motion(own, recipe, ref, "another", keys)
     assert isinstance(found, Reject)
     assert found.reason == "changed"
-    assert motion_units.known_motion(own, recipe, keys) is None
+    assert motion_units.cached_motion(own, recipe, keys) is None
 
 
 def test_a_link_to_a_file_is_known_by_the_file(own: Cache, tmp_path: Path):
@@ -410,7 +410,7 @@ def test_a_body_model_that_changes_during_a_build_is_not_used(corpus: Path, own:
     assert isinstance(found, Reject)
     assert found.reason == "changed"
     assert "body_model/model.npz" in found.detail
-    assert motion_units.known_motion(own, recipe, keys) is None
+    assert motion_units.cached_motion(own, recipe, keys) is None
 
 
 def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(

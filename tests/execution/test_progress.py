@@ -94,19 +94,19 @@ def test_nothing_if_quiet():
 
 
 @pytest.mark.usefixtures("no_time_passes")
-def test_known_results_are_not_recomputed(monkeypatch: pytest.MonkeyPatch):
+def test_cached_results_are_not_recomputed(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     calls = [(1,), (-2,), (3,)]
-    known = [None, "known", None]
-    assert run_units(square, calls, known=known, jobs=1, label="squaring", progress=Progress(stream=stream)) == [
+    cached = [None, "cached", None]
+    assert run_units(square, calls, cached=cached, jobs=1, label="squaring", progress=Progress(stream=stream)) == [
         1,
-        "known",
+        "cached",
         9,
     ]
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
     monkeypatch.setattr(units, "_run", None)  # worker processes
-    every = ["a", "b", "c"]
-    assert run_units(square, calls, known=every, jobs=2, label="", progress=Progress(quiet=True)) == every
+    cached = ["a", "b", "c"]
+    assert run_units(square, calls, cached=cached, jobs=2, label="", progress=Progress(quiet=True)) == cached
 
 
 def test_no_unit_prints_nothing():

@@ -84,14 +84,14 @@ class _Lists:
     def find(cls, folders: Folders) -> "_Lists":
         names = {split: f"{split}_split_sequence_names.txt" for split in SPLITS}
         names |= {f"dancers_{n}": f"split_dancerNum_{n}.txt" for n in _SIZES}
-        found = {}
+        lists = {}
         for name, file in names.items():
             path = next((place / file for place in folders.places if (place / file).is_file()), None)
             if path is not None:
                 # Read as a table without a header by GCD: further columns may follow.
-                found[name] = tuple(dict.fromkeys(word.split(",")[0] for word in read_names(path)))
-        official = {name: found.pop(name) for name in SPLITS if name in found}
-        return cls(official, {name: frozenset(content) for name, content in found.items()})
+                lists[name] = tuple(dict.fromkeys(word.split(",")[0] for word in read_names(path)))
+        official = {name: lists.pop(name) for name in SPLITS if name in lists}
+        return cls(official, {name: frozenset(content) for name, content in lists.items()})
 
     def of(self, name: str) -> tuple[str, ...]:
         """Return the names of the lists that hold a sequence, the split first."""
@@ -352,9 +352,9 @@ def _table(path: Path) -> list[list[str]]:
 def _column(path: Path, header: Sequence[str], key: str, title: str, part: str) -> int | None:
     """Return the column with a title, or the only one whose title contains a word; None if no title does."""
     titles = [name.strip() for name in header]
-    found = [k for k, name in enumerate(titles) if k and (name == title if title else part in name.lower())]
-    if len(found) == 1 or not (found or title):
-        return found[0] if found else None
+    columns = [k for k, name in enumerate(titles) if k and (name == title if title else part in name.lower())]
+    if len(columns) == 1 or not (columns or title):
+        return columns[0] if columns else None
     raise UsageError(
         f"aioz-gdance: {'no column' if title else 'several columns'} of the labels may be the {part}",
         where=str(path),

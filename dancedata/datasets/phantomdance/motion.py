@@ -101,17 +101,17 @@ def _content(path: Path) -> dict[str, Any]:
 
 def _order(path: Path, names: Any) -> list[int]:
     """Return the place of each of BONES in the file."""
-    given = [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
-    if len(given) != len(BONES) or set(given) != set(BONES):
+    bones = [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+    if len(bones) != len(BONES) or set(bones) != set(BONES):
         raise DataError(
             "the bones are not those of SMPL",
             reason="bad_skeleton",
             where=str(path),
-            found=listed(given, show=quoted) or type(names).__name__,
+            found=listed(bones, show=quoted) or type(names).__name__,
             allowed=f"{len(BONES)} names: {', '.join(BONES[:4])}, ...",
             fix=_DOWNLOAD_AGAIN,
         )
-    return [given.index(name) for name in BONES]
+    return [bones.index(name) for name in BONES]
 
 
 def _array(path: Path, key: str, content: dict[str, Any], shape: tuple[int, ...]) -> Floats:

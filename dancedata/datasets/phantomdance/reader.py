@@ -146,14 +146,14 @@ class PhantomDance(Dataset):
         require_folder("phantomdance", source, _LOOKED_FOR)
         below = [source, *(entry for entry in list_folder(source) if entry.is_dir())]
         candidates = below if self.motions is None else [source / self.motions]
-        found = [folder for folder in candidates if folder.is_dir() and _has_motions(folder)]
-        if len(found) == 1:
-            return found[0]
-        if found:
+        folders = [folder for folder in candidates if folder.is_dir() and _has_motions(folder)]
+        if len(folders) == 1:
+            return folders[0]
+        if folders:
             raise SourceError(
                 "phantomdance: several folders have JSON files",
                 where=str(source),
-                found=listed(relative(folder, source) for folder in found),
+                found=listed(relative(folder, source) for folder in folders),
                 fix="set dataset.phantomdance.motions to the folder of the motions",
             )
         raise SourceError(
