@@ -15,8 +15,9 @@ from torch.utils.data import BatchSampler, SequentialSampler
 
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
-from dancedata.readers.batch_reader import BatchReader, MemoryPool, Request
+from dancedata.readers.batch_reader import Layout, MemoryPool, ReadBatch
 from dancedata.readers.clip_collate import collate_values
+from dancedata.readers.mix import Mix
 from dancedata.readers.sampler import EpochSampler
 from dancedata.readers.windows import WindowDataset
 
@@ -58,7 +59,7 @@ class BatchLoader:
 
     def __init__(
         self,
-        dataset: WindowDataset,
+        dataset: WindowDataset | Mix,
         batch_size: int = 1,
         *,
         sampler: Iterable[int] | None = None,
@@ -142,9 +143,9 @@ class BatchLoader:
     def _batches(self) -> BatchSampler:
         return BatchSampler(self.sampler, self.batch_size, self.drop_last)
 
-    def _memory(self, reader: BatchReader) -> Buffer:
+    def _memory(self, layout: Layout) -> Buffer:
         """Return uninitialised memory for a batch, to which nothing else refers."""
-        shapes = {name: ((self.batch_size, *shape), dtype) for name, (shape, dtype) in reader.layout.items()}
+        shapes = {name: ((self.batch_size, *shape), dtype) for name, (shape, dtype) in layout.items()}
         if not self.pinned:
             return {name: self._pool.tensor(shape, dtype) for name, (shape, dtype) in shapes.items()}
         # torch manages pinned memory itself, and waits for copies to the device before it reuses it.
@@ -169,7 +170,7 @@ class _Iteration(Iterator[dict[str, Any]]):
             initargs=(self._thread_ids,),
         )
         self._loader = loader
-        self._reader = loader.dataset._batch_reader()  # made here, not by several threads at once
+        self._layout = loader.dataset._layout  # which makes the readers here, not in several threads at once
         self._indices = iter(loader._batches())
         self._epoch = loader.sampler.epoch if isinstance(loader.sampler, EpochSampler) else None
         for _ in range(loader.prefetch):
@@ -210,15 +211,15 @@ class _Iteration(Iterator[dict[str, Any]]):
         indices = next(self._indices, None)
         if indices is None or self._threads is None:
             return
-        request = self._loader.dataset._request(indices, self._epoch)
-        memory = self._loader._memory(self._reader)
-        tensors = {name: tensor[: len(request)] for name, tensor in memory.items()}
-        reading = self._threads.submit(_read, self._loader.dataset, self._reader, request, tensors)
+        read = self._loader.dataset._planned(indices, self._epoch)
+        memory = self._loader._memory(self._layout)
+        tensors = {name: tensor[: len(indices)] for name, tensor in memory.items()}
+        reading = self._threads.submit(_read, read, tensors)
         self._pending.append((tensors, reading))
 
 
 # Not a method: a thread that holds the last reference to the iteration would end it.
-def _read(dataset: WindowDataset, reader: BatchReader, request: Request, tensors: Buffer) -> dict[str, Any]:
+def _read(read: ReadBatch, tensors: Buffer) -> dict[str, Any]:
     """Read a batch into tensors, and return the other values of its samples; in a thread."""
-    reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
-    return {name: collate_values(values) for name, values in dataset._metadata(request).items()}
+    values = read({name: tensor.numpy() for name, tensor in tensors.items()})
+    return {name: collate_values(column) for name, column in values.items()}

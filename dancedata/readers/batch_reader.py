@@ -26,6 +26,10 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.shard_reader import WindowRows
 
 Array = npt.NDArray[Any]
+#: Shape and type of every array of one sample.
+Layout = Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]
+#: Reads a batch into arrays (B, ...) by name, and returns the other values of its samples, (B,) each by name.
+ReadBatch = Callable[[Mapping[str, Array]], dict[str, list[Any]]]
 #: Smaller arrays come from the allocator, which reuses small pieces itself.
 _LARGE = 1 << 20
 
@@ -227,7 +231,7 @@ class BatchReader:
         self.fields = tuple(fields)
 
     @cached_property
-    def layout(self) -> Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]:
+    def layout(self) -> Layout:
         """Shape and type of every array of one sample, in a sample's order."""
         layouts: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
         for field in self.fields:

@@ -13,8 +13,8 @@ from torch.utils.data import DataLoader, IterableDataset, default_collate, get_w
 from dancedata.core.errors import UsageError
 from dancedata.readers.arguments import whole
 from dancedata.readers.buckets import BucketSampler
+from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.sampler import EpochSampler
-from dancedata.readers.split_dataset import SplitDataset
 
 
 class BatchStream(IterableDataset[Any]):
@@ -39,7 +39,7 @@ class BatchStream(IterableDataset[Any]):
 
     def __init__(
         self,
-        dataset: SplitDataset,
+        dataset: EpochDataset,
         batch_size: int | None = None,
         *,
         sampler: EpochSampler | BucketSampler | None = None,

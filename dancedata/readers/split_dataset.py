@@ -1,25 +1,26 @@
 """SplitDataset: what `WindowDataset` and `ClipDataset` have in common."""
 
+import copy
 import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from operator import index as as_int
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-import torch
-from torch.utils.data import Dataset
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import listed, shown
+from dancedata.core.typing import override
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
+from dancedata.readers.epochs import EpochDataset, uniform
 from dancedata.readers.music_beats import StartAt, estimated_tempo
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
@@ -30,9 +31,6 @@ from dancedata.store.window_list import WindowList
 
 # 1 is the stream of orders, 4 that of augmentations.
 _MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
-_64_BITS = (1 << 64) - 1
-#: In place of an epoch while none is set.
-_NOT_SET = -1
 #: A warning is logged if augmentations need more than this many times the range of the scaler.
 _FAR = 10.0
 _log = logging.getLogger(__name__)
@@ -42,56 +40,20 @@ def mirrored_samples(seed: int, epoch: int, places: Sequence[int], probability: 
     """Return which of the samples at `places` are mirrored in an epoch, (len(places),)."""
     if not probability:
         return np.zeros(len(places), dtype=np.bool_)
-    return np.asarray(_uniform(seed, _MIRROR_STREAM, epoch, places) < probability)
+    return np.asarray(uniform(seed, _MIRROR_STREAM, epoch, places) < probability)
 
 
 def crop_choices(
     seed: int, epoch: int, places: Sequence[int], n_choices: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int64]:
     """Return a number from 0 to n_choices - 1 for each of the samples at `places`, drawn uniformly in an epoch."""
-    return np.asarray(np.floor(_uniform(seed, _CROP_STREAM, epoch, places) * n_choices), dtype=np.int64)
+    return np.asarray(np.floor(uniform(seed, _CROP_STREAM, epoch, places) * n_choices), dtype=np.int64)
 
 
 def primitive_bias(seed: int, epoch: int, window: int) -> int:
     """Return by how many frames, -2 to 2, the primitives of a window are shifted in an epoch."""
     stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_BIAS_STREAM, epoch, window)))
     return int(stream.random_raw() % 5) - 2
-
-
-def _uniform(seed: int, key: int, epoch: int, places: Sequence[int]) -> npt.NDArray[np.float64]:
-    """Return the numbers of a stream at `places`, in [0, 1), of 53 bits each."""
-    stop = max(places, default=-1) + 1
-    if len(places) < 4 or stop > 256 * len(places):  # a few of very many: making numpy's stream takes as long as ten
-        stream_key = _stream_key(seed, key, epoch)
-        raw = np.array([_raw_number(*stream_key, place) for place in places], dtype=np.uint64)
-    else:
-        stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(key, epoch)))
-        raw = stream.random_raw(stop)[list(places)]
-    return np.asarray((raw >> np.uint64(11)) * 2.0**-53)
-
-
-@lru_cache(maxsize=8)
-def _stream_key(seed: int, key: int, epoch: int) -> tuple[int, int]:
-    """Return the key by which numpy's Philox makes a stream."""
-    state = np.random.SeedSequence(seed, spawn_key=(key, epoch)).generate_state(2, np.uint64)
-    return int(state[0]), int(state[1])
-
-
-def _raw_number(key_0: int, key_1: int, place: int) -> int:
-    """Return number `place` of a stream of Philox 4x64-10 (Salmon et al. 2011), as numpy's `random_raw` does."""
-    a, b, c, d = place // 4 + 1, 0, 0, 0  # numpy's counter: each of its values gives four numbers
-    for _ in range(10):
-        ab, cd = 0xD2E7470EE14C6C93 * a, 0xCA5A826395121157 * c
-        a, b, c, d = cd >> 64 ^ b ^ key_0, cd & _64_BITS, ab >> 64 ^ d ^ key_1, ab & _64_BITS
-        key_0, key_1 = key_0 + 0x9E3779B97F4A7C15 & _64_BITS, key_1 + 0xBB67AE8584CAA73B & _64_BITS
-    return (a, b, c, d)[place % 4]
-
-
-def _shared_number(value: int) -> torch.Tensor:
-    """Return a tensor (1,) int64 in memory that this process and its workers share."""
-    number = torch.tensor([value], dtype=torch.int64)
-    number.share_memory_()  # type: ignore[no-untyped-call]
-    return number
 
 
 @dataclass(frozen=True)
@@ -109,7 +71,7 @@ class Changes:
     seed: int
 
 
-class SplitDataset(Dataset[dict[str, Any]]):
+class SplitDataset(EpochDataset):
     """Samples of one split of a built dataset, normalised, mirrored and augmented on reading.
 
     Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
@@ -134,6 +96,7 @@ class SplitDataset(Dataset[dict[str, Any]]):
         protocol: str | None,
     ) -> None:
         """Open the store and settle the fields. Subclasses then call `_select` and `_prepare`."""
+        super().__init__()
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
         self._reference = self._store.reference
         self.split, self.preset = split, preset
@@ -142,7 +105,6 @@ class SplitDataset(Dataset[dict[str, Any]]):
             require_protocol(self.store, protocol)
         self._protocol: str | None = value_or_preset(protocol, self._preset, "protocol", None)
         self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
-        self._epoch = _shared_number(_NOT_SET)
         self._tempos: dict[str, float] = {}
 
     def _select(
@@ -213,66 +175,13 @@ class SplitDataset(Dataset[dict[str, Any]]):
             self._store = reopen(*self._reference)
         return self._store
 
+    @override
     def __len__(self) -> int:
         return len(self.windows)
-
-    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
-        """Return many samples in the given order; torch's DataLoader calls this for a batch.
-
-        The files are read in their own order, independent of the order of `indices`.
-        """
-        return self.samples(indices)
-
-    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
-        """Return many samples, as of an epoch that is given here instead of by `set_epoch`.
-
-        Raises
-        ------
-        IndexError
-            For an index outside the split.
-        """
-        raise NotImplementedError
 
     def __getstate__(self) -> dict[str, Any]:
         # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
         return {**self.__dict__, "_store": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        # torch's own workers receive the shared number itself; any other copy gets its own number, which has to
-        # be shared as well, because workers may be started from that copy.
-        if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
-            self._epoch = _shared_number(int(self._epoch.item()))
-
-    @property
-    def epoch(self) -> int | None:
-        """The current epoch, which decides what happens to each sample; None: every reading draws new numbers."""
-        epoch = int(self._epoch.item())
-        return None if epoch == _NOT_SET else epoch
-
-    def set_epoch(self, epoch: int | None) -> None:
-        """Set the current epoch, here and in all workers; None: each reading draws from torch's generator.
-
-        Raises
-        ------
-        UsageError
-            For a negative epoch, or one of 2**63 and more.
-        """
-        number = _NOT_SET if epoch is None else whole("epoch", epoch)
-        if number >= 2**63:
-            raise UsageError("the epoch is too large", found=number, allowed="0 to 2**63 - 1")
-        self._epoch.fill_(number)
-
-    def _drawn_epoch(self, epoch: int | None) -> int:
-        """Return the number that decides what happens to samples: an epoch, or one from torch's generator.
-
-        A DataLoader seeds that generator in each of its workers, from that of the process that iterates.
-        """
-        epoch = self.epoch if epoch is None else whole("epoch", epoch)
-        if epoch is None:
-            # Without random changes the generator keeps its state.
-            epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._is_random else 0
-        return epoch
 
     def normalizer(self, field: str) -> MinMax:
         """Return the scaler that a field of this dataset is normalised with.
@@ -292,6 +201,15 @@ class SplitDataset(Dataset[dict[str, Any]]):
             )
         normalizer = self._normalizers.get(field)
         return normalizer if normalizer is not None else self._scaler(field)
+
+    def rescaled(self, scalers: Mapping[str, MinMax]) -> Self:
+        """Return a copy that normalises with other scalers, by field; it has an epoch of its own."""
+        other = copy.copy(self)
+        EpochDataset.__init__(other)
+        other._store = self._store
+        other._normalizers = self._normalizers | {name: s for name, s in scalers.items() if name in self._normalizers}
+        other._named_scalers = {**self._named_scalers, **scalers}
+        return other
 
     @property
     def normalized(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """WindowDataset: the windows of a built dataset as a map-style torch dataset."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +12,16 @@ from torch.utils.data import get_worker_info
 from dancedata.core.errors import UsageError
 from dancedata.core.typing import override
 from dancedata.readers.augmenting import Augment
-from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, shared_tensor
+from dancedata.readers.batch_reader import (
+    Array,
+    BatchReader,
+    FieldReader,
+    Layout,
+    MemoryPool,
+    ReadBatch,
+    Request,
+    shared_tensor,
+)
 from dancedata.readers.clip_collate import Batch, Sample, collate
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
 from dancedata.readers.presets import PrimitiveSpec, preset_windows, primitive_spec, value_or_preset
@@ -266,6 +275,20 @@ class WindowDataset(SplitDataset):
             self._starts[window.clip] = self.store.starts(window.clip, window.length, fields=self.fields, trim=trim)
         start = self._augmenter.start(window.start, self._starts[window.clip], self._stride, epoch, place)
         return start - window.start
+
+    @property
+    def _layout(self) -> Layout:
+        return self._batch_reader().layout
+
+    def _planned(self, indices: Sequence[int], epoch: int | None = None) -> ReadBatch:
+        """Return what reads the samples at some indices; what is drawn is drawn now, the files are read later."""
+        request, reader = self._request(indices, epoch), self._batch_reader()
+
+        def read(out: Mapping[str, Array]) -> dict[str, list[Any]]:
+            reader(request, out)
+            return self._metadata(request)
+
+        return read
 
     def _batch_reader(self) -> BatchReader:
         """Return the reader of batches, which each process makes when it first needs it."""

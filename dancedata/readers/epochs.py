@@ -1,0 +1,124 @@
+"""The epoch of a dataset, which decides every random change of its samples; shared with workers."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch.utils.data import Dataset
+
+from dancedata.core.errors import UsageError
+from dancedata.readers.arguments import whole
+
+_64_BITS = (1 << 64) - 1
+#: In place of an epoch while none is set.
+_NOT_SET = -1
+
+
+def uniform(seed: int, key: int, epoch: int, places: Sequence[int]) -> npt.NDArray[np.float64]:
+    """Return the numbers of a stream at `places`, in [0, 1), of 53 bits each: a pure function of the arguments."""
+    stop = max(places, default=-1) + 1
+    if len(places) < 4 or stop > 256 * len(places):  # a few of very many: making numpy's stream takes as long as ten
+        stream_key = _stream_key(seed, key, epoch)
+        raw = np.array([_raw_number(*stream_key, place) for place in places], dtype=np.uint64)
+    else:
+        stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(key, epoch)))
+        raw = stream.random_raw(stop)[list(places)]
+    return np.asarray((raw >> np.uint64(11)) * 2.0**-53)
+
+
+@lru_cache(maxsize=8)
+def _stream_key(seed: int, key: int, epoch: int) -> tuple[int, int]:
+    """Return the key by which numpy's Philox makes a stream."""
+    state = np.random.SeedSequence(seed, spawn_key=(key, epoch)).generate_state(2, np.uint64)
+    return int(state[0]), int(state[1])
+
+
+def _raw_number(key_0: int, key_1: int, place: int) -> int:
+    """Return number `place` of a stream of Philox 4x64-10 (Salmon et al. 2011), as numpy's `random_raw` does."""
+    a, b, c, d = place // 4 + 1, 0, 0, 0  # numpy's counter: each of its values gives four numbers
+    for _ in range(10):
+        ab, cd = 0xD2E7470EE14C6C93 * a, 0xCA5A826395121157 * c
+        a, b, c, d = cd >> 64 ^ b ^ key_0, cd & _64_BITS, ab >> 64 ^ d ^ key_1, ab & _64_BITS
+        key_0, key_1 = key_0 + 0x9E3779B97F4A7C15 & _64_BITS, key_1 + 0xBB67AE8584CAA73B & _64_BITS
+    return (a, b, c, d)[place % 4]
+
+
+class EpochDataset(Dataset[dict[str, Any]]):
+    """Samples that may be drawn and changed anew in each epoch.
+
+    Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
+    """
+
+    #: Whether reading draws numbers.
+    _is_random: bool = False
+
+    def __init__(self) -> None:
+        self._epoch = _shared_number(_NOT_SET)
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        raise NotImplementedError
+
+    def __getitems__(self, indices: Sequence[int]) -> list[dict[str, Any]]:
+        """Return many samples in the given order; torch's DataLoader calls this for a batch.
+
+        The files are read in their own order, independent of the order of `indices`.
+        """
+        return self.samples(indices)
+
+    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
+        """Return many samples, as of an epoch that is given here instead of by `set_epoch`.
+
+        Raises
+        ------
+        IndexError
+            For an index outside the dataset.
+        """
+        raise NotImplementedError
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        # torch's own workers receive the shared number itself; any other copy gets its own number, which has to
+        # be shared as well, because workers may be started from that copy.
+        if not self._epoch.is_shared():  # type: ignore[no-untyped-call]
+            self._epoch = _shared_number(int(self._epoch.item()))
+
+    @property
+    def epoch(self) -> int | None:
+        """The current epoch, which decides what happens to each sample; None: every reading draws new numbers."""
+        epoch = int(self._epoch.item())
+        return None if epoch == _NOT_SET else epoch
+
+    def set_epoch(self, epoch: int | None) -> None:
+        """Set the current epoch, here and in all workers; None: each reading draws from torch's generator.
+
+        Raises
+        ------
+        UsageError
+            For a negative epoch, or one of 2**63 and more.
+        """
+        number = _NOT_SET if epoch is None else whole("epoch", epoch)
+        if number >= 2**63:
+            raise UsageError("the epoch is too large", found=number, allowed="0 to 2**63 - 1")
+        self._epoch.fill_(number)
+
+    def _drawn_epoch(self, epoch: int | None) -> int:
+        """Return the number that decides what happens to samples: an epoch, or one from torch's generator.
+
+        A DataLoader seeds that generator in each of its workers, from that of the process that iterates.
+        """
+        epoch = self.epoch if epoch is None else whole("epoch", epoch)
+        if epoch is None:
+            # Without random changes the generator keeps its state.
+            epoch = int(torch.empty((), dtype=torch.int64, device="cpu").random_()) if self._is_random else 0
+        return epoch
+
+
+def _shared_number(value: int) -> torch.Tensor:
+    """Return a tensor (1,) int64 in memory that this process and its workers share."""
+    number = torch.tensor([value], dtype=torch.int64)
+    number.share_memory_()  # type: ignore[no-untyped-call]
+    return number
