@@ -191,10 +191,18 @@ def test_groups_and_clips_mix(tmp_path: Path, stores: dict[str, Store]) -> None:
 
 
 def test_genres_are_numbered_over_all_sources(stores: dict[str, Store]) -> None:
-    mix = Mix(windows(stores))
-    samples = mix.samples(range(len(mix)))
-    assert mix.genre_ids == {genre: k for k, genre in enumerate(sorted({s["genre"] for s in samples}))}
-    assert all(s["genre_id"] == mix.genre_ids[s["genre"]] for s in samples)
+    parts = windows(stores)
+    genres = sorted({genre for dataset in parts.values() for genre in dataset.genre_ids})
+    for own in ({name: 9 - k for k, name in enumerate(genres)}, {"other": 0}):
+        parts["small"].__dict__["genre_ids"] = own
+        mix = Mix(parts)
+        assert mix.genre_ids == {genre: k for k, genre in enumerate(sorted({*genres, *own}))}
+        samples = [*mix.samples([0, 35, 45]), mix[45]]
+        [batch] = BatchLoader(mix, 3, sampler=[0, 35, 45])
+        assert [s["genre_id"] for s in samples[:3]] == batch["genre_id"].tolist()
+        assert all(s["genre_id"] == mix.genre_ids[s["genre"]] for s in samples)
+    parts["small"].__dict__["genre_ids"] = {"other": 40}
+    assert Mix(parts).genre_ids == parts["large"].genre_ids | {"other": 40}
 
 
 def test_datasets_that_do_not_agree(tmp_path: Path, stores: dict[str, Store]) -> None:
