@@ -154,7 +154,10 @@ def plan(
 @app.command()
 @errors_to_exit_codes
 def check(
-    path: Annotated[Path, typer.Argument(help="A built dataset, or a folder to build from.")],
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH...", help="A built dataset or a folder to build from; or datasets to compare."),
+    ],
     dataset: Annotated[str | None, typer.Option(help="Reader of a source folder; default: found by itself.")] = None,
     recipe: Annotated[str | None, typer.Option(help="Read a source folder as this recipe does.")] = None,
     overrides: Set = None,
@@ -162,19 +165,20 @@ def check(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check a built dataset or a source folder; exit code 1 if something is wrong."""
+    """Check a built dataset or a source folder, or what datasets share; exit code 1 if something is wrong."""
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import describe_problems
 
     problems = commands.check(
-        path, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
+        *paths, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
         progress=not (quiet or as_json),
     )  # fmt: skip
     errors = [p for p in problems if p.severity == "error"]
+    others = {"others": [str(path) for path in paths[1:]]} if paths[1:] else {}
     print_result(
         as_json,
-        lambda: {"path": str(path), "ok": not errors, "problems": [p.to_json() for p in problems]},
-        lambda: describe_problems(path, problems),
+        lambda: {"path": str(paths[0]), "ok": not errors, "problems": [p.to_json() for p in problems]} | others,
+        lambda: describe_problems(" and ".join(map(str, paths)), problems),
     )
     if errors:
         raise typer.Exit(1)

@@ -1,6 +1,9 @@
 """dancedata check: a built dataset against its dataset.json, or a source folder file by file."""
 
-from collections.abc import Iterator
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +16,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides, sampled
-from dancedata.core.text import listed
+from dancedata.core.text import counted, listed
 from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
@@ -22,8 +25,9 @@ from dancedata.pipeline.rejects import NOTED, attempt, implausible_problems
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Problem, Store, open_store, verify_store
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.schema import DATASET_FILE, is_shard_name
-from dancedata.store.songs import sound_field
+from dancedata.store.songs import alike_between, music_hash, songs_of, sound_field
 
 
 def check(
@@ -35,11 +39,7 @@ def check(
 ) -> list[Problem]:
     """Check a built dataset or a source folder, as `pipeline.commands.check`; `dataset` may be a recipe's reader."""
     if dataset is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
-        with named_if_it_crashes(f"checking, {path}"):
-            problems = verify_store(path)
-            if not any(p.severity == "error" for p in problems):
-                problems += _implausible(path)
-            return problems
+        return _check_built(path)
     if not path.is_dir():
         problem = "this is not a folder" if path.exists() else "the folder does not exist"
         raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
@@ -49,6 +49,85 @@ def check(
     calls = [(reader, ref) for ref in scan.clips]
     checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress or Progress(quiet=True))
     return problems + [_problem(reject) for rejects in checked for reject in rejects]
+
+
+def check_several(paths: Sequence[Path]) -> list[Problem]:
+    """Check built datasets, and find what they share, pair by pair: songs, recordings and dancers.
+
+    Songs are compared by samples, by sound (`alike_between`) and by name; recordings and dancers by name. Music that
+    train of one shares with val or test of another is an error, unless both have official splits; names are notes.
+    What a damaged dataset shares is not known.
+    """
+    problems = [problem for path in paths for problem in _check_built(path)]
+    if any(problem.severity == "error" for problem in problems):
+        return problems
+    with ExitStack() as opened:
+        stores = [opened.enter_context(open_store(path)) for path in paths]
+        for one, other in itertools.combinations(stores, 2):
+            problems += _shared(one, other)
+    return problems
+
+
+def _check_built(path: Path) -> list[Problem]:
+    with named_if_it_crashes(f"checking, {path}"):
+        problems = verify_store(path)
+        if not any(p.severity == "error" for p in problems):
+            problems += _implausible(path)
+        return problems
+
+
+def _shared(one: Store, other: Store) -> Iterator[Problem]:
+    where = f"{one.path} and {other.path}"
+    official = all(store.meta.get("split_rule") == "official" for store in (one, other))
+    songs = [songs_of(store.clips) for store in (one, other)]
+    by_samples = [_splits_by(store, lambda clip: music_hash(clip)) for store in (one, other)]
+    label = [
+        {music_hash(clip): of_clip[clip.id] for clip in store.clips if clip.id in of_clip}
+        for store, of_clip in zip((one, other), songs, strict=True)
+    ]
+    equal = {(label[0][key], label[1][key]) for key in by_samples[0].keys() & by_samples[1].keys()}
+    for splits, keys in _by_splits(*by_samples):
+        names = [_both(label[0][key], label[1][key]) for key in keys]
+        leaks = "train" in splits and splits != ("train", "train") and not official
+        message = f"{splits[0]} and {splits[1]} share {counted(len(names), 'song')}, by samples: {listed(names)}"
+        yield Problem("error" if leaks else "note", where, message)
+    alike = alike_between(one, other, equal)
+    if isinstance(alike, str):
+        yield Problem("note", where, f"songs were compared by samples and name, not by their sound: {alike}")
+    for pair in alike if not isinstance(alike, str) else ():
+        # Each has splits of its own here.
+        leaks = any("train" in splits for splits in pair.splits) and set().union(*pair.splits) != {"train"}
+        yield Problem("error" if leaks and not official else "note", where, pair.message)
+    kinds: tuple[tuple[str, Callable[[ClipRecord], str]], ...] = (
+        ("song", lambda clip: clip.music),
+        ("recording", lambda clip: clip.source or clip.id),
+        ("dancer", lambda clip: clip.dancer),
+    )
+    for kind, key_of in kinds:
+        for splits, names in _by_splits(*(_splits_by(store, key_of) for store in (one, other))):
+            message = f"{splits[0]} and {splits[1]} share {counted(len(names), kind)}, by name alone: {listed(names)}"
+            yield Problem("note", where, message)
+
+
+def _splits_by(store: Store, key_of: Callable[[ClipRecord], str]) -> dict[str, set[str]]:
+    """Return the splits of each key of the clips; clips without one do not count."""
+    splits = defaultdict(set)
+    for clip in store.clips:
+        splits[key_of(clip)].add(clip.split)
+    return {key: of_key for key, of_key in splits.items() if key}
+
+
+def _by_splits(one: Mapping[str, set[str]], other: Mapping[str, set[str]]) -> list[tuple[tuple[str, str], list[str]]]:
+    """Return the keys of both datasets, for each pair of a split of one and a split of the other."""
+    pairs = defaultdict(list)
+    for key in sorted(one.keys() & other.keys()):
+        for splits in itertools.product(one[key], other[key]):
+            pairs[splits].append(key)
+    return sorted(pairs.items())
+
+
+def _both(one: str, other: str) -> str:
+    return one if one == other else f"{one} (there {other})"
 
 
 def _implausible(path: Path) -> list[Problem]:

@@ -12,6 +12,7 @@ from dancedata.execution.progress import Progress
 from dancedata.pipeline.build import BuildResult
 from dancedata.pipeline.build import build as _build
 from dancedata.pipeline.check import check as _check
+from dancedata.pipeline.check import check_several
 from dancedata.pipeline.part import Part, PartResult
 from dancedata.pipeline.part import build_part as _build_part
 from dancedata.pipeline.plan import Plan, make_plan
@@ -191,7 +192,7 @@ def plan(
 
 def check(
     path: str | Path,
-    *,
+    *others: str | Path,
     dataset: str | None = None,
     recipe: RecipeLike | None = None,
     overrides: Overrides = (),
@@ -204,6 +205,9 @@ def check(
     ----------
     path
         Folder that `build` wrote, or a folder to build from.
+    others
+        Further folders that `build` wrote: each is checked, and then what any two of them share, such as a song that
+        train of one and test of another have.
     dataset
         Reader of a source folder, such as "aist++". Default: the first one that recognises it.
     recipe, overrides
@@ -236,7 +240,12 @@ def check(
     if overrides and recipe is None:
         raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
     reader = dataset if recipe is None else load_recipe(recipe, overrides).dataset
-    return _check(Path(path).expanduser(), dataset=reader, jobs=jobs_of(jobs), progress=Progress(quiet=not progress))
+    paths, reporter = [Path(p).expanduser() for p in (path, *others)], Progress(quiet=not progress)
+    if others and reader is not None:
+        raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
+    if not others:
+        return _check(paths[0], dataset=reader, jobs=jobs_of(jobs), progress=reporter)
+    return check_several(paths)
 
 
 @dataclass(frozen=True)

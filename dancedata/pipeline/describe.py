@@ -290,7 +290,7 @@ def describe_clips(path: Path) -> str:
 # check
 
 
-def describe_problems(path: Path, problems: Sequence[Problem]) -> str:
+def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
     """Return the output of `check`: all errors; of notes with the same reason the first few, and a count."""
     errors = [p for p in problems if p.severity == "error"]
     lines = [str(p) for p in errors]

@@ -1,7 +1,7 @@
 """Songs that clips of a dataset share: by name, by samples, and by features of their sound."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
@@ -76,7 +76,7 @@ def joined_sets(groups: Iterable[Iterable[T]]) -> list[set[T]]:
 
 
 class AlikeSongs(NamedTuple):
-    """Two songs of different splits that sound as one recording.
+    """Two songs of different splits, or of different datasets, that sound as one recording.
 
     Attributes
     ----------
@@ -86,12 +86,15 @@ class AlikeSongs(NamedTuple):
         1 for equal features, about 0 for music that has nothing in common.
     shift_s
         Seconds from an instant of the first to the same one of the second.
+    between
+        Whether they are of different datasets, and the splits those of each.
     """
 
     songs: tuple[str, str]
     splits: tuple[frozenset[str], frozenset[str]]
     likeness: float
     shift_s: float
+    between: bool = False
 
     @property
     def leaks(self) -> bool:
@@ -104,7 +107,8 @@ class AlikeSongs(NamedTuple):
         both = zip(self.songs, self.splits, strict=True)
         places = [f"{shown(song)} of {', '.join(sorted(splits))}" for song, splits in both]
         numbers = f"likeness {self.likeness:.2f} at {self.shift_s:+.2f} s, one recording from {LIKENESS} on"
-        return f"songs of different splits sound alike: {' and '.join(places)} ({numbers})"
+        songs = "songs" if self.between else "songs of different splits"
+        return f"{songs} sound alike: {' and '.join(places)} ({numbers})"
 
 
 @dataclass(frozen=True)
@@ -117,12 +121,15 @@ class _Recording:
         (T, D), each column of mean 0 and deviation 1; 0 where the dataset lacks them.
     stored
         (T,) bool: where it has them.
+    dataset
+        Number of the dataset, where songs of several are compared.
     """
 
     song: str
     splits: frozenset[str]
     rows: Rows
     stored: Mask
+    dataset: int = 0
 
     def spectrum(self, n: int) -> npt.NDArray[np.complex64]:
         """Return the Fourier transforms of n rows: (n // 2 + 1, D + 2) of `rows`, their energy, and `stored`."""
@@ -169,33 +176,106 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     StoreError
         If rows cannot be read.
     """
+    field = sound_field(store)
+    if field is None or len(store.splits) < 2:
+        return []
+    chosen = _clip_of_song(store, songs)
+    if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
+        return None
+    # Songs that are not both in one split alone.
+    return _alike(
+        list(_recordings(store, songs, chosen, field)),
+        _compared_rate(field),
+        lambda a, b: a.song != b.song and len(a.splits | b.splits) > 1,
+    )
+
+
+def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = ()) -> list[AlikeSongs] | str:
+    """Find songs of one dataset that sound as a song of another, as `alike_songs` does within one.
+
+    Parameters
+    ----------
+    equal
+        Pairs of names of songs that are known to be one, and are not compared.
+
+    Returns
+    -------
+    list of AlikeSongs or str
+        By falling likeness. Text: why they cannot be compared.
+
+    Raises
+    ------
+    StoreError
+        If rows cannot be read.
+    """
+    fields = next(
+        (
+            (a, b)
+            for a in one.fields_with()
+            for b in other.fields_with()
+            if len(_sound_columns(a)) > 12 and (a.name, a.columns.labels) == (b.name, b.columns.labels)
+            if _compared_rate(a) == _compared_rate(b)
+        ),
+        None,
+    )
+    if fields is None:
+        return "they have no field with MFCC and chroma in common, as librosa35"
+    stores = (one, other)
+    songs = [songs_of(store.clips) for store in stores]
+    chosen = [_clip_of_song(store, of_store) for store, of_store in zip(stores, songs, strict=True)]
+    if len(chosen[0]) * len(chosen[1]) > MAX_PAIRS:
+        return f"there are more than {MAX_PAIRS:,} pairs"
+    recordings = [
+        recording
+        for number in (0, 1)
+        for recording in _recordings(stores[number], songs[number], chosen[number], fields[number], number)
+    ]
+    return _alike(
+        recordings,
+        _compared_rate(fields[0]),
+        lambda a, b: (
+            a.dataset != b.dataset and ((a.song, b.song) if a.dataset < b.dataset else (b.song, a.song)) not in equal
+        ),
+    )
+
+
+def _compared_rate(field: Field) -> float:
+    return float(field.rate) / max(1, round(float(field.rate) / _RATE))
+
+
+def _clip_of_song(store: Store, songs: Mapping[str, str]) -> dict[tuple[str, str | None], str]:
+    """Return a clip for every song and signal: in window scope that with the most windows."""
+    hashes = music_hashes(store.clips)
+    chosen: dict[tuple[str, str | None], str] = {}
+    for clip in store.clips:
+        if clip.id in songs and not clip.source:
+            key = songs[clip.id], hashes.get(clip.id)
+            first = chosen.setdefault(key, clip.id)
+            if store.scope == "window" and len(store.windows_of(clip.id)) > len(store.windows_of(first)):
+                chosen[key] = clip.id
+    return chosen
+
+
+def _recordings(
+    store: Store,
+    songs: Mapping[str, str],
+    chosen: Mapping[tuple[str, str | None], str],
+    field: Field,
+    dataset: int = 0,
+) -> Iterator[_Recording]:
+    """Yield the songs of a dataset that are long enough to be compared."""
     splits = defaultdict(set)
     for clip in store.clips:
         if clip.id in songs:
             splits[songs[clip.id]].add(clip.split)
-    field = sound_field(store)
-    if field is None or len(set().union(*splits.values())) < 2:
-        return []
-    hashes = music_hashes(store.clips)
-    windows = {clip.id: store.windows_of(clip.id) for clip in store.clips} if store.scope == "window" else {}
-    chosen: dict[tuple[str, str | None], str] = {}
-    for clip in store.clips:
-        if clip.id in songs and not clip.source:
-            first = chosen.setdefault((songs[clip.id], hashes.get(clip.id)), clip.id)
-            if len(windows.get(clip.id, ())) > len(windows.get(first, ())):
-                chosen[songs[clip.id], hashes.get(clip.id)] = clip.id
-    if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
-        return None
-    step = max(1, round(float(field.rate) / _RATE))
-    rate = float(field.rate) / step
-    recordings = [
-        _Recording(song, frozenset(splits[song]), *_comparable(rows[:, _sound_columns(field)], stored, step, rate))
-        for (song, _), clip in chosen.items()
-        for rows, stored in [_rows_of(store, clip, windows.get(clip, ()), field)]
-    ]
-    return sorted(
-        _alike([r for r in recordings if r.stored.sum() >= _OVERLAP_S * rate], rate), key=lambda a: -a.likeness
-    )
+    rate, columns = _compared_rate(field), _sound_columns(field)
+    step = round(float(field.rate) / rate)
+    for (song, _), clip_id in chosen.items():
+        windows = store.windows_of(clip_id) if store.scope == "window" else ()
+        rows, stored = _rows_of(store, clip_id, windows, field)
+        compared, exists = _comparable(rows[:, columns], stored, step, rate)
+        if exists.sum() >= _OVERLAP_S * rate:
+            yield _Recording(song, frozenset(splits[song]), compared, exists, dataset)
 
 
 def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -> tuple[Rows, Mask]:
@@ -230,8 +310,16 @@ def _comparable(rows: npt.NDArray[Any], stored: Mask, step: int, rate: float) ->
     return np.asarray(means * exists[:, None], dtype=np.float32), exists
 
 
-def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs]:
-    """Yield the pairs of recordings of different splits that reach LIKENESS."""
+def _alike(
+    recordings: Sequence[_Recording], rate: float, are_compared: Callable[[_Recording, _Recording], bool]
+) -> list[AlikeSongs]:
+    """Return the pairs of recordings that reach LIKENESS, by falling likeness."""
+    return sorted(_pairs(recordings, rate, are_compared), key=lambda pair: -pair.likeness)
+
+
+def _pairs(
+    recordings: Sequence[_Recording], rate: float, are_compared: Callable[[_Recording, _Recording], bool]
+) -> Iterator[AlikeSongs]:
     from scipy import fft
 
     ordered = sorted(recordings, key=lambda r: len(r.rows))
@@ -244,12 +332,7 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
         n = fft.next_fast_len(2 * len(block[-1].rows), real=True)
         spectra = np.stack([r.spectrum(n) for r in block])
         for place, one in enumerate(ordered[: end - 1]):
-            # Recordings of different songs that are not both in one split alone.
-            others = [
-                k
-                for k, r in enumerate(block)
-                if begin + k > place and one.song != r.song and len(one.splits | r.splits) > 1
-            ]
+            others = [k for k, r in enumerate(block) if begin + k > place and are_compared(one, r)]
             if others:
                 x, y = one.spectrum(n).conj(), spectra[others]
                 both = np.einsum("fd,bfd->bf", x[:, :-2], y[..., :-2])
@@ -259,7 +342,8 @@ def _alike(recordings: Sequence[_Recording], rate: float) -> Iterator[AlikeSongs
                     if likeness >= LIKENESS:
                         turned = place_of[id(one)] > place_of[id(block[k])]
                         a, b, shift = (block[k], one, -shift) if turned else (one, block[k], shift)
-                        yield AlikeSongs((a.song, b.song), (a.splits, b.splits), likeness, shift / rate)
+                        songs, splits = (a.song, b.song), (a.splits, b.splits)
+                        yield AlikeSongs(songs, splits, likeness, shift / rate, a.dataset != b.dataset)
 
 
 def _likeness(a: _Recording, b: _Recording, sums: npt.NDArray[Any], rate: float) -> tuple[float, int]:

@@ -11,16 +11,20 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import soundfile
+import soxr
 
+import dancedata
 from dancedata.audio.librosa35 import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.report.numbers import splits
 from dancedata.store import AudioBlock, Field, open_store, verify_store, write_store
-from dancedata.store.songs import LIKENESS, alike_songs, songs_of
+from dancedata.store.songs import LIKENESS, alike_between, alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
 from dancedata.testing.stores import random_columns, write_random_store
+from tests.messages import raises_message
 
 Samples = npt.NDArray[np.float32]
 Split = Mapping[str, Mapping[str, Any]]
@@ -59,6 +63,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         stride: int = 15,
         shortest: int = 0,
         seed: int = 0,
+        name: str = "store",
     ) -> Path:
         fields = (
             Field("pose", "motion", random_columns(3), Fraction(30)),
@@ -66,20 +71,23 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         )
         counts = {split: len(own) for split, own in songs.items()}
         made = write_random_store(
-            tmp_path / "random", clips=counts, fields=fields, n_frames=(shortest or n_frames, n_frames), length=150,
-            stride=stride, scope=scope, seed=seed,
+            tmp_path / f"random {name}", clips=counts, fields=fields, n_frames=(shortest or n_frames, n_frames),
+            length=150, stride=stride, scope=scope, seed=seed,
         )  # fmt: skip
         clips = []
         pairs = [(name, audio) for own in songs.values() for name, audio in own.items()]
-        for clip, (name, audio) in zip(made.clips, pairs, strict=True):
-            blocks = (AudioBlock(name, audio),)
+        for clip, (tune, audio) in zip(made.clips, pairs, strict=True):
+            blocks = (AudioBlock(tune, audio),)
             if scope == "window":
-                blocks = tuple(AudioBlock(f"{name} {s}", audio[s : s + 150]) for s in clip.starts)
-            made_of = f"{'a' * 12}{hashes[name]}{'c' * 12}" if hashes else ""
-            clips.append(dataclasses.replace(clip, music=name, audio={"librosa35": blocks}, made_of=made_of))
-        (tmp_path / "store").mkdir()
-        write_store(tmp_path / "store", made.header, clips)
-        return tmp_path / "store"
+                blocks = tuple(AudioBlock(f"{tune} {s}", audio[s : s + 150]) for s in clip.starts)
+            made_of = f"{'a' * 12}{hashes[tune]}{'c' * 12}" if hashes else ""
+            clips.append(
+                dataclasses.replace(clip, id=f"{name} {clip.id}", music=tune, dancer=f"{name} {clip.dancer}",
+                audio={"librosa35": blocks}, made_of=made_of)
+            )  # fmt: skip
+        (tmp_path / name).mkdir()
+        write_store(tmp_path / name, made.header, clips)
+        return tmp_path / name
 
     return make
 
@@ -178,3 +186,63 @@ def test_silence_and_short_songs_are_not_alike(write: Callable[..., Path]) -> No
     silence, noise = np.zeros((320, 35), "f4"), np.random.default_rng(0).normal(size=(320, 35)).astype("f4")
     songs = {"train": {"a": silence, "b": noise}, "test": {"c": silence, "d": silence + 1}}
     assert verify_store(write(songs)) == []
+
+
+# ---- several datasets
+
+
+def test_datasets_that_share_a_re_encoded_song(write: Callable[..., Path], tmp_path: Path) -> None:
+    """Quieter, as mp3 of 44.1 kHz, begun 2 s later: found, with the shift; songs that are only alike are not."""
+    first, second = (song(name) for name in CLOSE)
+    copy = as_mp3(0.4 * soxr.resample(first, RATE, 44_100)[2 * 44_100 :], tmp_path, 44_100)
+    a = write({"train": {"first": rows(first)}, "val": {"own": rows(song("mWA0"))}}, name="a")
+    b = write({"train": {"second": rows(second)}, "test": {"copy": rows(copy, 44_100)}}, name="b")
+    problems = dancedata.check(a, b, progress=False)
+    [problem] = [p for p in problems if "random" not in p.message]
+    assert (problem.severity, problem.where) == ("error", f"{a} and {b}")
+    assert "sound alike: first of train and copy of test" in problem.message
+    with open_store(a) as one, open_store(b) as other:
+        [pair] = alike_between(one, other)
+        assert abs(pair.shift_s + 2) < 0.1
+        [back] = alike_between(other, one)
+        assert (back.songs, round(back.shift_s, 3)) == (("copy", "first"), -round(pair.shift_s, 3))
+        assert alike_between(one, other, {("first", "copy")}) == []
+
+
+def test_unrelated_datasets_share_nothing(write: Callable[..., Path]) -> None:
+    names = [f"m{style}{k}" for style in ("BR", "PO", "LO", "WA") for k in (0, 3)]
+    parts = [{"train": {n: rows(song(n)) for n in names[:4]}}, {"train": {n: rows(song(n)) for n in names[4:]}}]
+    assert dancedata.check(*(write(songs, name=f"d{k}") for k, songs in enumerate(parts)), progress=False) == []
+
+
+def test_songs_of_equal_samples_and_names_alone(write: Callable[..., Path]) -> None:
+    noise = np.random.default_rng(0).normal(size=(3, 310, 35)).astype("f4")
+    a = write({"train": {"blue": noise[0], "red": noise[1]}}, {"blue": "b" * 12, "red": "d" * 12}, name="a")
+    b = write(
+        {"train": {"azul": noise[0]}, "test": {"red": noise[2], "rojo": noise[1]}},
+        {"azul": "b" * 12, "red": "e" * 12, "rojo": "d" * 12},
+        name="b",
+    )
+    c = write({"train": {"white": -noise[0]}}, {"white": "f" * 12}, name="c")
+    assert [str(p) for p in dancedata.check(a, b, c, progress=False)] == [
+        f"error: {a} and {b}: train and test share 1 song, by samples: red (there rojo)",
+        f"note: {a} and {b}: train and train share 1 song, by samples: blue (there azul)",
+        f"note: {a} and {b}: train and test share 1 song, by name alone: red",
+    ]
+
+
+def test_what_cannot_be_compared_is_stated(write: Callable[..., Path], tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).normal(size=(310, 35)).astype("f4")
+    a = write({"train": {"blue": noise}}, name="a")
+    other = (Field("pose", "motion", random_columns(3), Fraction(30)),)
+    made = write_random_store(
+        tmp_path / "b", clips={"train": 1}, fields=other, n_frames=(60, 60), length=30, stride=30
+    )
+    messages = [p.message for p in dancedata.check(a, made.path, progress=False)]
+    assert any(
+        m.startswith("songs were compared by samples and name, not by their sound: they have no") for m in messages
+    )
+    with raises_message(UsageError):
+        dancedata.check(a, made.path, dataset="folder", progress=False)
+    (tmp_path / "empty").mkdir()
+    assert [p.severity for p in dancedata.check(a, tmp_path / "empty", progress=False)] == ["error"]
