@@ -45,6 +45,8 @@ class ClipRef:
         Name of the sequence whose dancers move in one world; "" for a single dancer.
     member
         Number of the dancer in the group's source, from 0; -1 for a single dancer.
+    group_size
+        Dancers of the group in its source, where the scan lists fewer; 0: those that it lists.
     role
         Part of the dancer in the group, such as "leader" or "follower"; "" if there is none.
     keys
@@ -72,6 +74,7 @@ class ClipRef:
     body: str = ""
     group: str = ""
     member: int = -1
+    group_size: int = 0
     role: str = ""
     keys: tuple[tuple[str, str], ...] = ()
     columns: tuple[tuple[str, ColumnValue], ...] = ()

@@ -133,9 +133,15 @@ def timeline_of(signal: SignalId, start: Fraction, grid: FrameGrid) -> tuple[Sig
     The music's second `start` belongs to frame 0. Rows begin at the fraction of a row that it has, at the nearest
     sample: rounding to a row would move the music by up to half of one.
     """
+    offset, skipped = row_at(start, signal.sample_rate, grid)
+    return signal.without(skipped), offset
+
+
+def row_at(start: Fraction, sample_rate: int, grid: FrameGrid) -> tuple[int, int]:
+    """Return the row at second `start` of a signal, and the samples before the first row."""
     offset = math.floor(start * grid.rate)
     fraction = start - grid.seconds(offset)
-    return signal.without(math.floor(fraction * signal.sample_rate + Fraction(1, 2))), offset
+    return offset, math.floor(fraction * sample_rate + Fraction(1, 2))
 
 
 def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:

@@ -10,7 +10,7 @@ from dancedata.execution.units import Jobs
 from dancedata.pipeline.copies import CopySource, make_copies
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.features import extract_features, stored_clip
-from dancedata.pipeline.groups import members_of, whole_groups
+from dancedata.pipeline.groups import sizes_of, whole_groups
 from dancedata.pipeline.sources import Sources
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import check_ids
@@ -43,14 +43,14 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
     encoded, unreadable = encode_clips(cache, recipe, sources, jobs=jobs, progress=progress)
     windowed, without_windows = cut_windows(recipe, encoded)
     extracted, without_features = extract_features(cache, recipe, windowed, jobs=jobs, progress=progress)
-    members = members_of(sources.scan.clips)
-    extracted, incomplete = whole_groups(recipe, extracted, members, lambda clip: clip.source.ref)
+    extracted, incomplete = whole_groups(recipe, extracted, sources.scan.clips, lambda clip: clip.source.ref)
+    sizes = sizes_of(sources.scan.clips)
     extracted = sorted(extracted, key=lambda clip: clip.source.ref.id)
     clips = [
         replace(
             stored_clip(recipe, clip),
             segments=tuple(recipe.dataset.segments(clip.source.ref)),
-            group_size=len(members.get(clip.source.ref.group, ())),
+            group_size=sizes.get(clip.source.ref.group, 0),
         )
         for clip in extracted
     ]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.spatial import middle_of
 from dancedata.core.text import listed
+from dancedata.pipeline.rejects import attempt
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.recipe import Recipe
 
@@ -36,16 +38,23 @@ def members_of(refs: Sequence[ClipRef]) -> dict[str, tuple[str, ...]]:
     return {name: tuple(ref.id for ref in members) for name, members in groups_of(refs, lambda ref: ref).items()}
 
 
+def sizes_of(refs: Sequence[ClipRef]) -> dict[str, int]:
+    """Return the number of each group's dancers in the source."""
+    groups = groups_of(refs, lambda ref: ref).items()
+    return {name: max(len(members), *(ref.group_size for ref in members)) for name, members in groups}
+
+
 def whole_groups(
-    recipe: Recipe, clips: Sequence[T], members: Mapping[str, Sequence[str]], ref_of: Callable[[T], ClipRef]
+    recipe: Recipe, clips: Sequence[T], scanned: Sequence[ClipRef], ref_of: Callable[[T], ClipRef]
 ) -> tuple[list[T], list[Reject]]:
-    """Set groups aside that lack a dancer, unless the recipe keeps the others."""
-    present = {ref_of(clip).id for clip in clips}
-    lacking = {
-        group: [clip for clip in ids if clip not in present]
-        for group, ids in members.items()
-        if not present.issuperset(ids)
-    }
+    """Set groups aside that lack a dancer, unless the recipe keeps the others; `scanned` are those of the source."""
+    present, sizes = {ref_of(clip).id for clip in clips}, sizes_of(scanned)
+    lacking = {}
+    for group, ids in members_of(scanned).items():
+        unlisted = sizes[group] - len(ids)
+        without = [clip for clip in ids if clip not in present]
+        if without or unlisted:
+            lacking[group] = [*without, *([f"{unlisted} that the source lacks"] if unlisted else [])]
     if recipe.incomplete_groups == "keep" or not lacking:
         return list(clips), []
     kept, rejects = [], []
@@ -105,6 +114,12 @@ def group_motions(recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | No
     trim = max(motion.trim_start for motion in motions)
     motions = [replace(motion.part(0, min(lengths)), trim_start=min(trim, min(lengths) - 1)) for motion in motions]
     return motions if copies is None else _copied(motions, refs, copies)
+
+
+def unusable_dancers(recipe: Recipe, refs: Sequence[ClipRef]) -> dict[int, Reject]:
+    """Load the dancers of a group one by one, and return the rejects of those that cannot be, by their places."""
+    loaded = [attempt(partial(recipe.dataset.load, ref), ref.motion_path, ref.id) for ref in refs]
+    return {k: result for k, result in enumerate(loaded) if isinstance(result, Reject)}
 
 
 def require_acts_on(copies: CopySpec) -> None:

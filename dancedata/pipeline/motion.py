@@ -29,7 +29,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.groups import group_motions
+from dancedata.pipeline.groups import group_motions, unusable_dancers
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.documents import document_of
@@ -269,7 +269,10 @@ def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) ->
 def encode_group(
     cache: Cache, recipe: Recipe, members: Sequence[tuple[ClipRef, str, ClipKeys]], copies: CopySpec | None = None
 ) -> list[MotionResult | Reject]:
-    """Load, check, resample and encode the dancers of one group, or their copies, in one time and one world."""
+    """Load, check, resample and encode the dancers of one group, or their copies, in one time and one world.
+
+    Where a dancer cannot be loaded, the others are a group without him.
+    """
     refs = [ref for ref, _, _ in members]
     try:
         with cache.lock("clips", members[0][2].info):
@@ -284,7 +287,11 @@ def encode_group(
                 ]
         return [_result(recipe, info, arrays) for info, arrays in encoded if info is not None]
     except DataError as error:
-        return [reject_of(error, clip=ref.id, file=ref.motion_path) for ref in refs]
+        unusable = unusable_dancers(recipe, refs)
+        if not unusable or len(unusable) == len(members):
+            return [reject_of(error, clip=ref.id, file=ref.motion_path) for ref in refs]
+        others = iter(encode_group(cache, recipe, [m for k, m in enumerate(members) if k not in unusable], copies))
+        return [unusable[k] if k in unusable else next(others) for k in range(len(members))]
 
 
 def cached_group(cache: Cache, recipe: Recipe, keys: Sequence[ClipKeys]) -> list[MotionResult | Reject] | None:

@@ -1,7 +1,7 @@
 """dancedata plan: the outcome of a build, from lengths alone; computes no feature, writes no dataset."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -15,9 +15,10 @@ from dancedata.core.text import counted, shown, size_text, table
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
+from dancedata.pipeline.audio import row_at
 from dancedata.pipeline.build import header_of
 from dancedata.pipeline.describe import scope_text, windows_text
-from dancedata.pipeline.motion import motion_window_count
+from dancedata.pipeline.groups import group_motions, groups_of, require_places, unusable_dancers, whole_groups
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import (
     attempt,
@@ -26,11 +27,9 @@ from dancedata.pipeline.rejects import (
     missing_music,
     nothing_left,
     relative_to,
-    short_audio,
-    too_short,
 )
 from dancedata.pipeline.sources import scan_source
-from dancedata.pipeline.windows import audio_window_count
+from dancedata.pipeline.windows import window_starts
 from dancedata.recipes.copies import copies_per_clip, is_copied
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
@@ -38,11 +37,12 @@ from dancedata.store.schema import sort_splits
 
 @dataclass(frozen=True)
 class Retimed:
-    """A copy at another speed: frames at the recipe's rate, windows, rows of audio, the name of its music."""
+    """A copy at another speed: frames at the recipe's rate, windows as of a `ClipPlan`, rows of audio, its music."""
 
     speed: Fraction
     n_frames: int
     n_windows: int
+    n_without_music: int
     audio_rows: tuple[int, ...]
     music: str
 
@@ -100,7 +100,7 @@ class Plan:
         """Return plain JSON data: counts, columns and bytes."""
         kept = [c for c in self.clips if c.n_windows]
         left_out = Counter(r.reason for r in self.rejects)
-        left_out.update({"no_audio": sum(c.n_without_music for c in self.clips)})
+        left_out.update({"no_audio": self._n_without_music})
         splits = {}
         for split in sort_splits({c.ref.split for c in kept}):
             of_split = [c for c in kept if c.ref.split == split]
@@ -151,8 +151,12 @@ class Plan:
         lines += [line if line.startswith(" ") else f"  would leave out: {line}" for line in self._left_out()]
         return "\n".join([*lines, *(f"  note: {note}" for note in document["notes"])])
 
+    @property
+    def _n_without_music(self) -> int:
+        return sum(c.n_without_music + sum(copy.n_without_music for copy in c.retimed) for c in self.clips)
+
     def _left_out(self) -> list[str]:
-        windows = sum(clip.n_without_music for clip in self.clips)
+        windows = self._n_without_music
         lines = left_out_lines(self.rejects)
         lines = [line.replace("  ", "    ", 1) if line.startswith(" ") else line for line in lines]
         return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
@@ -214,35 +218,82 @@ def make_plan(
             _length, [(path,) for path in paths], jobs=jobs, label="lengths of music", progress=progress
         )
         songs.update(zip(paths, lengths, strict=True))
+    groups = groups_of(scan.clips, lambda ref: ref)
+    if groups:
+        require_places(recipe)
+    units = [[ref] for ref in scan.clips if not ref.group] + list(groups.values())
     calls = [
-        (recipe, ref, songs.get(ref.audio_path, missing_music(ref)) if recipe.audio else None) for ref in scan.clips
+        (recipe, [(ref, songs.get(ref.audio_path, missing_music(ref)) if recipe.audio else None) for ref in unit])
+        for unit in units
     ]
-    clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths of motion", progress=progress)
+    planned = run_units(_unit_plans, calls, jobs=jobs, label="lengths of motion", progress=progress)
+    clips = _with_whole_groups(recipe, scan, {clip.ref.id: clip for of_unit in planned for clip in of_unit})
     kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
     retimed = [(clip.ref, copy.n_windows, copy.speed) for clip in clips for copy in clip.retimed]
-    held = cached_units(Cache((cache or default_cache()).absolute()), recipe, kept, retimed)
+    held = cached_units(Cache((cache or default_cache()).absolute()), recipe, scan.clips, kept, retimed)
     return Plan(recipe, source, scan, tuple(clips), held)
 
 
-def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject | None) -> ClipPlan:
-    """Plan a clip; `samples` is its music's length and sample rate, a reject, or None without features."""
+#: A clip's music: samples and sample rate, a reject, or None without features.
+_Music = tuple[int, int] | Reject | None
+
+
+def _with_whole_groups(recipe: Recipe, scan: Scan, plans: Mapping[str, ClipPlan]) -> list[ClipPlan]:
+    """Return the plans in the scan's order, without the dancers of groups that a build sets aside."""
+    with_windows = [plan for plan in plans.values() if plan.n_windows]
+    _, incomplete = whole_groups(recipe, with_windows, scan.clips, lambda plan: plan.ref)
+    aside = {reject.clip: (reject,) for reject in incomplete}
+    clips = [plans[ref.id] for ref in scan.clips]
+    return [ClipPlan(c.ref, problems=aside[c.ref.id]) if c.ref.id in aside else c for c in clips]
+
+
+def _unit_plans(recipe: Recipe, unit: Sequence[tuple[ClipRef, _Music]]) -> list[ClipPlan]:
+    """Plan a single dancer, or those of a group."""
     # Motion and music are both examined, as in a build, so that all problems are named.
-    motion = attempt(lambda: recipe.dataset.load(ref), ref.motion_path)
+    motions = _motions(recipe, [ref for ref, _ in unit])
+    return [_clip_plan(recipe, *of_clip, motion) for of_clip, motion in zip(unit, motions, strict=True)]
+
+
+def _motions(recipe: Recipe, refs: Sequence[ClipRef]) -> Sequence[Motion | Reject]:
+    """Load a single dancer, or those of a group, which are cut to one length; as in a build."""
+    if not refs[0].group:
+        return [attempt(lambda: recipe.dataset.load(refs[0]), refs[0].motion_path)]
+    motions = attempt(lambda: group_motions(recipe, refs), refs[0].motion_path)
+    if not isinstance(motions, Reject):
+        return motions
+    unusable = unusable_dancers(recipe, refs)
+    if not unusable or len(unusable) == len(refs):
+        return [motions] * len(refs)
+    others = iter(_motions(recipe, [ref for k, ref in enumerate(refs) if k not in unusable]))
+    return [unusable[k] if k in unusable else next(others) for k in range(len(refs))]
+
+
+def _clip_plan(recipe: Recipe, ref: ClipRef, samples: _Music, motion: Motion | Reject) -> ClipPlan:
+    """Plan a clip."""
     problems = tuple(replace(reject, clip=ref.id) for reject in (motion, samples) if isinstance(reject, Reject))
     if isinstance(motion, Reject) or isinstance(samples, Reject):
         return ClipPlan(ref, problems=problems)
     implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = motion.grid.resampled_length(motion.n_frames, recipe.grid)
-    count = motion_window_count(recipe, motion.n_frames, motion.grid.rate)
-    if not count:
-        return ClipPlan(ref, n_frames, problems=(too_short(recipe, ref, motion.n_frames, motion.grid.rate),))
-    kept = count if samples is None else min(count, audio_window_count(recipe, *samples))
-    if samples is not None and not kept:
-        audio_s = round(samples[0] / samples[1], 3)
-        return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
-    rows = () if samples is None else tuple(job.feature.n_rows(*samples, job.grid) for job in recipe.audio)
+    starts, left_out = window_starts(recipe, ref, motion.n_frames, motion.grid.rate, samples)
+    if not starts:
+        return ClipPlan(ref, n_frames, problems=tuple(reject for reject in left_out if reject.window is None))
+    without_music = sum(reject.reason == "no_audio" for reject in left_out)
     retimed = _retimed(recipe, ref, motion, samples) if is_copied(ref.split) else ()
-    return ClipPlan(ref, n_frames, kept, count - kept, rows, retimed, implausible=implausible)
+    rows = _audio_rows(recipe, ref.audio_start, samples)
+    return ClipPlan(ref, n_frames, len(starts), without_music, rows, retimed, implausible=implausible)
+
+
+def _audio_rows(recipe: Recipe, start: Fraction, samples: tuple[int, int] | None) -> tuple[int, ...]:
+    """Return the rows of a song in each audio field, where a clip begins at second `start` of it."""
+    if samples is None:
+        return ()
+    n_samples, rate = samples
+    skipped = [row_at(start, rate, job.grid)[1] for job in recipe.audio]
+    return tuple(
+        job.feature.n_rows(max(n_samples - n, 0), rate, job.grid)
+        for job, n in zip(recipe.audio, skipped, strict=True)
+    )
 
 
 def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, int] | None) -> tuple[Retimed, ...]:
@@ -251,19 +302,21 @@ def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, i
     for spec in recipe.augment:
         if spec.augmentation.changes != "time":
             continue
-        speed = spec.speed_of(ref.id)
+        unit = ref.group or ref.id
+        speed = spec.speed_of(unit)
         grid = FrameGrid(motion.grid.rate * speed)
-        count = motion_window_count(recipe, motion.n_frames, grid.rate)
-        rows: tuple[int, ...] = ()
+        stretched, start = None, ref.audio_start / speed
         if samples is not None:
             from dancedata.audio.stretch import stretched_length
 
-            n_samples = stretched_length(samples[0], speed)
-            count = min(count, audio_window_count(recipe, n_samples, samples[1]))
-            rows = tuple(job.feature.n_rows(n_samples, samples[1], job.grid) for job in recipe.audio)
-        if count:
+            stretched = stretched_length(samples[0], speed), samples[1]
+        copied = replace(ref, audio_start=start)
+        starts, left_out = window_starts(recipe, copied, motion.n_frames, grid.rate, stretched)
+        if starts:
             n_frames = grid.resampled_length(motion.n_frames, recipe.grid)
-            copies.append(Retimed(speed, n_frames, count, rows, spec.music_of(ref.music, ref.id)))
+            rows = _audio_rows(recipe, start, stretched)
+            without_music = sum(reject.reason == "no_audio" for reject in left_out)
+            copies.append(Retimed(speed, n_frames, len(starts), without_music, rows, spec.music_of(ref.music, unit)))
     return tuple(copies)
 
 

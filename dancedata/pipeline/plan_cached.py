@@ -10,7 +10,8 @@ from typing import Any
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.execution.cache import Cache
-from dancedata.pipeline.audio import FeatureKeys, known_signal
+from dancedata.pipeline.audio import FeatureKeys, known_signal, timeline_of
+from dancedata.pipeline.groups import groups_of
 from dancedata.pipeline.motion import MotionKeys, content_hashes
 from dancedata.recipes.copies import is_copied
 from dancedata.recipes.fields import FeatureJob
@@ -40,23 +41,25 @@ class Cached:
 def cached_units(
     cache: Cache,
     recipe: Recipe,
+    scanned: Sequence[ClipRef],
     clips: Sequence[tuple[ClipRef, int]],
     retimed: Sequence[tuple[ClipRef, int, Fraction]],
 ) -> dict[str, Cached]:
     """Return the cached units of each field.
 
-    `clips` are those that a build would keep, with their number of windows; `retimed` the same of their copies at
-    another speed, with the speed. A file is recognised by its path, size, time of change and inode. A file that no
-    build has read counts as not cached, although a copy of it may have been computed.
+    `scanned` are the clips of the source, `clips` those that a build would keep, with their number of windows;
+    `retimed` the same of their copies at another speed, with the speed. A file is recognised by its path, size, time
+    of change and inode. A file that no build has read counts as not cached, although a copy of it may have been
+    computed.
     """
-    units = _motion(cache, recipe, [ref for ref, _ in clips])
+    units = _motion(cache, recipe, scanned, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
     for job in recipe.audio:
         units[job.name] = _audio(cache, job, [*((ref, n, Fraction(1)) for ref, n in clips), *retimed], signals)
     return units
 
 
-def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, Cached]:
+def _motion(cache: Cache, recipe: Recipe, scanned: Sequence[ClipRef], refs: Sequence[ClipRef]) -> dict[str, Cached]:
     names = [clip_field.name for clip_field in recipe.clip_fields]
     held = dict.fromkeys(names, 0)
     encoded = [spec for spec in recipe.augment if spec.augmentation.changes != "rows"]
@@ -68,18 +71,22 @@ def _motion(cache: Cache, recipe: Recipe, refs: Sequence[ClipRef]) -> dict[str, 
         return {name: Cached("clips", 0, of) for name in names}
     for spec in (None, *encoded):
         motion_keys = MotionKeys(recipe, content, spec)
-        for ref in refs if spec is None else (ref for ref in refs if is_copied(ref.split)):
-            for name in _fields_held(cache, motion_keys, ref):
+        of_spec = refs if spec is None else [ref for ref in refs if is_copied(ref.split)]
+        # Copies are made of the dancers that are stored.
+        groups = groups_of(scanned if spec is None else of_spec, lambda ref: ref)
+        for ref in of_spec:
+            for name in _fields_held(cache, motion_keys, ref, groups.get(ref.group, ())):
                 held[name] += 1
     return {name: Cached("clips", held[name], of) for name in names}
 
 
-def _fields_held(cache: Cache, motion_keys: MotionKeys, ref: ClipRef) -> list[str]:
-    """Return the fields of a clip that a build would not compute."""
-    sha256 = cache.known_sha256(ref.motion_path)
-    if sha256 is None:
+def _fields_held(cache: Cache, motion_keys: MotionKeys, ref: ClipRef, group: Sequence[ClipRef]) -> list[str]:
+    """Return the fields of a clip that a build would not compute; `group` are the dancers of its group."""
+    hashes = {path: cache.known_sha256(path) for path in {ref.motion_path, *(other.motion_path for other in group)}}
+    known = {path: sha256 for path, sha256 in hashes.items() if sha256 is not None}
+    if len(known) < len(hashes):
         return []
-    keys = motion_keys.of(ref, sha256)
+    keys = motion_keys.of(ref, known[ref.motion_path], [(other, known[other.motion_path]) for other in group])
     if not cache.contains("clips", keys.info, "json"):
         return []
     return [name for name, key in keys.fields.items() if cache.contains("motion", key)]
@@ -103,7 +110,8 @@ def _audio(
         if signal is None or keys is None:
             unknown.update((ref.audio_path, bpm, speed, number) for number in numbers)
         elif job.windows is None:
-            counted.add(keys.track(bpm, signal.at_speed(speed).sha256))
+            timeline, _ = timeline_of(signal.at_speed(speed), ref.audio_start / speed, job.grid)
+            counted.add(keys.track(bpm, timeline.sha256))
         else:
             counted.update(keys.window(bpm, signal.at_speed(speed), number) for number in numbers)
     return Cached(unit, sum(cache.contains("features", key) for key in counted), len(counted) + len(unknown))

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError
-from dancedata.pipeline.audio import timeline_of, window_samples
+from dancedata.core.grid import FrameGrid
+from dancedata.pipeline.audio import row_at, window_samples
 from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.groups import groups_of
 from dancedata.pipeline.motion import MotionResult, motion_window_count
@@ -32,7 +34,9 @@ def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[Wind
     rejects = []
     for clip in clips:
         ref = clip.source.ref
-        starts, problems = _starts(recipe, clip.source, clip.motion)
+        signal, motion = clip.source.signal, clip.motion
+        music = None if signal is None else (signal.n_samples, signal.sample_rate)
+        starts, problems = window_starts(recipe, ref, motion.n_source, motion.source_rate, music)
         rejects += problems
         cut[ref.id], filtered[ref.id] = _filtered(recipe, ref, clip.motion, starts)
     for members in groups_of(clips, lambda clip: clip.source.ref).values():
@@ -93,66 +97,64 @@ def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
     return min(counts)
 
 
-def _starts(recipe: Recipe, clip: SourceClip, motion: MotionResult) -> tuple[tuple[int, ...], list[Reject]]:
+def window_starts(
+    recipe: Recipe, ref: ClipRef, n_source: int, source_rate: Fraction, music: tuple[int, int] | None
+) -> tuple[tuple[int, ...], list[Reject]]:
     """Return the window starts of a clip; windows without music become rejects.
 
-    A clip without any window is left out: "too_short" if its motion is, "short_audio" if its music is.
+    A clip without any window is left out: "too_short" if its motion is, "short_audio" if its music is. `music` is
+    the number of samples and their rate; None where no feature needs music.
     """
-    ref = clip.ref
-    count = motion_window_count(recipe, motion.n_source, motion.source_rate)
+    count = motion_window_count(recipe, n_source, source_rate)
     if not count:
-        return (), [too_short(recipe, ref, motion.n_source, motion.source_rate)]
-    rejects = _short_fields(recipe, ref, motion, count)
-    signal = clip.signal
-    if signal is None:
+        return (), [too_short(recipe, ref, n_source, source_rate)]
+    n_frames = FrameGrid(source_rate).resampled_length(n_source, recipe.grid)
+    rejects = _short_fields(recipe, ref, n_frames, count)
+    if music is None:
         return tuple(recipe.windows.starts(count)), rejects
-    audio_s = round(signal.n_samples / signal.sample_rate, 3)
+    path = ref.audio_path or ref.motion_path
+    numbers = {"audio_s": round(music[0] / music[1], 3)}
     if ref.audio_start:
-        return _starts_beside(recipe, clip, motion, count, rejects)
-    with_music = audio_window_count(recipe, signal.n_samples, signal.sample_rate)
-    if not with_music:
-        return (), [*rejects, short_audio(recipe, ref, signal.path, audio_s)]
-    for k in range(with_music, count):
-        detail = f"window {k} reaches beyond the end of {signal.path.name}"
-        rejects.append(Reject("no_audio", ref.id, "", recipe.windows.start(k), detail, {"audio_s": audio_s}))
-    return tuple(recipe.windows.starts(min(count, with_music))), rejects
+        starts, why = _starts_beside(recipe, ref, n_frames, count, *music)
+    else:
+        starts = [*recipe.windows.starts(min(count, audio_window_count(recipe, *music)))]
+        why = f"reaches beyond the end of {path.name}"
+    if not starts:
+        return (), [*rejects, short_audio(recipe, ref, path, numbers["audio_s"])]
+    with_music = set(starts)
+    for k, start in enumerate(recipe.windows.starts(count)):
+        if start not in with_music:
+            rejects.append(Reject("no_audio", ref.id, "", start, f"window {k} {why}", {**numbers}))
+    return tuple(starts), rejects
 
 
 def _starts_beside(
-    recipe: Recipe, clip: SourceClip, motion: MotionResult, count: int, rejects: list[Reject]
-) -> tuple[tuple[int, ...], list[Reject]]:
-    """Return the starts of windows that lie within music which does not begin with the clip."""
-    ref, signal = clip.ref, clip.signal
-    if recipe.scope == "window" or signal is None:
+    recipe: Recipe, ref: ClipRef, n_frames: int, count: int, n_samples: int, sample_rate: int
+) -> tuple[list[int], str]:
+    """Return the starts of windows that lie within music which does not begin with the clip, and where others lie."""
+    if recipe.scope == "window":
         raise UsageError(
             "music that does not begin with its clip needs scope: track",
             where=f"clip {ref.id}",
             found=f"frame 0 at {float(ref.audio_start):g} s of the music",
             fix="build with scope: track",
         )
-    first, end = 0, motion.n_frames
+    first, end = 0, n_frames
     for job in recipe.audio:
-        shifted, offset = timeline_of(signal, ref.audio_start, job.grid)
-        rows = job.feature.n_rows(shifted.n_samples, shifted.sample_rate, job.grid)
+        offset, skipped = row_at(ref.audio_start, sample_rate, job.grid)
+        rows = job.feature.n_rows(max(n_samples - skipped, 0), sample_rate, job.grid)
         first = max(first, job.grid.rows_up(-offset, of=recipe.grid))
         end = min(end, job.grid.rows_down(rows - offset, of=recipe.grid))
-    length = recipe.windows.length
+    length, name = recipe.windows.length, (ref.audio_path or ref.motion_path).name
     starts = [start for start in recipe.windows.starts(count) if start >= first and start + length <= end]
-    audio_s = round(signal.n_samples / signal.sample_rate, 3)
-    if not starts:
-        return (), [*rejects, short_audio(recipe, ref, signal.path, audio_s)]
-    for start in (start for start in recipe.windows.starts(count) if start not in starts):
-        detail = f"the window at frame {start} is not within {signal.path.name}, whose second "
-        detail += f"{float(ref.audio_start):g} is frame 0"
-        rejects.append(Reject("no_audio", ref.id, "", start, detail, {"audio_s": audio_s}))
-    return tuple(starts), rejects
+    return starts, f"is not within {name}, whose second {float(ref.audio_start):g} is frame 0"
 
 
-def _short_fields(recipe: Recipe, ref: ClipRef, motion: MotionResult, count: int) -> list[Reject]:
+def _short_fields(recipe: Recipe, ref: ClipRef, n_frames: int, count: int) -> list[Reject]:
     """Return rejects of the windows of the recipe's grid that a field of another rate does not reach."""
     if recipe.scope == "window":
         return []
-    on_grid = recipe.windows.count(motion.n_frames)
+    on_grid = recipe.windows.count(n_frames)
     rates = sorted({str(field.grid) for field in recipe.motion})
     detail = f"fields at {' and '.join(rates)} rows per second do not all reach the end of the window"
     return [

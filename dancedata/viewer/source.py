@@ -118,11 +118,14 @@ class ClipSource:
             return signal
         recipe = parse_recipe(self.store.meta.get("recipe", {}), where=f"{self.store.path}/dataset.json")
         spec = next((s for s in recipe.augment if s.clip_id(item.clip.source) == item.clip.id), None)
-        if spec is None or spec.speed_of(item.clip.source) == 1:
+        if spec is None:
+            return signal
+        speed = spec.speed_of(self.store.clip(item.clip.source).group or item.clip.source)
+        if speed == 1:
             return signal
         from dancedata.audio.stretch import stretched
 
-        return stretched(signal, spec.speed_of(item.clip.source))
+        return stretched(signal, speed)
 
     @cached_property
     def _refs(self) -> dict[str, ClipRef]:

@@ -25,7 +25,7 @@ from tests.messages import raises_message
 
 DANCE, _ = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=121)
 DANCE = DANCE.resampled(FrameGrid.of(30))
-RATE = Fraction(30)
+RATE, BOTH = Fraction(30), (0, 1)
 
 
 @pytest.fixture
@@ -114,7 +114,7 @@ def test_invalid_parameters(bad: dict[str, Any]) -> None:
 
 
 def test_dancers_stay_in_one_world(tmp_path: Path) -> None:
-    dancers = load_motions(write(tmp_path / "a_smpl.pkl", content_of(DANCE, 3)), RATE)
+    dancers = load_motions(write(tmp_path / "a_smpl.pkl", content_of(DANCE, 3)), range(3), RATE)
     for k, dancer in enumerate(dancers):
         place = DANCE.joints() + np.array([1.2 * k, 0.0, 0.3 * k])
         np.testing.assert_allclose(dancer.joints(), place, atol=2e-6)
@@ -131,10 +131,10 @@ def test_a_file_with_z_up_is_turned_about_the_world(tmp_path: Path) -> None:
     content["smpl_poses"][:, :, 0] = turn @ content["smpl_poses"][:, :, 0]
     path = write(tmp_path / "a_smpl.pkl", content)
     for up in ("auto", "z"):
-        turned = load_motions(path, RATE, up)
+        turned = load_motions(path, BOTH, RATE, up)
         np.testing.assert_allclose(turned[1].joints(), DANCE.joints() + np.array([1.2, 0.0, 0.3]), atol=2e-6)
     with raises_message(DataError) as caught:
-        load_motions(path, RATE, "y")
+        load_motions(path, BOTH, RATE, "y")
     assert caught.value.reason == "bad_axes"
 
 
@@ -143,19 +143,30 @@ def test_who_lies_has_no_axis(tmp_path: Path) -> None:
     lying[:, 0] = (0.0, 0.0, np.pi / 4)
     path = write(tmp_path / "a_smpl.pkl", content_of(Motion(DANCE.translation, lying, DANCE.grid, SMPL24), 2))
     with raises_message(DataError) as caught:
-        load_motions(path, RATE)
+        load_motions(path, BOTH, RATE)
     assert caught.value.reason == "bad_axes"
-    np.testing.assert_allclose(load_motions(path, RATE, "y")[0].translation, DANCE.translation, atol=1e-6)
+    np.testing.assert_allclose(load_motions(path, BOTH, RATE, "y")[0].translation, DANCE.translation, atol=1e-6)
 
 
 def test_trimmed_frames_are_those_of_the_whole(tmp_path: Path) -> None:
     path = write(tmp_path / "a_smpl.pkl", content_of(DANCE, 2))
-    whole, part = load_motions(path, RATE)[1], load_motions(path, RATE, trim=15)[1]
+    whole, part = load_motions(path, BOTH, RATE)[1], load_motions(path, BOTH, RATE, trim=15)[1]
     np.testing.assert_array_equal(part.rotations, whole.rotations[15:-15])
     np.testing.assert_array_equal(part.translation, whole.translation[15:-15])
     with raises_message(DataError) as caught:
-        load_motions(path, RATE, trim=31)
+        load_motions(path, BOTH, RATE, trim=31)
     assert caught.value.reason == "empty"
+
+
+def test_one_dancer_with_nan_leaves_the_others(tmp_path: Path) -> None:
+    content = content_of(DANCE, 2)
+    content["smpl_trans"][1, 3] = np.nan
+    path = write(tmp_path / "a_smpl.pkl", content)
+    [motion] = load_motions(path, [0], RATE)
+    np.testing.assert_allclose(motion.joints(), DANCE.joints(), atol=2e-6)
+    for members in ([1], [2]):
+        with raises_message(DataError):
+            load_motions(path, members, RATE)
 
 
 def poses(change: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any]], Any]:
@@ -191,13 +202,13 @@ def test_bad_files(tmp_path: Path, name: str) -> None:
     reason, change = BAD[name]
     path = write(tmp_path / "a_smpl.pkl", change(content_of(DANCE, 2)))
     with raises_message(DataError) as caught:
-        load_motions(path, RATE)
+        load_motions(path, BOTH, RATE)
     assert caught.value.reason == reason
 
 
 def test_determinants_within_the_tolerance_are_read(tmp_path: Path) -> None:
     path = write(tmp_path / "a_smpl.pkl", poses(lambda a: a * np.float32(1 + 3e-7))(content_of(DANCE, 2)))
-    np.testing.assert_allclose(load_motions(path, RATE)[0].joints(), DANCE.joints(), atol=4e-6)
+    np.testing.assert_allclose(load_motions(path, BOTH, RATE)[0].joints(), DANCE.joints(), atol=4e-6)
 
 
 # ---- build
@@ -220,7 +231,10 @@ def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:
     }
     dancedata.build(recipe, source, tmp_path / "out", cache=tmp_path / "cache", jobs=1, progress=False)
     with dancedata.open(tmp_path / "out") as store:
-        assert {r["clip"]: r["reason"] for r in store.rejects} == {"seq_001_p0": "nan", "seq_001_p1": "nan"}
+        assert {r["clip"]: r["reason"] for r in store.rejects} == {
+            "seq_001_p0": "incomplete_group",
+            "seq_001_p1": "nan",
+        }
         assert {int(clip.n_frames) for clip in store.clips} == {153}
         assert {clip.audio_start for clip in store.clips} == {Fraction(1, 2)}
     sample = GroupDataset(tmp_path / "out", "train", normalize=False)[0]

@@ -213,3 +213,17 @@ def test_the_viewer_plays_silence_before_the_music() -> None:
     signal = AudioSignal(np.arange(1, 101, dtype=np.float32), 10)
     heard = cut(signal, Fraction(-1, 2), Fraction(1)).samples
     np.testing.assert_array_equal(heard, [0, 0, 0, 0, 0, 1, 2, 3, 4, 5])
+
+
+@pytest.mark.parametrize("start", ["1/2", "51/100", "-3/5", "5"])
+def test_a_plan_counts_the_windows_of_a_build(
+    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str
+) -> None:
+    tempo = {"augment": {"tempo": {"speeds": [0.9, 1.1]}}}
+    store = build(tmp_path, cache, monkeypatch, start, **tempo)
+    places = {"jobs": 1, "cache": cache, "progress": False}
+    plan = dancedata.plan(store.meta["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
+    counts = store.meta["counts"]["train"]
+    assert plan["splits"]["train"] == {name: counts[name] for name in plan["splits"]["train"]}
+    assert plan["left_out"] == store.meta["rejects"]
+    assert all(units["cached"] == units["of"] > 0 for units in plan["cached"].values())

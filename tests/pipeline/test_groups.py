@@ -144,8 +144,16 @@ def test_a_group_lacks_no_dancer_silently(tmp_path: Path, cache: Path) -> None:
     store = build(source, tmp_path / "out", cache)
     assert {clip.group for clip in store.clips} == {"b"}
     reasons = {row["clip"]: row["reason"] for row in store.rejects}
-    # One pickle holds all dancers: none of it can be used.
-    assert reasons == dict.fromkeys(("a_p0", "a_p1", "a_p2"), "nan")
+    assert reasons == {"a_p0": "incomplete_group", "a_p1": "nan", "a_p2": "incomplete_group"}
+    kept = build(source, tmp_path / "kept", cache, groups={"incomplete": "keep"})
+    assert {row["clip"]: row["reason"] for row in kept.rejects} == {"a_p1": "nan"}
+    assert [c.member for c in kept.clips if c.group == "a"] == [0, 2]
+    assert [int(n) for n in kept.tables("train").groups["n_source"]] == [3, 2]
+    # Without the bad dancer from the start, the rows are the same.
+    alone = {key: value[[0, 2]] for key, value in np.load(source / "a.npz").items()}
+    write(tmp_path / "without", "a", 2, **alone)
+    without = build(tmp_path / "without", tmp_path / "b", cache)
+    np.testing.assert_array_equal(roots(kept, "a"), roots(without, "a"))
 
 
 def test_a_dancer_who_is_left_out_sets_the_group_aside(tmp_path: Path, cache: Path, monkeypatch: Any) -> None:
@@ -295,3 +303,29 @@ def test_the_published_datasets_of_groups_are_read_as_groups(
     seen = {clip for k in range(len(groups)) for clip in groups[k]["clips"]} - {""}
     assert seen == members
     assert {clip.group for clip in store.clips} == {ref.group for ref in DATASETS.get(dataset)().scan(source).clips}
+
+
+@pytest.mark.parametrize("incomplete", ["set_aside", "keep"])
+def test_a_plan_counts_the_groups_of_a_build(tmp_path: Path, cache: Path, incomplete: str) -> None:
+    source = tmp_path / "source"
+    write(source, "a", 3)
+    trans = dict(np.load(source / "a.npz"))["trans"]
+    trans[1, 7] = np.nan
+    write(source, "a", 3, trans=trans)
+    write(source, "b", 2, lengths=np.array([360, 352]))
+    write(source, "c", 2, lengths=np.array([360, 200]))
+    document = {
+        "recipe": 1, "name": "groups", "dataset": {"ensemble": {}}, "fps": 30,
+        "windows": {"length_s": 2, "stride_s": "1/5"}, "motion": {"edge151": {}}, "audio": {"librosa35": {}},
+        "augment": {"tempo": {"speeds": [0.9, 1.1]}, "mirror": True}, "groups": {"incomplete": incomplete},
+    }  # fmt: skip
+    places = {"jobs": 1, "cache": cache, "progress": False}
+    plan = dancedata.plan(document, source, tmp_path / "out", **places)
+    store = dancedata.build(document, source, tmp_path / "out", **places).open()
+    planned, counts = plan.to_json()["splits"]["train"], store.meta["counts"]["train"]
+    assert planned == {name: counts[name] for name in planned}
+    left_out = {(r["clip"], r["reason"]) for r in store.rejects if r["clip"]}
+    assert {(r.clip, r.reason) for r in plan.rejects if r.clip} == left_out
+    assert {("a_p1", "nan"), ("c_p0", "length_mismatch"), ("c_p1", "length_mismatch")} <= left_out
+    again = dancedata.plan(document, source, tmp_path / "out", **places).to_json()["cached"]
+    assert all(units["cached"] == units["of"] > 0 for units in again.values())

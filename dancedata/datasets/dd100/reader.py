@@ -147,8 +147,8 @@ class DD100(Dataset):
             if len(present) < len(ROLES):
                 absent = next(m for m, path in enumerate(paths) if path is None)
                 detail = f"there is no {pair}_0{absent}.npy, the {ROLES[absent]}"
-                left_out.append(Reject("missing_partner", clip=pair, file=file, detail=detail))
-            elif audio is None and self.music == "required":
+                left_out.append(Reject("missing_partner", clip=f"{pair}_0{absent}", file=file, detail=detail))
+            if audio is None and self.music == "required":
                 detail = f"no {_MUSIC}/all/{pair} as wav, flac, mp3 or ogg"
                 left_out.append(Reject("missing_music", clip=pair, file=file, detail=detail, music=pair, fix=fix))
             else:
@@ -165,10 +165,12 @@ class DD100(Dataset):
                         music_fix=fix,
                         group=pair,
                         member=member,
+                        group_size=len(ROLES),
                         role=ROLES[member],
                         keys=(("choreography", choreography),),
                     )
-                    for member, path in enumerate(present)
+                    for member, path in enumerate(paths)
+                    if path is not None
                 ]
         unused = [
             Reject("unused_music", file=relative(path, source), detail=f"there are no files of {name} in {_MOTION}/")

@@ -1,6 +1,7 @@
 """One pickle of I-Dancers -> the motions of its dancers; and a synthetic source in its layout."""
 
 import pickle
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -40,16 +41,18 @@ def shape_of(path: Path) -> tuple[int, int]:
     return shape[0], shape[1]
 
 
-def load_motions(path: Path, rate: Fraction, up: str = "auto", trim: int = 0) -> list[Motion]:
-    """Read the dancers of a pickle, in its order; read with the allow-list unpickler, so nothing in it is executed.
+def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "auto", trim: int = 0) -> list[Motion]:
+    """Read some dancers of a pickle; read with the allow-list unpickler, so nothing in it is executed.
 
     Parameters
     ----------
+    members
+        Numbers of the dancers, from 0.
     rate
         Frames per second.
     up
         Axis that is up in the file, "y" or "z"; "auto": that along which heads are above pelvises, on average
-        over all dancers and frames.
+        over all dancers whose numbers are finite.
     trim
         Frames to leave out at both ends.
 
@@ -62,8 +65,8 @@ def load_motions(path: Path, rate: Fraction, up: str = "auto", trim: int = 0) ->
     Raises
     ------
     DataError
-        ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``, ``nan`` with the dancer,
-        ``bad_rotation`` with frame and joint, or ``bad_axes`` if no axis is clearly up.
+        ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``missing_dancer``, ``bad_shape``, ``empty``, ``nan``
+        with the dancer, ``bad_rotation`` with frame and joint, or ``bad_axes`` if no axis is clearly up.
     """
     with open_arrays(path) as arrays:
         _require_keys(path, arrays)
@@ -74,17 +77,22 @@ def load_motions(path: Path, rate: Fraction, up: str = "auto", trim: int = 0) ->
         raise too_short(path, frames, trim)
     if places.shape != (dancers, frames, 3):
         raise _bad_shape(path, "smpl_trans", places.shape, f"{(dancers, frames, 3)}, as smpl_poses")
-    for dancer in range(dancers):
-        require_finite(path, f"dancer {dancer}: smpl_trans", places[dancer], _DOWNLOAD_AGAIN)
-        require_finite(path, f"dancer {dancer}: smpl_poses", matrices[dancer].reshape(frames, -1), _DOWNLOAD_AGAIN)
-    _require_rotations(path, matrices)
+    for member in members:
+        if not 0 <= member < dancers:
+            raise DataError(
+                f"there is no dancer {member}", reason="missing_dancer", where=str(path), found=f"{dancers} dancers"
+            )
+        require_finite(path, f"dancer {member}: smpl_trans", places[member], _DOWNLOAD_AGAIN)
+        require_finite(path, f"dancer {member}: smpl_poses", matrices[member].reshape(frames, -1), _DOWNLOAD_AGAIN)
+        _require_rotations(path, member, matrices[member])
     matrices, places = (a[:, trim : frames - trim] for a in (matrices, places))
+    finite = [k for k in range(dancers) if np.isfinite(matrices[k]).all() and np.isfinite(places[k]).all()]
     grid = FrameGrid(rate)
-    as_stored = [Motion(places[k], rotvec_from_matrix(matrices[k]), grid, SMPL24) for k in range(dancers)]
-    spine = np.mean([_spine(motion) for motion in as_stored], axis=0)
+    as_stored = {k: Motion(places[k], rotvec_from_matrix(matrices[k]), grid, SMPL24) for k in finite}
+    spine = np.mean([_spine(motion) for motion in as_stored.values()], axis=0)
     upright, rest = UPRIGHT[_up(path, spine, up)], SMPL24.offsets[0]
     turned = []
-    for motion in as_stored:
+    for motion in (as_stored[member] for member in members):
         rotations = motion.rotations.copy()
         rotations[:, 0] = rotvec_from_matrix(upright @ matrix_from_rotvec(rotations[:, 0]))
         turned.append(Motion((motion.translation + rest) @ upright.T - rest, rotations, grid, SMPL24))
@@ -127,16 +135,16 @@ def _up(path: Path, spine: Floats, up: str) -> str:
     )
 
 
-def _require_rotations(path: Path, matrices: Floats) -> None:
+def _require_rotations(path: Path, dancer: int, matrices: Floats) -> None:
     off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
     off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
     if not (off <= _TOLERANCE).all():
-        dancer, frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE))[0])
+        frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE))[0])
         raise DataError(
             "not a rotation matrix",
             reason="bad_rotation",
             where=f"{path}, dancer {dancer}, frame {frame}, joint {SMPL24.joints[joint]}",
-            found=f"deviation {off[dancer, frame, joint]:.3g}",
+            found=f"deviation {off[frame, joint]:.3g}",
             allowed=f"orthonormal, determinant 1, within {_TOLERANCE:g}",
             fix=_DOWNLOAD_AGAIN,
         )

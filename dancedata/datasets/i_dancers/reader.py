@@ -164,16 +164,8 @@ class IDancers(Dataset):
         from dancedata.datasets.i_dancers.motion import load_motions
 
         rate = Fraction(dict(refs[0].declared)["fps"])
-        motions = load_motions(refs[0].motion_path, rate, self.up, self.trim_frames)
-        if max(ref.member for ref in refs) >= len(motions):
-            raise DataError(
-                "the file has fewer dancers than when it was listed",
-                reason="changed",
-                where=str(refs[0].motion_path),
-                found=len(motions),
-                fix="build again",
-            )
-        return [motions[ref.member] for ref in refs]
+        members = [ref.member for ref in refs]
+        return load_motions(refs[0].motion_path, members, rate, self.up, self.trim_frames)
 
     @override
     def make_example(self, folder: Path) -> None:
