@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion, forward_kinematics
+from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT
@@ -97,9 +98,25 @@ def test_positions_survive_any_skeleton(tmp_path: Path, danced: Motion, seed: in
     assert np.abs(motion.joints() - wanted).max() < 1e-5  # metres; the file has six decimals
 
 
+@pytest.mark.parametrize("turned", [0, 90])
+def test_smpls_own_rest_pose_gives_the_rotations_back(tmp_path: Path, danced: Motion, turned: int) -> None:
+    """Exactly, although SMPL's hips, neck and head lie askew by a few degrees; so does every field of a build."""
+    frames = Rotation.from_rotvec(np.tile([np.radians(turned), 0, 0], (24, 1)))
+    wanted = write_as(tmp_path / "a.bvh", danced, SMPL24, frames)
+    motion = load(tmp_path / "a.bvh", unit="cm")
+    assert np.abs(motion.joints() - wanted).max() < 1e-5
+    assert angles(motion.rotations, danced.rotations)[:, :22].max() < 1e-3
+    columns = REPRESENTATIONS.make("edge151", {}).encode(motion, CONTACTS.make("velocity", {}))
+    expected = REPRESENTATIONS.make("edge151", {}).encode(danced, CONTACTS.make("velocity", {}))
+    np.testing.assert_allclose(columns[:, 4:139], expected[:, 4:139], atol=2e-5)
+
+
 def test_a_rest_pose_like_smpls_gives_the_rotations_back(tmp_path: Path, danced: Motion) -> None:
-    """Up to where a skeleton's maker put the joints: SMPL's own hips, neck and head lie askew by a few degrees."""
-    wanted = write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24))
+    """Up to where a skeleton's maker put the joints: hips and shoulders count as level."""
+    offsets = np.array(SMPL24.offsets)
+    offsets[[16, 17], 0] *= 1.3
+    wider = Skeleton("wider", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+    wanted = write_as(tmp_path / "a.bvh", danced, wider, Rotation.identity(24))
     motion = load(tmp_path / "a.bvh", unit="cm")
     off = angles(motion.rotations, danced.rotations)
     assert np.abs(motion.joints() - wanted).max() < 1e-5

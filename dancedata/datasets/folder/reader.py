@@ -87,7 +87,7 @@ class Folder(Dataset):
     people: Literal["one", "split"] = field(default="one", metadata={"scan": True, "added": True})
 
     explicit_only: ClassVar[bool] = True
-    version: ClassVar[int] = 1
+    version: ClassVar[int] = 2
     licence: ClassVar[str] = "Your own data: state their terms yourself."
     citation: ClassVar[str] = "Your own data: cite their origin."
 

@@ -8,6 +8,8 @@ world rotation = file's world rotation @ align. `align` follows from the file's 
 - The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the hips
   (the arms) and comes closest to up: the neck for the chest; for the pelvis the file's up axis, or the spine if that
   is more than 60 degrees away from it.
+- Where the rest pose is SMPL's itself, within 1 % of the body, its lines between hips and arms are not taken as level:
+  `align` is then one constant rotation, and a file that was written from SMPL comes back as it was.
 - Head and neck, whose joints have no standard position: as the pelvis and the chest. Other leaf joints: as their
   parent.
 
@@ -41,6 +43,8 @@ _LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
 _SAMPLES = 300
 #: Largest movement by position channels, as a fraction of the body.
 _STRETCH = 0.05
+#: A rest pose whose joints are this near SMPL's, as a fraction of the body, is SMPL's; and how many it has to have.
+_ALIKE, _SMPL_BODY = 0.01, range(22)
 _CHUNK = 4096
 
 
@@ -87,7 +91,7 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     size = max(norm(a - b) for a in places.values() for b in places.values())
     _check_bones(bvh, joints, places, size)
     turns = _sampled(bvh, joints)
-    maker = Aligner(places, size * POINT, up, turns)
+    maker = Aligner(places, size * POINT, up, turns, level=not _rests_as_smpl(places, size))
     align = maker.run()
     child_of = {s: c for s, c in maker.child_of.items() if _bends(bvh, joints, s, c)}
     return Rig(joints, align, child_of, _bones(places, align, joints))
@@ -130,6 +134,20 @@ def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
         rotations[rows] = rotvec_from_matrix(local)
         pelvis[rows] = places[:, 0] @ upright.T
     return rotations, pelvis
+
+
+def _rests_as_smpl(places: Mapping[int, Floats], size: float) -> bool:
+    """Return whether a rest pose is SMPL's, turned and scaled: its hips and shoulders are then not level either."""
+    joints = sorted(places)
+    if len(joints) < len(_SMPL_BODY):
+        return False
+    at, smpl = np.array([places[j] - places[PELVIS] for j in joints]), SMPL_REST[joints]
+    scaled = at * (np.linalg.norm(smpl) / max(float(np.linalg.norm(at)), 1e-300))
+    from scipy.spatial.transform import Rotation
+
+    rotation, _ = Rotation.align_vectors(smpl, scaled)
+    extent = size * np.linalg.norm(smpl) / max(float(np.linalg.norm(at)), 1e-300)
+    return bool(np.linalg.norm(rotation.apply(scaled) - smpl, axis=1).max() < _ALIKE * extent)
 
 
 def _body_rotations(rig: Rig, mapped: list[int], turns: Floats, places: Floats) -> Floats:
