@@ -88,7 +88,8 @@ def segment_rows(
             rows.append(
                 SegmentRow(
                     number, segment.whole, begin, end, ticks(segment.start), ticks(segment.end),
-                    numbers[segment.layer], segment.label, segment.texts, segment.texts_mirrored,
+                    numbers[segment.layer], segment.label, segment.texts,
+                    segment.texts_mirrored if segment.texts_mirrored != segment.texts else (),
                     segment.tokens, float(segment.value),
                     row_of[segment.other] if segment.other else -1, segment.joint,
                     canonical_json(segment.data) if segment.data else "",
@@ -105,10 +106,13 @@ def segments_of(table: SegmentTable, row: int, layers: Sequence[Layer], ids: Seq
         start, end = (Fraction(int(columns[name][k]), TICKS_PER_SECOND) for name in ("start_t", "end_t"))
         other, data = int(columns["other"][k]), columns["data"][k]
         texts, mirrored, tokens = (columns[name][k] for name in ("texts", "texts_mirrored", "tokens"))
+        layer = layers[int(columns["layer"][k])]
+        if layer.sided == "mirrored":
+            mirrored = mirrored or texts
         value = float(columns["value"][k])
         segments.append(
             Segment(
-                layers[int(columns["layer"][k])], start, end, columns["label"][k], texts, mirrored, tokens,
+                layer, start, end, columns["label"][k], texts, mirrored, tokens,
                 value=math.nan if math.isnan(value) else value, other=ids[other] if other >= 0 else "",
                 joint=int(columns["joint"][k]), whole=bool(columns["whole"][k]),
                 data=json.loads(data) if data else {},
