@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -98,11 +98,38 @@ def segment_rows(
     return sorted(rows, key=lambda r: (r.clip, r.start, r.end, r.layer, r.label, r.texts, r.start_t, r.data)), empty
 
 
-def segments_of(table: SegmentTable, row: int, layers: Sequence[Layer], ids: Sequence[str]) -> list[Segment]:
-    """Return the segments of a clip."""
+class PlacedSegment(NamedTuple):
+    """A segment that a window overlaps: frames [start, end) of the window, and the share of it that they are.
+
+    Examples
+    --------
+    >>> from fractions import Fraction
+    >>> from dancedata.core.segments import Layer, Segment
+    >>> from dancedata.store.segments import PlacedSegment
+    >>> wave = Segment(Layer("moves"), Fraction(1), Fraction(2), "wave")
+    >>> PlacedSegment.of(wave, 30, 60, start=45, length=60)[1:]
+    (0, 15, 0.25)
+    """
+
+    segment: Segment
+    start: int
+    end: int
+    share: float
+
+    @classmethod
+    def of(cls, segment: Segment, begin: int, end: int, start: int, length: int) -> PlacedSegment:
+        """Place frames [begin, end) of a clip in the window of `length` frames from `start`."""
+        first, last = max(begin - start, 0), min(end - start, length)
+        return cls(segment, first, last, (last - first) / length)
+
+
+def segments_of(
+    table: SegmentTable, rows: Iterable[int], layers: Sequence[Layer], ids: Sequence[str]
+) -> list[Segment]:
+    """Return the segments of rows of the table."""
     columns = table.columns
     segments = []
-    for k in table.rows_of(row):
+    for k in rows:
         start, end = (Fraction(int(columns[name][k]), TICKS_PER_SECOND) for name in ("start_t", "end_t"))
         other, data = int(columns["other"][k]), columns["data"][k]
         texts, mirrored, tokens = (columns[name][k] for name in ("texts", "texts_mirrored", "tokens"))
