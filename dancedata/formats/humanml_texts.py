@@ -1,9 +1,11 @@
 """Captions of one clip in HumanML3D's texts/NAME.txt: ``caption#tokens#start#end`` on each line."""
 
 import math
+import re
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 
 from dancedata.core.errors import DataError
 from dancedata.core.segments import CLIP_END, Layer, Segment
@@ -64,8 +66,22 @@ def _seconds(text: str) -> Fraction | None:
     return time if 0 <= time <= 10**6 else None
 
 
-def texts_file(lines: Iterable[tuple[str, str, Fraction, Fraction]]) -> str:
-    """Return the content of a file: caption, tokens, and seconds of the span; (0, 0) for the whole clip.
+class Caption(NamedTuple):
+    """A line: a text, its tokens, and seconds of the span; (0, 0) for the whole clip."""
+
+    text: str
+    tokens: str
+    start: Fraction
+    end: Fraction
+
+
+def plain_tokens(text: str) -> str:
+    """Return the words of a text as tokens of an unknown part of speech, word/OTHER."""
+    return " ".join(f"{word}/OTHER" for word in re.findall(r"\w+(?:['-]\w+)*", text.lower()))
+
+
+def texts_file(lines: Iterable[Caption]) -> str:
+    """Return the content of a file.
 
     A ``#`` or a line break of a caption, which a loader takes as the end of a part, becomes a space.
     """

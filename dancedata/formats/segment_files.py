@@ -71,10 +71,13 @@ def read_segment_file(path: Path, language: str = "") -> list[SegmentRow]:
     return rows.segments()
 
 
-def write_segment_file(path: Path, clips: Iterable[tuple[str, Sequence[Segment]]]) -> int:
-    """Write segments by clip as .csv or .jsonl, which `read_segment_file` reads as they were; return their number."""
+def write_segment_file(path: Path, clips: Iterable[tuple[str, Sequence[Segment]]], suffix: str = "") -> int:
+    """Write segments by clip, which `read_segment_file` reads as they were; return their number.
+
+    As .csv or .jsonl, by `suffix` or that of the path.
+    """
     rows = [_document(clip, segment) for clip, segments in clips for segment in segments]
-    if path.suffix.lower() == ".csv":
+    if (suffix or path.suffix).lower() == ".csv":
         text = io.StringIO(newline="")
         writer = csv.DictWriter(text, [name for name in COLUMNS if any(name in row for row in rows)] or ["clip"])
         writer.writeheader()

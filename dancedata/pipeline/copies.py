@@ -148,7 +148,7 @@ def _copied(
     drawn_by = clip.group if clip.group and spec.augmentation.acts_on == "world" else clip.id
     motion = {name: _CopiedArray(a, fields[name], spec, drawn_by) for name, a in (arrays or clip.motion).items()}
     group = spec.clip_id(clip.group) if clip.group else ""
-    segments = _segments_of_copy(clip, spec, joints)
+    segments = segments_of_copy(clip.id, clip.group, clip.segments, spec, joints)
     return replace(
         clip, id=spec.clip_id(clip.id), group=group, source=clip.id, motion=motion, segments=segments, made_of=""
     )
@@ -173,15 +173,17 @@ class _CopiedArray:
         return np.array(rows, dtype=dtype)
 
 
-def _segments_of_copy(clip: StoredClip, spec: CopySpec, joints: Mapping[int, int]) -> tuple[Segment, ...]:
-    """Return the segments of a copy: at its speed, and in the words of a mirrored dancer.
+def segments_of_copy(
+    clip: str, group: str, stated: Sequence[Segment], spec: CopySpec, joints: Mapping[int, int]
+) -> tuple[Segment, ...]:
+    """Return the segments of a clip's copy: at its speed, and in the words of a mirrored dancer.
 
     Words that may name a side, and have no mirrored ones, are left out of mirrored copies. Quality flags are those of
     the source.
     """
-    segments = [segment for segment in clip.segments if segment.layer.name != "quality"]
+    segments = [segment for segment in stated if segment.layer.name != "quality"]
     if spec.augmentation.changes == "time":
-        speed = spec.speed_of(clip.group or clip.id)
+        speed = spec.speed_of(group or clip)
         segments = [replace(segment, start=segment.start / speed, end=segment.end / speed) for segment in segments]
     if spec.augmentation.name == "mirror":
         segments = [mirrored_segment(segment, joints) for segment in segments if segment.can_be_mirrored]

@@ -533,7 +533,7 @@ class Store:
         UsageError
             For an unknown clip or layer.
         """
-        self._require_layer(layer)
+        self.require_layer(layer)
         tables, row = self._place(clip_id)
         table = self.segment_table(tables.split)
         stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, tables.ids)
@@ -550,7 +550,7 @@ class Store:
         UsageError
             For an unknown clip or layer.
         """
-        self._require_layer(layer)
+        self.require_layer(layer)
         tables, row = self._place(window.clip)
         first = self._first_of_group(tables, row)
         found = self._placed(tables, row, window, layer)
@@ -596,7 +596,8 @@ class Store:
         group = int(tables.columns["group"][row]) if "group" in tables.columns else -1
         return int(tables.groups["first"][group]) if group >= 0 else row
 
-    def _require_layer(self, layer: str | None) -> None:
+    def require_layer(self, layer: str | None) -> None:
+        """Raise UsageError, with the closest name, if there is no layer of this name."""
         names = sorted({known.name for known in self.layers})
         if layer is not None and layer not in names:
             raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))

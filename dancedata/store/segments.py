@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from dancedata.store.table_file import SegmentTable
 
 if TYPE_CHECKING:
     from dancedata.store.dataset import Store
-    from dancedata.store.stored_clip import StoredClip
 
 #: Layers of the quality flags: of places, and of whole clips.
 QUALITY = "quality"
@@ -67,8 +66,27 @@ def layer_of(entry: Mapping[str, Any]) -> Layer:
     return Layer(kind=kind, sided=sided, units=units, mirror=mirror, **texts)
 
 
+class SegmentedClip(Protocol):
+    """A clip with its segments."""
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+        ...
+
+    @property
+    def n_frames(self) -> int:
+        """Its length."""
+        ...
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """Its segments."""
+        ...
+
+
 def segment_rows(
-    clips: Sequence[StoredClip], numbers: Mapping[Layer, int], grid: FrameGrid
+    clips: Sequence[SegmentedClip], numbers: Mapping[Layer, int], grid: FrameGrid
 ) -> tuple[list[SegmentRow], int]:
     """Return the rows of a split's clips, in the order of the table, and how many segments cover no frame."""
     row_of = {clip.id: row for row, clip in enumerate(clips)}

@@ -1,6 +1,5 @@
 """Files of segments: segments.csv, segments.jsonl, HumanML3D's texts/."""
 
-import json
 import math
 from fractions import Fraction
 from pathlib import Path
@@ -9,7 +8,7 @@ import pytest
 
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.segments import CLIP_END, Layer, Segment
-from dancedata.formats.humanml_texts import read_texts, texts_file
+from dancedata.formats.humanml_texts import Caption, plain_tokens, read_texts, texts_file
 from dancedata.formats.segment_files import read_segment_file, write_segment_file
 from tests.messages import raises_message
 
@@ -142,9 +141,10 @@ def test_lines_that_are_not_captions(tmp_path: Path, line: str) -> None:
 
 
 def test_captions_are_written_as_the_loaders_split_them() -> None:
-    text = texts_file([("a # b\nc", "a/X b/X", Fraction(0), Fraction(0)), ("d", "d/X", Fraction(1, 2), Fraction(2))])
+    first = Caption("a # b\nc", "a/X b/X", Fraction(0), Fraction(0))
+    text = texts_file([first, Caption("d", "d/X", Fraction(1, 2), Fraction(2))])
     assert text == "a b c#a/X b/X#0.0#0.0\nd#d/X#0.5#2.0\n"
     # As HumanML3D's loader does.
     caption, tokens, start, end = text.splitlines()[0].strip().split("#")
     assert (caption, tokens.split(" "), float(start), float(end)) == ("a b c", ["a/X", "b/X"], 0.0, 0.0)
-    assert json.dumps(caption)
+    assert plain_tokens("The dancer's left arm.") == "the/OTHER dancer's/OTHER left/OTHER arm/OTHER"

@@ -33,7 +33,8 @@ LAYER = Layer(
     licence="CC BY-NC 4.0",
     citation="Motorica++, the annotations of STREAM, ECCV 2026",
 )
-_FOLDERS = ("label_segment", "motorica_seg", "sliced_labels", "motorica/sliced_labels")
+#: Folders of labels.
+FOLDERS = ("label_segment", "motorica_seg", "sliced_labels", "motorica/sliced_labels")
 _TEXT = re.compile(r"(?P<name>.+?)_(?P<number>\d+)(?:_label)?")
 _CHUNK = re.compile(r"(?P<name>.+)_chunk(?P<number>\d+)(?P<mirrored>_M)?_label")
 _MAX_BYTES = 1 << 22
@@ -61,7 +62,7 @@ def read_labels(folder: Path) -> Labels:
     texts: dict[str, dict[int, Path]] = defaultdict(dict)
     chunks: dict[str, dict[tuple[int, bool], Path]] = defaultdict(dict)
     rejects = []
-    for part in [path for name in _FOLDERS if (path := folder / name).is_dir()] or [folder]:
+    for part in [path for name in FOLDERS if (path := folder / name).is_dir()] or [folder]:
         for path in list_folder(part) if part.is_dir() else []:
             chunk, text = _CHUNK.fullmatch(path.stem), _TEXT.fullmatch(path.stem)
             if path.suffix == ".json" and chunk:

@@ -64,6 +64,7 @@ class Motorica(Dataset):
         ``required`` leaves out recordings without music; ``optional`` keeps them, for recipes without audio features.
     labels
         Folder of Motorica++, STREAM's annotations (`labels.read_labels`): the layer ``description`` of the segments.
+        Default: ``label_segment``, ``motorica_seg`` or ``sliced_labels`` beside ``bvh``, if there is one.
     """
 
     split: Literal["official", "official-clean", "by-song"] = field(default="official", metadata={"scan": True})
@@ -132,7 +133,7 @@ class Motorica(Dataset):
             [folder, *folders.places],
         )
         clips, left_out = self._clips(folders, motions, music)
-        clips, unlabelled, labels = self._with_labels(clips)
+        clips, unlabelled, labels = self._with_labels(clips, folders.root)
         left_out += unlabelled
         used = {clip.audio_path for clip in clips}
         others = [r for r in motions.rejects if PurePath(r.file).suffix.lower() not in AUDIO_SUFFIXES]
@@ -176,9 +177,11 @@ class Motorica(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.motorica.motion import write_example
+        from dancedata.datasets.motorica.labels import write_example as write_labels
+        from dancedata.datasets.motorica.motion import EXAMPLE, write_example
 
         write_example(Path(folder))
+        write_labels(Path(folder), EXAMPLE[0][0])
 
     def _clips(self, folders: Folders, motions: Files, music: Files) -> tuple[list[ClipRef], list[Reject]]:
         """Turn every recording into a clip, or two, or a reject."""
@@ -228,13 +231,14 @@ class Motorica(Dataset):
         self._require_known({name.id for name in names} | {name.song for name in names})
         return sorted(clips, key=lambda clip: clip.id), rejects
 
-    def _with_labels(self, clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[Reject], list[str]]:
+    def _with_labels(self, clips: Sequence[ClipRef], root: Path) -> tuple[list[ClipRef], list[Reject], list[str]]:
         """Return the clips with the labels of their recordings, counted from the clip's first frame."""
-        if self.labels is None:
-            return list(clips), [], []
-        from dancedata.datasets.motorica.labels import read_labels
+        from dancedata.datasets.motorica.labels import FOLDERS, read_labels
 
-        labels = read_labels(Path(self.labels).expanduser())
+        beside = any((root / name).is_dir() for name in FOLDERS)
+        if self.labels is None and not beside:
+            return list(clips), [], []
+        labels = read_labels(root if self.labels is None else Path(self.labels).expanduser())
         names = {clip.id: clip.id.removesuffix(COPY) for clip in clips}
         stated = [
             replace(clip, segments=tuple(
