@@ -258,6 +258,24 @@ def info(
         typer.echo(describe_clips(path))
 
 
+@app.command()
+@errors_to_exit_codes
+def segments(
+    path: Annotated[Path, typer.Argument(help="A built dataset.")],
+    to: Annotated[Path | None, typer.Option(help="New .csv or .jsonl file for its segments.")] = None,
+    set_file: Annotated[
+        Path | None, typer.Option("--set", metavar="FILE", help="Replace the layers that a .csv or .jsonl file has.")
+    ] = None,
+    layer: Annotated[str | None, typer.Option(help="Only layers of this name.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show, write or replace the segments of a dataset: captions, moves, events."""
+    from dancedata.pipeline.segments import segments as run_segments
+
+    result = run_segments(path, to=to, set_file=set_file, layer=layer)
+    print_result(as_json, result.to_json, lambda: str(result))
+
+
 @app.command("list")
 @errors_to_exit_codes
 def list_plugins(as_json: AsJson = False) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.motion import Motion
+from dancedata.core.segments import Segment
 from dancedata.core.text import shown
 
 #: A value of a free column.
@@ -57,6 +58,8 @@ class ClipRef:
         Second of the audio file at frame 0, exact; negative where the music begins later.
     source_start, source_end
         Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
+    segments
+        Spans and instants of the clip that the source states.
     """
 
     id: str
@@ -81,6 +84,7 @@ class ClipRef:
     audio_start: Fraction = Fraction(0)
     source_start: Fraction | None = None
     source_end: Fraction | None = None
+    segments: tuple[Segment, ...] = field(default=(), compare=False, repr=False)
 
 
 def member_id(group: str, member: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -15,6 +15,8 @@ from dancedata.core.text import quoted
 #: Ticks of exact times in a second: whole for frames at 24, 25, 30, 50, 60, 100 and 120 per second and their NTSC
 #: forms, and for samples at 44.1 and 48 kHz.
 TICKS_PER_SECOND = 705_600_000
+#: The end of a clip, where a source names the whole clip and not its length; a build puts the length in its place.
+CLIP_END = Fraction(10**9)
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Layer:
         Labels that are exchanged in a mirrored clip: (label, label).
     sided
         Whether words name a side: "no"; "mirrored": `Segment.texts_mirrored` has the words of a mirrored clip;
-        "unknown": mirrored clips go without this layer.
+        "unknown": a build finds out, with a lexicon of the language; where it cannot, mirrored clips go without this
+        layer.
     """
 
     name: str
@@ -118,6 +121,15 @@ class Segment:
             return (begin, begin + 1) if begin >= 0 and place < n_frames else (0, 0)
         begin, end = (min(max(math.ceil(t * grid.rate), 0), n_frames) for t in (self.start, self.end))
         return (begin, end) if begin < end else (0, 0)
+
+    @property
+    def can_be_mirrored(self) -> bool:
+        """Whether it is known what it says of a mirrored dancer."""
+        return self.layer.sided != "unknown"
+
+    def within(self, seconds: Fraction) -> Segment:
+        """Return the segment with the length of its clip in place of `CLIP_END`."""
+        return replace(self, end=max(seconds, self.start)) if self.end == CLIP_END else self
 
 
 def ticks(seconds: Fraction) -> int:

@@ -117,6 +117,11 @@ class Skeleton:
         feet = (ankle, other_ankle, toe, other_toe)
         return Skeleton(name, joints, tuple(parents), offsets, tuple(pairs), feet)
 
+    @property
+    def other_side(self) -> dict[int, int]:
+        """The joint of the other side, for each left and right one."""
+        return dict(self.pairs) | {right: left for left, right in self.pairs}
+
     def mirrored(self) -> Skeleton:
         """Return the reflection across x = 0: sides swapped, x negated."""
         order = np.arange(self.n_joints)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.text import listed
+from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_track_scope, needs_train
+from dancedata.formats.humanml_texts import Caption, plain_tokens, texts_file
 from dancedata.representations.humanml263 import Humanml263
 
 if TYPE_CHECKING:
@@ -32,12 +34,16 @@ _LISTS = ("train", "val", "test")
 @EXPORTS.register("humanml3d")
 @dataclass(frozen=True)
 class HumanML3D(Export):
-    """HumanML3D's new_joint_vecs, new_joints, Mean.npy, Std.npy and lists of splits (Guo et al. 2022).
+    """HumanML3D's new_joint_vecs, new_joints, texts, Mean.npy, Std.npy and lists of splits (Guo et al. 2022).
 
     Attributes
     ----------
     scaler
         ``all``: mean and deviation over the clips of all splits, test included, as HumanML3D's. ``train``: of train.
+    layer
+        Layer of the segments whose texts are the captions of ``texts/``.
+    tokens
+        ``stored``: ``word/POS`` as the source states them. ``plain``: ``word/OTHER`` where there are none.
     """
 
     version: ClassVar[int] = 1
@@ -48,11 +54,13 @@ class HumanML3D(Export):
     listed_folders: ClassVar[tuple[str, ...]] = ("new_joint_vecs", "new_joints")
 
     scaler: Literal["all", "train"] = "all"
+    layer: str = "description"
+    tokens: Literal["stored", "plain"] = "stored"
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
         missing = needs_track_scope(job) + needs_field(job, FIELD, kind="motion", width=263, rate=20)
-        missing += needs_train(job, self.scaler, "mean and deviation")
+        missing += needs_train(job, self.scaler, "mean and deviation") + self._untagged(job)
         return missing or _short(job)
 
     @override
@@ -73,7 +81,51 @@ class HumanML3D(Export):
             folder.write_text(f"{split}.txt", "".join(f"{name}\n" for name in names))
             if not names:
                 folder.note(f"{split}.txt is empty: the dataset has no clips in {split}")
+        self._write_texts(job, folder)
         folder.write_text("all.txt", "".join(f"{clip.id}\n" for clip in job.clips()))
+
+    def _captions(self, job: ExportJob, clip: ClipView) -> list[Caption]:
+        """Return text, tokens and seconds of the captions of a clip; 0 to 0 for the whole clip."""
+        if self.layer not in {layer.name for layer in job.store.layers}:
+            return []
+        captions = []
+        for segment in job.store.segments(clip.id, self.layer):
+            is_whole = segment.frames(job.store.grid, clip.n_frames) == (0, clip.n_frames)
+            start, end = (Fraction(0), Fraction(0)) if is_whole else (max(segment.start, Fraction(0)), segment.end)
+            tokens = segment.tokens or ("",) * len(segment.texts)
+            captions += [Caption(t, k, start, end) for t, k in zip(segment.texts, tokens, strict=True)]
+        return captions
+
+    def _untagged(self, job: ExportJob) -> list[Missing]:
+        untagged = [c.id for c in job.clips() if any(not caption.tokens for caption in self._captions(job, c))]
+        if self.tokens == "plain" or not untagged:
+            return []
+        problem = f"captions without tokens (word/POS), which the loaders read: {listed(untagged)}"
+        return [Missing(problem, "--set tokens=plain, which writes word/OTHER")]
+
+    def _write_texts(self, job: ExportJob, folder: ExportFolder) -> None:
+        silent = []
+        for clip in job.clips():
+            captions = self._captions(job, clip)
+            if captions:
+                lines = [c if c.tokens else c._replace(tokens=plain_tokens(c.text)) for c in captions]
+                folder.write_text(f"texts/{clip.id}.txt", texts_file(lines))
+            else:
+                silent.append(clip.id)
+        if silent and len(silent) < len(job.clips()):
+            folder.note(f"no captions of {counted(len(silent), 'clip')}, which a loader drops: {listed(silent)}")
+
+    def _texts(self, job: ExportJob) -> str:
+        """Return the statement on captions."""
+        if any(self._captions(job, clip) for clip in job.clips()):
+            return (
+                f"`texts/<id>.txt` has the captions of the layer `{self.layer}`: `caption#word/POS ...#start#end`, "
+                "seconds, 0.0 to 0.0 for the whole clip."
+            )
+        return (
+            "Text-to-motion loaders need `texts/<id>.txt` as well. This dataset has no captions, so there are none. "
+            "Without them such a loader drops every clip. Loaders of motion alone leave them out."
+        )
 
     @override
     def guide(self, job: ExportJob) -> str:
@@ -84,9 +136,7 @@ class HumanML3D(Export):
             "- 20 rows per second; a clip of T frames has T - 1 rows.\n"
             f"- Mean and deviation are over {over}; the deviation is averaged within root turn, root velocity, root "
             "height, positions, rotations, velocities and contacts, as in cal_mean_variance.ipynb.\n"
-            "- Text-to-motion loaders need `texts/<id>.txt` as well. A dataset of music and dance has no captions: "
-            "there are none here. Without them such a loader drops every clip. Loaders of motion alone leave them "
-            "out.\n- Remove caches of earlier data, and an evaluator's own mean and deviation "
+            f"- {self._texts(job)}\n- Remove caches of earlier data, and an evaluator's own mean and deviation "
             "(`checkpoints/*/meta/{mean,std}.npy` in T2M) where it was trained on HumanML3D itself.\n"
         )
 

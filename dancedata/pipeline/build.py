@@ -174,9 +174,7 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
         stride=recipe.windows.stride,
         order=recipe.windows.order,
         fields=tuple(Field(f.name, f.kind, f.columns, f.grid.rate, f.dtype) for f in recipe.fields),
-        skeleton=max(
-            (motion_field.representation.skeleton for motion_field in recipe.motion), key=lambda s: s.n_joints
-        ),
+        skeleton=recipe.skeleton,
         meta=meta,
     )
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from dancedata.core.clip import Reject
+from dancedata.core.sided_words import with_mirrored_words
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
@@ -46,13 +47,17 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
     extracted, incomplete = whole_groups(recipe, extracted, sources.scan.clips, lambda clip: clip.source.ref)
     sizes = sizes_of(sources.scan.clips)
     extracted = sorted(extracted, key=lambda clip: clip.source.ref.id)
+    stated = [
+        [s.within(recipe.grid.seconds(clip.motion.n_frames)) for s in recipe.dataset.segments(clip.source.ref)]
+        for clip in extracted
+    ]
     clips = [
         replace(
             stored_clip(recipe, clip),
-            segments=tuple(recipe.dataset.segments(clip.source.ref)),
+            segments=segments,
             group_size=sizes.get(clip.source.ref.group, 0),
         )
-        for clip in extracted
+        for clip, segments in zip(extracted, with_mirrored_words(stated), strict=True)
     ]
     originals = [CopySource(c, e.source) for c, e in zip(clips, extracted, strict=True)]
     copies, not_copied = make_copies(cache, recipe, originals, sources.content, jobs=jobs, progress=progress)

@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.segments import Segment
+from dancedata.core.sided_words import mirrored_segment
+from dancedata.core.text import counted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
@@ -65,20 +67,22 @@ def make_copies(
     """
     originals = [original for original in originals if is_copied(original.clip.split)]
     fields = {field.name: field for field in recipe.clip_fields}
+    joints = recipe.skeleton.other_side
     stored: list[StoredClip] = []
     rejects: list[Reject] = []
     for spec in recipe.augment:
         context = _Context(cache, recipe, spec, content, jobs, progress)
+        rejects += _without_words(spec, [original.clip for original in originals])
         if any(original.clip.group for original in originals):
             require_acts_on(spec)
         if spec.augmentation.changes == "rows":
-            stored += [_copied(original.clip, spec, fields) for original in originals]
+            stored += [_copied(original.clip, spec, fields, joints) for original in originals]
         elif spec.augmentation.changes == "motion":
             for original, result in _encoded(context, originals, rejects):
                 arrays = result.stored(recipe, original.clip.starts)
-                stored.append(_copied(replace(original.clip, height_m=result.height_m), spec, fields, arrays))
+                stored.append(_copied(replace(original.clip, height_m=result.height_m), spec, fields, joints, arrays))
         else:
-            stored += [_copied(clip, spec, fields) for clip in _retimed(context, originals, rejects)]
+            stored += [_copied(clip, spec, fields, joints) for clip in _retimed(context, originals, rejects)]
     return stored, rejects
 
 
@@ -133,17 +137,18 @@ def _copied(
     clip: StoredClip,
     spec: CopySpec,
     fields: Mapping[str, MotionField | KeyMotionField],
+    joints: Mapping[int, int],
     arrays: Mapping[str, LazyArray] | None = None,
 ) -> StoredClip:
     """Return the copy of a clip under the id `<id>__<name>`; its `source` is the clip.
 
-    `arrays` are the encoded rows of the copy's motion; None: those of the clip.
+    `joints` are the left and right ones. `arrays` are the encoded rows of the copy's motion; None: the clip's.
     """
     # What changes a world draws by the group.
     drawn_by = clip.group if clip.group and spec.augmentation.acts_on == "world" else clip.id
     motion = {name: _CopiedArray(a, fields[name], spec, drawn_by) for name, a in (arrays or clip.motion).items()}
     group = spec.clip_id(clip.group) if clip.group else ""
-    segments = _segments_of_copy(clip, spec)
+    segments = segments_of_copy(clip.id, clip.group, clip.segments, spec, joints)
     return replace(
         clip, id=spec.clip_id(clip.id), group=group, source=clip.id, motion=motion, segments=segments, made_of=""
     )
@@ -168,22 +173,34 @@ class _CopiedArray:
         return np.array(rows, dtype=dtype)
 
 
-def _segments_of_copy(clip: StoredClip, spec: CopySpec) -> tuple[Segment, ...]:
-    """Return the segments of a copy: at its speed, and in the words of a mirrored dancer.
+def segments_of_copy(
+    clip: str, group: str, stated: Sequence[Segment], spec: CopySpec, joints: Mapping[int, int]
+) -> tuple[Segment, ...]:
+    """Return the segments of a clip's copy: at its speed, and in the words of a mirrored dancer.
 
-    Layers whose words may name a side, and have no mirrored ones, are left out of mirrored copies. Quality flags are
-    those of the source.
+    Words that may name a side, and have no mirrored ones, are left out of mirrored copies. Quality flags are those of
+    the source.
     """
-    segments = [segment for segment in clip.segments if segment.layer.name != "quality"]
+    segments = [segment for segment in stated if segment.layer.name != "quality"]
     if spec.augmentation.changes == "time":
-        speed = spec.speed_of(clip.group or clip.id)
+        speed = spec.speed_of(group or clip)
         segments = [replace(segment, start=segment.start / speed, end=segment.end / speed) for segment in segments]
     if spec.augmentation.name == "mirror":
-        segments = [_mirrored(segment) for segment in segments if segment.layer.sided != "unknown"]
+        segments = [mirrored_segment(segment, joints) for segment in segments if segment.can_be_mirrored]
     return tuple(replace(segment, other=spec.clip_id(segment.other) if segment.other else "") for segment in segments)
 
 
-def _mirrored(segment: Segment) -> Segment:
-    pairs = dict(segment.layer.mirror) | {b: a for a, b in segment.layer.mirror}
-    texts = segment.texts_mirrored or segment.texts
-    return replace(segment, label=pairs.get(segment.label, segment.label), texts=texts, texts_mirrored=segment.texts)
+def _without_words(spec: CopySpec, clips: Sequence[StoredClip]) -> list[Reject]:
+    """Return a reject for each layer with segments that mirrored copies cannot have."""
+    if spec.augmentation.name != "mirror":
+        return []
+    lost = [(s.layer, c.id) for c in clips for s in c.segments if not s.can_be_mirrored]
+    rejects = []
+    for layer in sorted({layer for layer, _ in lost}, key=repr):
+        of_layer = [clip for other, clip in lost if other == layer]
+        found = f"{counted(len(of_layer), 'segment')} of {counted(len(set(of_layer)), 'clip')}"
+        language = f"language {layer.language}" if layer.language else "without a language"
+        detail = f"mirrored copies go without {found}: layer {layer.name}, {language}, has no mirrored words for them"
+        fix = "state the language of the layer, its texts_mirrored, or sided: no; or give a lexicon: segments.lexicon"
+        rejects.append(Reject("unmirrored_words", clip=spec.clip_id(of_layer[0]), detail=detail, fix=fix))
+    return rejects

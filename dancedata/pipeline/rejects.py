@@ -32,6 +32,8 @@ BY_CHOICE = {
     "still",
     "filtered",
     "short_field",
+    "unmirrored_words",
+    "unused_segments",
 }
 
 #: Reasons that `check` reports as notes; all others are errors.

@@ -53,6 +53,7 @@ class SourceClip:
             "source": [str(t) for t in (ref.source_start, ref.source_end)]
             if ref.source_end or ref.source_start
             else None,
+            "segments": json_sha256([repr(s) for s in ref.segments]) if ref.segments else None,
         }
         stated = {name: value for name, value in further.items() if value}
         return (

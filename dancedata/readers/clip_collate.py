@@ -168,7 +168,7 @@ def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Te
     if not samples:
         raise UsageError("a batch without clips has no fields", fix="leave empty batches out")
     fields = [name for name, value in samples[0].items() if _is_rows(name, value)]
-    rest = {name: default_collate([sample[name] for sample in samples]) for name in samples[0] if name not in fields}
+    rest = {name: collate_values([sample[name] for sample in samples]) for name in samples[0] if name not in fields}
     return {name: [sample[name] for sample in samples] for name in fields}, rest
 
 

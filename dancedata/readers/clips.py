@@ -18,6 +18,7 @@ from dancedata.readers.batch_reader import Request
 from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.scalers import ScalerLike
+from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, crop_choices, mirrored_samples
 from dancedata.store.dataset import Store
@@ -78,6 +79,10 @@ class ClipDataset(SplitDataset):
         normalizer_over: Literal["train", "all"] = "train",
         scaler: ScalerLike = None,
         clip: bool | None = None,
+        segments: bool | str = False,
+        min_share: float = 0.5,
+        empty: float = 0.0,
+        mirror_words: MirrorWords = "error",
         seed: int = 0,
     ) -> None:
         """Open a split of a built dataset; parameters that are not named here are those of `WindowDataset`.
@@ -123,6 +128,7 @@ class ClipDataset(SplitDataset):
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
             normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
+            words=SegmentChoice(segments, min_share, empty, mirror_words),
         )  # fmt: skip
         self._prepare(changes, allow_crop=False)
         self._is_random |= self.crop_frames is not None

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.clip import Reject
+from dancedata.core.clip import Reject, Window
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.spatial import middle_of
@@ -19,6 +19,7 @@ from dancedata.readers.arguments import whole
 from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request
 from dancedata.readers.scalers import ScalerLike
+from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.split_dataset import Changes, SplitDataset
 from dancedata.readers.windows import WindowDataset
 from dancedata.store.dataset import Store
@@ -55,6 +56,9 @@ class GroupDataset(WindowDataset):
         "left_to_right": by x in the first frame, as given out.
     singles
         Whether single dancers are groups of one; else they are left out and counted in `rejects`.
+    segments, min_share, empty, mirror_words
+        As in `WindowDataset`: ``"segments"`` and ``"text"`` are lists of P, and ``"segments_group"`` or
+        ``"text_group"`` are those of the whole group.
     scaler, clip, mapped, seed
         As in `WindowDataset`.
 
@@ -100,6 +104,10 @@ class GroupDataset(WindowDataset):
         trim: bool | None = None,
         scaler: ScalerLike = None,
         clip: bool | None = None,
+        segments: bool | str = False,
+        min_share: float = 0.5,
+        empty: float = 0.0,
+        mirror_words: MirrorWords = "error",
         mapped: bool = True,
         seed: int = 0,
     ) -> None:
@@ -118,6 +126,7 @@ class GroupDataset(WindowDataset):
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=False,
             normalizer_covers=(), normalizer_over="train", scaler=scaler, clip=clip, seed=seed,
+            words=SegmentChoice(segments, min_share, empty, mirror_words),
         )  # fmt: skip
         self._prepare(changes)
         self._check_augmentations()
@@ -212,11 +221,25 @@ class GroupDataset(WindowDataset):
         ]
         blank = [[""] * (self.persons - len(of_sample)) for of_sample in records]
         del values["clip"], values["dancer"]
+        if self._words is not None:
+            read = [
+                [Window(clip.id, start, length) for clip in clips]
+                for clips, start, length in zip(records, values["start"], values["length"], strict=True)
+            ]
+            values |= self._words.group_values(
+                self.store, read, values["mirrored"], self.persons, request.epoch, request.places
+            )
         return values | {
             "group": groups,
             "clips": [[c.id for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
             "roles": [[c.role for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
         }
+
+    @override
+    def _segment_values(
+        self, request: Request, windows: Sequence[Window], mirrored: Sequence[bool]
+    ) -> dict[str, list[Any]]:
+        return {}  # those of dancers, once they are chosen
 
     def _reader_of_groups(self) -> GroupReader:
         reader = self._batch_reader()

@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.clip import Reject
+from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
@@ -24,6 +24,7 @@ from dancedata.readers.epochs import EpochDataset, uniform
 from dancedata.readers.music_beats import StartAt, estimated_tempo
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
+from dancedata.readers.segments import SegmentChoice, SegmentReader
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import MinMax
@@ -69,6 +70,7 @@ class Changes:
     scaler: ScalerLike
     clip: bool | None
     seed: int
+    words: SegmentChoice
 
 
 class SplitDataset(EpochDataset):
@@ -98,7 +100,7 @@ class SplitDataset(EpochDataset):
         """Open the store and settle the fields. Subclasses then call `_select` and `_prepare`."""
         super().__init__()
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
-        self._reference = self._store.reference
+        self._reference = (*self._store.reference, self._store.overlay)
         self.split, self.preset = split, preset
         self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
@@ -148,6 +150,11 @@ class SplitDataset(EpochDataset):
         self.clip = bool(value_or_preset(changes.clip, None if changed else self._preset, "clip", False))
         self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
+        self._words: SegmentReader | None = None
+        if changes.words.segments:
+            mirrors = mirrored or any(step.augmentation.name == "mirror" and step.p for step in self._augmenter.steps)
+            self._words = SegmentReader(self.store, changes.words, mirrors=mirrors, seed=self.seed)
+            self._is_random |= self._words.draws
         normalize = value_or_preset(changes.normalize, self._preset, "normalize", True)
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
@@ -281,6 +288,8 @@ class SplitDataset(EpochDataset):
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
         clips_by_id = {clip: self.store.clip(clip) for clip in set(clips)}
         records = [clips_by_id[clip] for clip in clips]
+        mirrored = [names.count("mirror") % 2 == 1 for names in copies]
+        read = [Window(*window) for window in zip(clips, starts, lengths, strict=True)]
         return {
             "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, marks, strict=True)],
             "clip": clips,
@@ -296,10 +305,19 @@ class SplitDataset(EpochDataset):
                 for record in records
             ],
             "tempo_estimated": [r.tempo_bpm is None and not math.isnan(self._tempos[r.id]) for r in records],
-            "mirrored": [names.count("mirror") % 2 == 1 for names in copies],
+            "mirrored": mirrored,
             **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
             "index": [int(place) for place in request.places],
+            **self._segment_values(request, read, mirrored),
         }
+
+    def _segment_values(
+        self, request: Request, windows: Sequence[Window], mirrored: Sequence[bool]
+    ) -> dict[str, list[Any]]:
+        """Return the segments, or the text, of the windows that were read."""
+        if self._words is None:
+            return {}
+        return self._words.values(self.store, windows, mirrored, request.epoch, request.places)
 
     def _estimated_tempo(self, clip: str) -> float:
         """Return the tempo of a clip for which the dataset states none, by its beats; nan without any."""

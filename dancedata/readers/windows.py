@@ -26,6 +26,7 @@ from dancedata.readers.clip_collate import Batch, Sample, collate
 from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
 from dancedata.readers.presets import PrimitiveSpec, preset_windows, primitive_spec, value_or_preset
 from dancedata.readers.scalers import ScalerLike, root_columns
+from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_bias
 from dancedata.store.dataset import Store
@@ -100,6 +101,17 @@ class WindowDataset(SplitDataset):
     clip
         Whether normalised values are cut to [-1, 1]. Default: as EDGE and Lodge do in their presets, unless
         samples are mirrored or augmented; else False, and values beyond come back whole.
+    segments
+        True: a sample has ``"segments"``, a list of the segments that its window overlaps (`PlacedSegment`), which
+        `collate` keeps as a list. The name of a layer: it has ``"text"``, one text of that layer, drawn for each
+        (seed, epoch, index); "" where there is none. Mirrored windows have the words of a mirrored dancer.
+    min_share
+        Share of a window that a segment covers at least if its text may be drawn.
+    empty
+        Share of windows with "" as their text, for guidance.
+    mirror_words
+        "error": a layer that may name sides and has no mirrored words cannot be read mirrored. "keep": its words are
+        given as they are.
     mapped
         False: read by position, for files that may be overwritten in place, or file systems that map poorly.
     seed
@@ -171,6 +183,10 @@ class WindowDataset(SplitDataset):
         normalizer_over: Literal["train", "all"] = "train",
         scaler: ScalerLike = None,
         clip: bool | None = None,
+        segments: bool | str = False,
+        min_share: float = 0.5,
+        empty: float = 0.0,
+        mirror_words: MirrorWords = "error",
         mapped: bool = True,
         seed: int = 0,
     ) -> None:
@@ -190,6 +206,7 @@ class WindowDataset(SplitDataset):
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
             normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
+            words=SegmentChoice(segments, min_share, empty, mirror_words),
         )  # fmt: skip
         self._prepare(changes)
         if start is not None and self._augmenter.crops:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Dataset
+from dancedata.core.skeleton import Skeleton
 from dancedata.recipes.copies import CopySpec, augment_document
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
@@ -50,6 +51,11 @@ class Recipe:
     def clip_fields(self) -> tuple[MotionField | KeyMotionField, ...]:
         """The fields that follow from a clip's motion."""
         return (*self.motion, *self.keymotion)
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The body of the motion field with most joints, that of the dataset."""
+        return max((motion_field.representation.skeleton for motion_field in self.motion), key=lambda s: s.n_joints)
 
     @cached_property
     def without_audio(self) -> Recipe:

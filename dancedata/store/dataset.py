@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,8 @@ from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_li
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, Kind, sort_splits
-from dancedata.store.segments import layer_of, quality_rows, segments_of
+from dancedata.store.segment_overlay import SegmentOverlay
+from dancedata.store.segments import PlacedSegment, layer_of, quality_rows, segments_of
 from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.shard_tables import read_shard_tables
 from dancedata.store.table_file import SegmentTable, read_segments, read_tables
@@ -41,13 +42,16 @@ from dancedata.store.windowing import (
 )
 
 
-def open_store(path: str | Path) -> Store:
+def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = ()) -> Store:
     """Open a built dataset; reads dataset.json, compares its hash, and checks the sizes of the shards.
 
     Parameters
     ----------
     path
         Folder that a build wrote.
+    segments
+        Files of segments, .csv or .jsonl, that are laid over those of the dataset: marks and corrections. A row
+        replaces segments of the same layer, start and end.
 
     Returns
     -------
@@ -59,6 +63,8 @@ def open_store(path: str | Path) -> Store:
     StoreError
         If the folder has no finished dataset or one of another format version, dataset.json was changed after the
         build, or a shard is missing or has another size.
+    SourceError
+        For a mistake in a file of segments.
 
     Examples
     --------
@@ -68,7 +74,13 @@ def open_store(path: str | Path) -> Store:
     (150, 151)
     """
     folder = Path(path).expanduser().absolute()
-    return Store(folder, *open_listed(folder))
+    store = Store(folder, *open_listed(folder))
+    files = [segments] if isinstance(segments, str | Path) else segments
+    if files:
+        store.overlay = SegmentOverlay.read(
+            [Path(f).expanduser() for f in files], store.reference[1], store.seconds_of
+        )
+    return store
 
 
 class Store:
@@ -95,6 +107,8 @@ class Store:
         The motion's skeleton.
     meta
         dataset.json.
+    overlay
+        Segments of files that were named when it was opened.
     """
 
     def __init__(self, path: Path, description: Description, files: Mapping[str, ListedFile]) -> None:
@@ -121,9 +135,10 @@ class Store:
         }
         self._tables: dict[str, Tables] = {}
         self._segments: dict[str, SegmentTable | None] = {}
+        self.overlay = SegmentOverlay()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return reopen, self.reference
+        return reopen, (*self.reference, self.overlay)
 
     @cached_property
     def reference(self) -> tuple[str, str]:
@@ -498,8 +513,8 @@ class Store:
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
-        """Layers of segments, by their numbers."""
-        return tuple(layer_of(entry) for entry in self.meta.get("layers", ()))
+        """Layers of segments, by their numbers; those of laid-over files are the last."""
+        return tuple(layer_of(entry) for entry in self.meta.get("layers", ())) + self.overlay.layers
 
     def segment_table(self, split: str) -> SegmentTable | None:
         """Return the columns of a split's segments, read on first use; None where it has none."""
@@ -518,13 +533,74 @@ class Store:
         UsageError
             For an unknown clip or layer.
         """
-        names = sorted({layer.name for layer in self.layers})
-        if layer is not None and layer not in names:
-            raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))
+        self.require_layer(layer)
         tables, row = self._place(clip_id)
         table = self.segment_table(tables.split)
-        segments = [] if table is None else segments_of(table, row, self.layers, tables.ids)
+        stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, tables.ids)
+        segments = self.overlay.over(clip_id, stored)
         return [segment for segment in segments if layer in (None, segment.layer.name)]
+
+    def segments_in(self, window: Window, layer: str | None = None) -> list[PlacedSegment]:
+        """Return the segments that a window overlaps, with the frames of the window that they cover.
+
+        Segments of the whole group are among those of each of its dancers.
+
+        Raises
+        ------
+        UsageError
+            For an unknown clip or layer.
+        """
+        self.require_layer(layer)
+        tables, row = self._place(window.clip)
+        first = self._first_of_group(tables, row)
+        segments = self._placed(tables, row, window, layer)
+        if first != row:
+            segments += [p for p in self._placed(tables, first, window, layer) if p.segment.whole]
+        return sorted(segments, key=lambda placed: (placed.start, placed.end))
+
+    def mask(self, window: Window, layer: str) -> npt.NDArray[np.bool_]:
+        """Return which frames of a window segments of a layer cover, (length,).
+
+        Raises
+        ------
+        UsageError
+            For an unknown clip or layer.
+        """
+        mask = np.zeros(window.length, dtype=np.bool_)
+        for placed in self.segments_in(window, layer):
+            mask[placed.start : placed.end] = True
+        return mask
+
+    def seconds_of(self, clip_id: str) -> Fraction | None:
+        """Return the length of a clip in seconds; None if there is no such clip."""
+        rows = ((self.tables(split), self.tables(split).find(clip_id)) for split in self.splits)
+        return next((self.grid.seconds(int(t.n_frames[row])) for t, row in rows if row is not None), None)
+
+    def _placed(self, tables: Tables, row: int, window: Window, layer: str | None) -> list[PlacedSegment]:
+        clip, table, spans = tables.ids[row], self.segment_table(tables.split), (window.start, window.length)
+        if clip in self.overlay.segments:
+            placed = [(s, *s.frames(self.grid, int(tables.n_frames[row]))) for s in self.segments(clip, layer)]
+            in_window = [PlacedSegment.of(s, begin, end, *spans) for s, begin, end in placed]
+            return [segment for segment in in_window if segment.start < segment.end]
+        if table is None:
+            return []
+        numbers = [k for k, stored in enumerate(self.layers) if layer in (None, stored.name)]
+        rows = table.overlapping(row, *spans, numbers)
+        segments = segments_of(table, rows, self.layers, tables.ids)
+        starts, ends = table.columns["start"], table.columns["end"]
+        return [
+            PlacedSegment.of(s, int(starts[k]), int(ends[k]), *spans) for s, k in zip(segments, rows, strict=True)
+        ]
+
+    def _first_of_group(self, tables: Tables, row: int) -> int:
+        group = int(tables.columns["group"][row]) if "group" in tables.columns else -1
+        return int(tables.groups["first"][group]) if group >= 0 else row
+
+    def require_layer(self, layer: str | None) -> None:
+        """Raise UsageError, with the closest name, if there is no layer of this name."""
+        names = sorted({stored.name for stored in self.layers})
+        if layer is not None and layer not in names:
+            raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.
@@ -545,9 +621,10 @@ class Store:
         return scaler.with_mirror(f.columns.mirror)
 
 
-def reopen(path: str, sha256: str) -> Store:
+def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None) -> Store:
     """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
     store = open_store(path)
+    store.overlay = overlay or store.overlay
     if store.reference[1] != sha256:
         raise rebuilt_error(store.path, "dataset.json has changed")
     return store

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from dancedata.store.table_file import SegmentTable
 
 if TYPE_CHECKING:
     from dancedata.store.dataset import Store
-    from dancedata.store.stored_clip import StoredClip
 
 #: Layers of the quality flags: of places, and of whole clips.
 QUALITY = "quality"
@@ -67,8 +66,27 @@ def layer_of(entry: Mapping[str, Any]) -> Layer:
     return Layer(kind=kind, sided=sided, units=units, mirror=mirror, **texts)
 
 
+class SegmentedClip(Protocol):
+    """A clip with its segments."""
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+        ...
+
+    @property
+    def n_frames(self) -> int:
+        """Its length."""
+        ...
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """Its segments."""
+        ...
+
+
 def segment_rows(
-    clips: Sequence[StoredClip], numbers: Mapping[Layer, int], grid: FrameGrid
+    clips: Sequence[SegmentedClip], numbers: Mapping[Layer, int], grid: FrameGrid
 ) -> tuple[list[SegmentRow], int]:
     """Return the rows of a split's clips, in the order of the table, and how many segments cover no frame."""
     row_of = {clip.id: row for row, clip in enumerate(clips)}
@@ -88,7 +106,8 @@ def segment_rows(
             rows.append(
                 SegmentRow(
                     number, segment.whole, begin, end, ticks(segment.start), ticks(segment.end),
-                    numbers[segment.layer], segment.label, segment.texts, segment.texts_mirrored,
+                    numbers[segment.layer], segment.label, segment.texts,
+                    segment.texts_mirrored if segment.texts_mirrored != segment.texts else (),
                     segment.tokens, float(segment.value),
                     row_of[segment.other] if segment.other else -1, segment.joint,
                     canonical_json(segment.data) if segment.data else "",
@@ -97,18 +116,48 @@ def segment_rows(
     return sorted(rows, key=lambda r: (r.clip, r.start, r.end, r.layer, r.label, r.texts, r.start_t, r.data)), empty
 
 
-def segments_of(table: SegmentTable, row: int, layers: Sequence[Layer], ids: Sequence[str]) -> list[Segment]:
-    """Return the segments of a clip."""
+class PlacedSegment(NamedTuple):
+    """A segment that a window overlaps: frames [start, end) of the window, and the share of it that they are.
+
+    Examples
+    --------
+    >>> from fractions import Fraction
+    >>> from dancedata.core.segments import Layer, Segment
+    >>> from dancedata.store.segments import PlacedSegment
+    >>> wave = Segment(Layer("moves"), Fraction(1), Fraction(2), "wave")
+    >>> PlacedSegment.of(wave, 30, 60, start=45, length=60)[1:]
+    (0, 15, 0.25)
+    """
+
+    segment: Segment
+    start: int
+    end: int
+    share: float
+
+    @classmethod
+    def of(cls, segment: Segment, begin: int, end: int, start: int, length: int) -> PlacedSegment:
+        """Place frames [begin, end) of a clip in the window of `length` frames from `start`."""
+        first, last = max(begin - start, 0), min(end - start, length)
+        return cls(segment, first, last, (last - first) / length)
+
+
+def segments_of(
+    table: SegmentTable, rows: Iterable[int], layers: Sequence[Layer], ids: Sequence[str]
+) -> list[Segment]:
+    """Return the segments of rows of the table."""
     columns = table.columns
     segments = []
-    for k in table.rows_of(row):
+    for k in rows:
         start, end = (Fraction(int(columns[name][k]), TICKS_PER_SECOND) for name in ("start_t", "end_t"))
         other, data = int(columns["other"][k]), columns["data"][k]
         texts, mirrored, tokens = (columns[name][k] for name in ("texts", "texts_mirrored", "tokens"))
+        layer = layers[int(columns["layer"][k])]
+        if layer.sided == "mirrored":
+            mirrored = mirrored or texts
         value = float(columns["value"][k])
         segments.append(
             Segment(
-                layers[int(columns["layer"][k])], start, end, columns["label"][k], texts, mirrored, tokens,
+                layer, start, end, columns["label"][k], texts, mirrored, tokens,
                 value=math.nan if math.isnan(value) else value, other=ids[other] if other >= 0 else "",
                 joint=int(columns["joint"][k]), whole=bool(columns["whole"][k]),
                 data=json.loads(data) if data else {},

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,6 +26,20 @@ from dancedata.store.table_file import SEGMENT_COLUMNS
 
 #: Most rows of a table.
 MAX_ROWS = 2**31 - 1
+
+
+class Header(Protocol):
+    """Attributes of the files of a dataset."""
+
+    @property
+    def scope(self) -> str:
+        """Whether windows are views of clips."""
+        ...
+
+    @property
+    def fps(self) -> Fraction | int:
+        """Frames per second."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -100,7 +115,7 @@ def write_tables(out: Path, plan: TablePlan, split: str, shards: Sequence[ShardP
     rows = {"clips": len(clips), "windows": sum(len(clip.starts) for clip in clips)}
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
-        _write_attributes(file, plan, split)
+        _write_attributes(file, plan.header, split)
         group_rows = {group[0].group: row for row, group in enumerate(groups)}
         song_rows = {song: row for row, song in enumerate(songs)}
         _write_clips(file.create_group("clips"), plan, shards, group_rows, song_rows)
@@ -128,15 +143,15 @@ def write_tables(out: Path, plan: TablePlan, split: str, shards: Sequence[ShardP
     if segments:
         rows["segments"] = len(segments)
         files["segments"] = segments_name(split)
-        _write_segments(out / files["segments"], plan, split, segments, len(clips))
+        write_segments(out / files["segments"], plan.header, split, segments, len(clips))
     if max(rows.values()) > MAX_ROWS:
         raise StoreError("a table has too many rows", where=split, found=max(rows.values()), allowed=MAX_ROWS)
     return {"rows": rows, "files": files, "layers": [row.layer for row in segments], "empty_segments": empty}
 
 
-def _write_attributes(file: Any, plan: TablePlan, split: str) -> None:
+def _write_attributes(file: Any, header: Header, split: str) -> None:
     file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
-    for name, text in (("split", split), ("scope", plan.header.scope), ("fps", str(plan.header.fps))):
+    for name, text in (("split", split), ("scope", header.scope), ("fps", str(header.fps))):
         hdf5.write_text_attribute(file, name, text)
 
 
@@ -209,10 +224,11 @@ def _write(group: Any, types: Mapping[str, str], **columns: Sequence[Any]) -> No
         type_of(kind).write(group, name, columns[name])
 
 
-def _write_segments(path: Path, plan: TablePlan, split: str, rows: Sequence[SegmentRow], n_clips: int) -> None:
+def write_segments(path: Path, header: Header, split: str, rows: Sequence[SegmentRow], n_clips: int) -> None:
+    """Write <split>-segments.h5."""
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
-        _write_attributes(file, plan, split)
+        _write_attributes(file, header, split)
         group = file.create_group("segments")
         columns = dict(zip(SegmentRow._fields, zip(*rows, strict=True), strict=True))
         narrow = {"start": "int32", "end": "int32", "layer": "int32", "joint": "int32"}

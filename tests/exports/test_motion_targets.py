@@ -2,9 +2,11 @@
 
 import io
 import json
+import lzma
 import subprocess
 import sys
 import tarfile
+from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,8 +17,12 @@ import pytest
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.motion import Motion
+from dancedata.core.registry import DATASETS
+from dancedata.core.segments import Segment
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
+from dancedata.datasets.motorica.labels import LAYER, read_chunk
+from dancedata.exports.motorica_pp import chunk_labels
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, StoredClip, open_store, write_store
 from dancedata.store.schema import StoreHeader
@@ -30,6 +36,7 @@ DOCUMENT: dict[str, Any] = {
     "windows": {"length_s": 5, "stride_s": 0.5},
     "motion": {"edge151": {}, "humanml263": {}, "joints": {}},
 }
+GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "data"
 #: Facts that a file's layout does not state.
 ANY = Reading(Declared(), Declared())
 
@@ -285,3 +292,87 @@ def test_bvh_is_read_by_blender(store: Store, bvh: Path, tmp_path: Path, unit: s
         for name, (x, y, z) in zip(wanted.skeleton.joints, wanted.joints()[frame], strict=True):
             place = found[str(frame)][name]
             np.testing.assert_allclose(place, (x, -z, y), rtol=0, atol=1e-4, err_msg=f"{name} in frame {frame}")
+
+
+# ---- words
+
+
+@pytest.fixture(scope="module")
+def worded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Clips with captions: with tokens, without, of a part, of the whole clip."""
+    folder = tmp_path_factory.mktemp("worded")
+    DATASETS.get("folder")().make_example(folder / "source")
+    (folder / "source" / "texts").mkdir()
+    (folder / "source" / "texts" / "own.txt").write_text(
+        "steps left # twice#step/VERB left/ADJ#0.0#0.0\nwaves#wave/VERB#0.0#0.0\nspins#spin/VERB#1.5#3.0\n"
+    )
+    (folder / "source" / "segments.csv").write_text(
+        'clip,start,end,layer,label,text\namass_poses,1,2,description,turn,"The dancer\'s left turn"\n'
+    )
+    recipe = {
+        "recipe": 1, "name": "w", "dataset": {"folder": {"fps": 30, "unit": "m", "up": "y", "language": "en"}},
+        "fps": 20, "windows": {"length_s": 2, "stride_s": 1}, "motion": {"humanml263": {}}, "audio": {},
+        "augment": {"mirror": True},
+    }  # fmt: skip
+    dancedata.build(recipe, folder / "source", folder / "out", cache=folder / "cache", jobs=1, progress=False)
+    return folder / "out"
+
+
+def test_captions_as_humanml3ds_loader_reads_them(worded: Path, tmp_path: Path) -> None:
+    with raises_message(StoreError):
+        dancedata.export(worded, "humanml3d", tmp_path / "out", progress=False)
+    result = dancedata.export(worded, "humanml3d", tmp_path / "out", progress=False, tokens="plain")
+    assert "no captions of" in result.summary
+    texts = {path.stem: path.read_text().splitlines() for path in (tmp_path / "out" / "texts").iterdir()}
+    assert texts == {
+        "own": [
+            "steps left twice#step/VERB left/ADJ#0.0#0.0", "waves#wave/VERB#0.0#0.0", "spins#spin/VERB#1.5#3.0",
+        ],
+        "own__mirror": [
+            "steps right twice#step/VERB right/ADJ#0.0#0.0", "waves#wave/VERB#0.0#0.0", "spins#spin/VERB#1.5#3.0",
+        ],
+        "amass_poses": ["The dancer's left turn#the/OTHER dancer's/OTHER left/OTHER turn/OTHER#1.0#2.0"],
+        "amass_poses__mirror": ["The dancer's right turn#the/OTHER dancer's/OTHER right/OTHER turn/OTHER#1.0#2.0"],
+    }  # fmt: skip
+    # As HumanML3D's Text2MotionDataset does.
+    for line in texts["own"]:
+        caption, tokens, start, end = line.strip().split("#")
+        assert all(len(token.split("/")) == 2 for token in tokens.split(" "))
+        assert float(start) <= float(end)
+        assert caption
+
+
+def test_chunks_of_labels(worded: Path, tmp_path: Path) -> None:
+    dancedata.export(worded, "motorica-pp", tmp_path / "out", progress=False)
+    files = sorted(path.name for path in (tmp_path / "out" / "sliced_labels").iterdir())
+    assert files[0] == "amass_poses_chunk0_M_label.json"
+    chunk, mirrored = (
+        json.loads((tmp_path / "out" / "sliced_labels" / f"amass_poses_chunk0{m}_label.json").read_text())
+        for m in ("", "_M")
+    )
+    assert (chunk["fps"], chunk["length"]) == (30, 150)
+    assert [(s["start"], s["end"], s["label"]) for s in chunk["segments"]] == [
+        (0, 30, ""), (30, 60, "turn"), (60, 150, ""),
+    ]  # fmt: skip
+    assert mirrored["segments"][1]["description"] == "The dancer's right turn"
+    first = read_chunk(tmp_path / "out" / "sliced_labels" / "own_chunk0_label.json")[0]
+    assert first.texts == ("steps left # twice", "waves")
+    with raises_message(StoreError):
+        dancedata.export(worded, "motorica-pp", tmp_path / "no", progress=False, layer="moves")
+
+
+def test_chunks_as_streams_code_cuts_them() -> None:
+    stream = json.loads(lzma.decompress((GOLDEN / "crowd" / "stream.json.xz").read_bytes()))
+    moves = [(0, 40), (41, 119), (120, 120), (126, 189), (190, 269)]
+    segments = [
+        Segment(
+            LAYER, Fraction(start, 30), Fraction(end + 1, 30), f"move {k}",
+            (f"step {k} with the left hand",), data={"genre": "popping"},
+        )
+        for k, (start, end) in enumerate(moves)
+    ]  # fmt: skip
+    windows = stream["label_segment_to_windows"]["windows"]
+    assert len(windows) == 5
+    for window in windows:
+        chunk = window.pop("chunk")
+        assert chunk_labels(segments, 30 * chunk, "") == window

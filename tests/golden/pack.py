@@ -320,6 +320,14 @@ def pack_crowd(crowd: Path, out: Path) -> None:
     save(out / "infinitedance.npz", {"joints": joints, **{name: columns[key] for name, key in names.items()}})
 
 
+def pack_stream(crowd: Path, out: Path) -> None:
+    """Keep the label files of Motorica++ that STREAM's code read, as text, and what it made of them."""
+    inputs = crowd / "inputs" / "motorica_pp"
+    files = {p.relative_to(inputs).as_posix(): p.read_text(encoding="utf-8") for p in sorted(inputs.rglob("*_*.*"))}
+    made = json.loads((crowd / "stream" / "labels.json").read_text(encoding="utf-8"))
+    (out / "stream.json.xz").write_bytes(xz(json.dumps({"files": files, **made}, ensure_ascii=False).encode()))
+
+
 def pack_keys(path: Path, out: Path) -> None:
     """Names, shapes and types of the real files' tensors."""
     with path.open() as file:
@@ -345,6 +353,7 @@ def main(golden: Path, out: Path) -> None:
     pack_bailando(golden / "bailando438", out / "bailando438")
     pack_humanml(golden / "humanml263", out / "humanml263")
     pack_crowd(golden / "crowd", out / "crowd")
+    pack_stream(golden / "crowd", out / "crowd")
     pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
     sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}
     for path, size in sorted(sizes.items(), key=lambda item: item[1]):

@@ -25,7 +25,7 @@ from dancedata.store import Store, verify_store
 from tests.messages import raises_message
 
 MOVES = Layer("moves", language="en", sided="mirrored", mirror=(("left turn", "right turn"),))
-WORDS = Layer("words", language="en")
+WORDS = Layer("words", language="fr")
 
 
 @dataclass(frozen=True)
@@ -274,6 +274,8 @@ def test_segments_come_back_and_go_with_copies(tmp_path: Path, cache: Path) -> N
     store = build(tmp_path / "source", tmp_path / "out", cache, augment={"mirror": True, "tempo": {"speeds": [1.25]}})
     assert verify_store(tmp_path / "out") == []
     assert {layer["name"]: layer["rows"] for layer in store.meta["layers"]} == {"moves": 6, "words": 4}
+    (reject,) = (row for row in store.rejects if row["reason"] == "unmirrored_words")
+    assert "2 segments of 2 clips: layer words, language fr" in reject["detail"]
     plain, mirrored, faster = (store.segments(f"a_p0{copy}") for copy in ("", "__mirror", "__tempo"))
     assert sorted(plain, key=lambda s: s.layer.name) == sorted(
         Ensemble().segments(ClipRef("", Path(), None, "", member=0)), key=lambda s: s.layer.name

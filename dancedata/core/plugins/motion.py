@@ -73,8 +73,11 @@ class Dataset(Plugin):
         return [self.load(ref) for ref in refs]
 
     def segments(self, ref: ClipRef) -> Sequence[Segment]:
-        """Return what the source states about spans and instants of a clip. Reads no motion."""
-        return ()
+        """Return what the source states about spans and instants of a clip; by default `ClipRef.segments`.
+
+        Reads no motion. Only those of the scan make a difference between two sources.
+        """
+        return ref.segments
 
     @abstractmethod
     def make_example(self, folder: Path) -> None:

@@ -21,6 +21,9 @@ Without one, motion and music are matched by file name:
         music/NAME.wav               NAME.wav
         (or wavs/, audio/)
 
+Words and events of clips: ``segments.csv`` or ``segments.jsonl`` and ``texts/NAME.txt`` in SOURCE, see
+docs/segments.md.
+
 Motion: ``.npz``, ``.npy``, ``.pkl`` in the layouts of AMASS, SMPL, SMPL-X and FineDance (`array_layouts`), and
 ``.bvh`` of any skeleton with the joints of a human body (`formats.bvh.joint_names`). Frame rate, up axis and unit
 come from the manifest, else from the file or its format, else from the recipe; they are never guessed unless the

@@ -7,6 +7,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed
 from dancedata.datasets._near_music import NearMusic
+from dancedata.datasets._words import words_of
 from dancedata.datasets.files import (
     AUDIO_SUFFIXES,
     MOTION_SUFFIXES,
@@ -117,10 +118,11 @@ def _rest(source: Path, folders: set[Path], motions: dict[str, Path], music: dic
         for stem, path in music.items()
         if stem not in motions
     ]
+    read = {*folders, *words_of(source)}
     for folder in sorted({source, *folders}):
         suffixes = (*MOTION_SUFFIXES, *AUDIO_SUFFIXES) if folder in folders else ()
         for path in list_folder(folder):
-            problem = "" if path in folders else file_problem(path, suffixes, "neither motion nor music")
+            problem = "" if path in read else file_problem(path, suffixes, "neither motion nor music")
             if problem:
                 rejects.append(Reject("extra_file", file=relative(path, source), detail=problem))
     return rejects

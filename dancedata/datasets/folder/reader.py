@@ -18,6 +18,7 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule, same_songs
+from dancedata.datasets._words import stated_words
 from dancedata.datasets.files import relative, require_folder
 from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, Declared, drift_note
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
@@ -69,6 +70,9 @@ class Folder(Dataset):
     people
         "split" makes a clip of each person in files that are divided by people, ``NAME-personID``; "one" reads
         files of one person, and sets others aside.
+    language
+        BCP 47 tag of the words in ``texts/`` and in ``segments.csv`` where a row has none, such as "en": mirrored
+        words are made of it.
     music
         "required" leaves out clips without music; "optional" keeps them, for recipes without audio features. With
         audio features it is an error if there are such clips.
@@ -85,6 +89,7 @@ class Folder(Dataset):
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
     keys: Mapping[str, str] | None = field(default=None, metadata={"added": True})
     people: Literal["one", "split"] = field(default="one", metadata={"scan": True, "added": True})
+    language: str = field(default="", metadata={"scan": True, "added": True})
 
     explicit_only: ClassVar[bool] = True
     version: ClassVar[int] = 2
@@ -126,12 +131,13 @@ class Folder(Dataset):
         -------
         Scan
             Clips by id. Rejects, each by name: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
-            ``unused_music``, ``extra_file``. Notes describe what was matched, declared, read and assumed.
+            ``unused_music``, ``unused_segments``, ``bad_segment``, ``extra_file``. Notes describe what was matched,
+            declared, read and assumed.
 
         Raises
         ------
         SourceError
-            If there is no motion, or the manifest has a mistake.
+            If there is no motion, or the manifest or the segments have a mistake.
         """
         source = Path(source)
         require_folder("folder", source, LOOKED_FOR)
@@ -154,7 +160,10 @@ class Folder(Dataset):
         assigned = any(row.get("split") for row in rows)
         clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), assigned)
         clips, files = _file_notes(clips, self._reading)
-        notes += [*splits, *files]
+        words = stated_words(source, clips, self.language)
+        rejects += words.rejects
+        notes += [*splits, *files, *words.notes]
+        clips = words.clips
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
 
     @override

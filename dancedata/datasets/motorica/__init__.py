@@ -4,6 +4,7 @@
 
     SOURCE/
         bvh/NAME.bvh      one recording: centimetres, +Y up, degrees, fingers
+        label_segment/NAME_<i>.txt, sliced_labels/NAME_chunk<k>_label.json      Motorica++, if wanted (`labels`)
         wav/NAME.wav      its music, under the same name, here or beside the motion; some recordings have none
 
 SOURCE may be the folder that contains ``bvh/`` or its parent. LDA's features are not read.

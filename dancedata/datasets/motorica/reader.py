@@ -62,6 +62,9 @@ class Motorica(Dataset):
         ``keep`` stores the joints of the fingers; they are captured in some sessions only.
     music
         ``required`` leaves out recordings without music; ``optional`` keeps them, for recipes without audio features.
+    labels
+        Folder of Motorica++, STREAM's annotations (`labels.read_labels`): the layer ``description`` of the segments.
+        Default: ``label_segment``, ``motorica_seg`` or ``sliced_labels`` beside ``bvh``, if there is one.
     """
 
     split: Literal["official", "official-clean", "by-song"] = field(default="official", metadata={"scan": True})
@@ -69,6 +72,7 @@ class Motorica(Dataset):
     audio_start: Mapping[str, Any] | None = field(default=None, metadata={"scan": True})
     fingers: Literal["drop", "keep"] = "drop"
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    labels: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = (
@@ -111,12 +115,14 @@ class Motorica(Dataset):
         Scan
             Clips by name with split, song, genre and dancer. Rejects, each by name: ``missing_music``, ``ignored``
             (in train, with a song of test; official-clean), ``missing_motion`` (an official test recording without a
-            file), ``unused_music``, ``extra_file``. Notes state the trims, the lists, and what they share.
+            file), ``unused_music``, ``bad_segment``, ``unused_segments``, ``extra_file``. Notes state the trims, the
+            lists, and what they share.
 
         Raises
         ------
         SourceError
-            If the folder is not a copy of Motorica Dance, or audio_start names what it does not hold.
+            If the folder is not a copy of Motorica Dance, audio_start names what it does not hold, or there are no
+            labels.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
         folder = folders.root / LAYOUT.motions
@@ -127,6 +133,8 @@ class Motorica(Dataset):
             [folder, *folders.places],
         )
         clips, left_out = self._clips(folders, motions, music)
+        clips, unlabelled, labels = self._with_labels(clips, folders.root)
+        left_out += unlabelled
         used = {clip.audio_path for clip in clips}
         others = [r for r in motions.rejects if PurePath(r.file).suffix.lower() not in AUDIO_SUFFIXES]
         unused = [
@@ -147,6 +155,7 @@ class Motorica(Dataset):
             self._trim_note(),
             "Rates: Frame Time 0.008333 is read as 1/120 s exactly; the rounded one drifts by 10 ms in 4 minutes.",
             *self._start_notes(clips),
+            *labels,
             clips_note(clips, left_out),
         )
         return Scan("motorica", tuple(clips), (*left_out, *missing, *unused, *music.rejects, *others), notes)
@@ -168,9 +177,11 @@ class Motorica(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.motorica.motion import write_example
+        from dancedata.datasets.motorica.labels import write_example as write_labels
+        from dancedata.datasets.motorica.motion import EXAMPLE, write_example
 
         write_example(Path(folder))
+        write_labels(Path(folder), EXAMPLE[0][0])
 
     def _clips(self, folders: Folders, motions: Files, music: Files) -> tuple[list[ClipRef], list[Reject]]:
         """Turn every recording into a clip, or two, or a reject."""
@@ -219,6 +230,27 @@ class Motorica(Dataset):
                 clips.append(replace(clip, id=f"{name.id}{COPY}", split="train"))
         self._require_known({name.id for name in names} | {name.song for name in names})
         return sorted(clips, key=lambda clip: clip.id), rejects
+
+    def _with_labels(self, clips: Sequence[ClipRef], root: Path) -> tuple[list[ClipRef], list[Reject], list[str]]:
+        """Return the clips with the labels of their recordings, counted from the clip's first frame."""
+        from dancedata.datasets.motorica.labels import FOLDERS, read_labels
+
+        beside = any((root / name).is_dir() for name in FOLDERS)
+        if self.labels is None and not beside:
+            return list(clips), [], []
+        labels = read_labels(root if self.labels is None else Path(self.labels).expanduser())
+        names = {clip.id: clip.id.removesuffix(COPY) for clip in clips}
+        stated = [
+            replace(clip, segments=tuple(
+                replace(s, start=s.start - (clip.source_start or 0), end=s.end - (clip.source_start or 0))
+                for s in labels.segments.get(names[clip.id], ())
+            ))
+            for clip in clips
+        ]  # fmt: skip
+        unused = sorted(labels.segments.keys() - set(names.values()))
+        rejects = [Reject("unused_segments", clip=name, detail="labels of a recording that is left out, or not there")
+                   for name in unused]  # fmt: skip
+        return stated, [*labels.rejects, *rejects], [labels.note]
 
     def _times(self, name: str, song: str, path: Path) -> tuple[Fraction, Fraction, Fraction | None]:
         """Return the second of the audio at the recording's frame 0, and the part of the recording to keep."""

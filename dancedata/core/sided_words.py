@@ -1,0 +1,192 @@
+"""Words that name a side: what a text says of a mirrored dancer."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from dancedata.core.segments import Layer, Segment
+
+_WORDS = re.compile(r"\w+(?:-\w+)*")
+
+
+@dataclass(frozen=True)
+class Lexicon:
+    """Words of one language that are exchanged in texts about a mirrored dancer.
+
+    Attributes
+    ----------
+    language
+        BCP 47 tag; texts in a variety of it ("en-GB") are read with it.
+    pairs
+        (a, b): a becomes b, and b becomes a where no earlier pair has it. In any case of letters.
+    exact
+        Pairs that are compared with their case, such as ("L", "R").
+    same
+        Phrases that stay as they are: "right away".
+    whole_words
+        False for scripts without spaces between words.
+    """
+
+    language: str
+    pairs: tuple[tuple[str, str], ...]
+    exact: tuple[tuple[str, str], ...] = ()
+    same: tuple[str, ...] = ()
+    whole_words: bool = True
+
+    def names_side(self, text: str) -> bool:
+        """Whether a text has one of the words."""
+        return any(match.lastgroup != "same" for match in self._pattern.finditer(text))
+
+    def mirrored(self, text: str) -> str:
+        """Return a text with the words exchanged; their capitals stay."""
+        return self._pattern.sub(self._exchanged, text)
+
+    def _exchanged(self, match: re.Match[str]) -> str:
+        word = match[0]
+        if match.lastgroup == "same":
+            return word
+        if match.lastgroup == "exact":
+            return self._exact[word]
+        other = self._any_case[word.lower()]
+        if word.isupper() and len(word) > 1:
+            return other.upper()
+        return other[:1].upper() + other[1:] if word[:1].isupper() else other
+
+    @cached_property
+    def _exact(self) -> Mapping[str, str]:
+        return _both_ways(self.exact)
+
+    @cached_property
+    def _any_case(self) -> Mapping[str, str]:
+        return _both_ways((a.lower(), b.lower()) for a, b in self.pairs)
+
+    @cached_property
+    def _pattern(self) -> re.Pattern[str]:
+        def group(name: str, words: Iterable[str], flags: str) -> str:
+            # The longest first: "counter-clockwise" before "clockwise".
+            words = sorted(map(re.escape, words), key=lambda word: (-len(word), word))
+            return f"(?P<{name}>(?{flags}:{'|'.join(words) or '(?!)'}))"
+
+        exact, pairs = group("exact", self._exact, "-i"), group("any", self._any_case, "i")
+        parts = "|".join((group("same", self.same, "i"), exact, pairs))
+        return re.compile(rf"(?<!\w)(?:{parts})(?!\w)" if self.whole_words else parts)
+
+
+ENGLISH = Lexicon(
+    "en",
+    pairs=(
+        ("left", "right"),
+        *((f"left{end}", f"right{end}") for end in ("ward", "wards", "most", "hand", "handed", "footed", "y")),
+        ("lefty", "righty"), ("lefties", "righties"),
+        ("clockwise", "counterclockwise"),
+        *((f"{counter}clockwise", "clockwise") for counter in ("anti", "anti-", "anti ", "counter-", "counter ")),
+    ),
+    exact=(("L", "R"), ("LH", "RH"), ("LF", "RF")),
+    same=(
+        "right away", "right now", "right after", "right before", "right behind", "right in front", "right on time",
+        "right on the beat", "right on beat", "right there", "right here", "right next to", "right at the",
+        "right angle", "right angles", "right-angled", "right side up", "right way up", "the right way",
+        "all right", "just right", "R&B", "R & B",
+        *(f"left the {place}" for place in ("stage", "floor", "frame", "room", "ground", "circle", "group", "scene")),
+        "left off", "left over", "left alone", "is left", "are left", "has left", "have left", "had left",
+    ),
+)  # fmt: skip
+
+
+def _both_ways(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    exchanged: dict[str, str] = {}
+    for a, b in pairs:
+        exchanged.setdefault(a, b)
+        exchanged.setdefault(b, a)
+    return exchanged
+
+
+def lexicon_of(language: str, lexicons: Iterable[Lexicon]) -> Lexicon | None:
+    """Return the lexicon of a language, or of the one that it is a variety of; None without one."""
+    tag = language.lower()
+    return next((known for known in lexicons if tag == known.language or tag.startswith(f"{known.language}-")), None)
+
+
+def with_mirrored_words(
+    clips: Sequence[Sequence[Segment]], lexicons: Sequence[Lexicon] = (ENGLISH,)
+) -> list[tuple[Segment, ...]]:
+    """Return the segments of clips with the words of mirrored dancers, and layers that tell whether they name sides.
+
+    `Layer.sided` "unknown" becomes "no" where no word of a layer names a side, "mirrored" where all mirrored words
+    are stated or a lexicon of the layer's language makes them; without either it stays. "mirrored" becomes "unknown"
+    where words are neither stated nor made. Labels that name a side get a pair in `Layer.mirror`.
+    """
+    by_layer: dict[Layer, list[Segment]] = defaultdict(list)
+    for segment in (segment for segments in clips for segment in segments):
+        by_layer[segment.layer].append(segment)
+    found = {layer: lexicon_of(layer.language, lexicons) for layer in by_layer}
+    layers = {layer: _sided_layer(layer, segments, found[layer]) for layer, segments in by_layer.items()}
+    return [tuple(_completed(s, layers[s.layer], found[s.layer]) for s in segments) for segments in clips]
+
+
+def _sided_layer(layer: Layer, segments: Sequence[Segment], lexicon: Lexicon | None) -> Layer:
+    stated = {label for pair in layer.mirror for label in pair}
+    labels = sorted({s.label for s in segments} - stated - {""})
+    if layer.sided == "no":
+        return layer
+    words = [s for s in segments if s.texts]
+    if lexicon is None:
+        if layer.sided == "mirrored":
+            return layer if all(s.texts_mirrored for s in words) else replace(layer, sided="unknown")
+        if labels or not all(s.texts_mirrored for s in words):
+            return layer
+        return replace(layer, sided="mirrored" if words or stated else "no")
+    sides = [(label, lexicon.mirrored(label)) for label in labels if lexicon.names_side(label)]
+    pairs = tuple(dict.fromkeys((min(a, b), max(a, b)) for a, b in sides))
+    named = stated or pairs or any(s.texts_mirrored or any(map(lexicon.names_side, s.texts)) for s in words)
+    if named or layer.sided == "mirrored":
+        return replace(layer, sided="mirrored", mirror=(*layer.mirror, *pairs))
+    return replace(layer, sided="no")
+
+
+def _completed(segment: Segment, layer: Layer, lexicon: Lexicon | None) -> Segment:
+    texts = segment.texts_mirrored
+    if layer.sided == "mirrored" and not texts and lexicon is not None:
+        texts = tuple(map(lexicon.mirrored, segment.texts))
+    return replace(segment, layer=layer, texts_mirrored=texts)
+
+
+def mirrored_segment(segment: Segment, joints: Mapping[int, int] | None = None) -> Segment:
+    """Return a segment of a mirrored dancer: its label, texts, tokens and joint exchanged.
+
+    `joints` are the left and right joints of the skeleton. A token follows its word in the text; it is "" where the
+    mirrored text has another number of words.
+    """
+    pairs = _both_ways(segment.layer.mirror)
+    texts = segment.texts_mirrored or segment.texts
+    changes = list(zip(segment.texts, texts, strict=True))
+    tokens = tuple(_mirrored_tokens(t, *change) for t, change in zip(segment.tokens, changes, strict=False))
+    return replace(
+        segment,
+        label=pairs.get(segment.label, segment.label),
+        texts=texts,
+        texts_mirrored=segment.texts,
+        tokens=tokens,
+        joint=(joints or {}).get(segment.joint, segment.joint),
+    )
+
+
+def _mirrored_tokens(tokens: str, text: str, mirrored: str) -> str:
+    if text == mirrored:
+        return tokens
+    before, after = _WORDS.findall(text.lower()), _WORDS.findall(mirrored.lower())
+    if len(before) != len(after):
+        return ""
+    changes: dict[str, deque[str]] = defaultdict(deque)
+    for a, b in zip(before, after, strict=True):
+        changes[a].append(b)
+    result = []
+    for token in tokens.split(" "):
+        word, slash, kind = token.rpartition("/")
+        queue = changes.get(word.lower())
+        result.append(f"{queue.popleft()}{slash}{kind}" if queue else token)
+    return " ".join(result)

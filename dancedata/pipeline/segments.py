@@ -1,0 +1,219 @@
+"""dancedata segments: the segments of a dataset as a file, and a file as its segments."""
+
+import os
+import shutil
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dancedata.core.errors import RecipeError, StoreError, UsageError
+from dancedata.core.hashing import json_sha256
+from dancedata.core.segments import Layer, Segment
+from dancedata.core.text import table
+from dancedata.files.atomic import atomic_file, write_text
+from dancedata.files.regular_file import sha256_file
+from dancedata.formats.segment_files import write_segment_file
+from dancedata.pipeline.copies import segments_of_copy
+from dancedata.pipeline.out_folder import check_out, locked, new_dataset
+from dancedata.recipes.copies import CopySpec
+from dancedata.recipes.parse import parse_recipe
+from dancedata.store import Store, open_store
+from dancedata.store.schema import DATASET_FILE, segments_name
+from dancedata.store.segments import layer_json, segment_rows
+from dancedata.store.table_file import SEGMENT_COLUMNS
+from dancedata.store.table_writer import write_segments
+from dancedata.store.writer import dump_json
+
+SUFFIXES = (".csv", ".jsonl")
+
+
+@dataclass(frozen=True)
+class SegmentsResult:
+    """Layers of a dataset with their numbers of segments and clips, and the file that was written."""
+
+    path: Path
+    layers: tuple[Mapping[str, Any], ...]
+    file: Path | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {
+            "path": str(self.path),
+            "layers": list(self.layers),
+            "file": None if self.file is None else str(self.file),
+        }
+
+    def __str__(self) -> str:
+        if not self.layers:
+            return f"{self.path} has no segments"
+        names = ("name", "language", "author", "sided", "segments", "clips", "texts")
+        lines = table(("layer", *names[1:]), [[layer[name] for name in names] for layer in self.layers])
+        return "\n".join([*lines, *([f"written to {self.file}"] if self.file else [])])
+
+
+class _Clip(NamedTuple):
+    id: str
+    n_frames: int
+    segments: Sequence[Segment]
+
+
+def segments(
+    path: str | Path, *, to: str | Path | None = None, set_file: str | Path | None = None, layer: str | None = None
+) -> SegmentsResult:
+    """Summarise the segments of a dataset, write them to a file, or replace layers by those of a file.
+
+    Parameters
+    ----------
+    path
+        A built dataset.
+    to
+        New file, .csv or .jsonl, for its segments.
+    set_file
+        File whose layers take the place of those of the same name, language and author. The segments and dataset.json
+        are written anew, and nothing else; copies of clips get theirs unless the file has rows of them.
+    layer
+        Name of the layers to write or to summarise; default: all.
+
+    Raises
+    ------
+    UsageError
+        For an unknown layer, and a file that exists or is neither .csv nor .jsonl.
+    SourceError
+        For a mistake in the file.
+    StoreError
+        If there is no dataset, or it cannot be written.
+    """
+    folder = Path(path).expanduser().absolute()
+    if set_file is not None:
+        _set(folder, Path(set_file).expanduser())
+    with open_store(folder) as store:
+        if layer is not None:
+            store.require_layer(layer)
+        file = None if to is None else Path(to).expanduser()
+        if file is not None:
+            _write(store, file, layer)
+        return SegmentsResult(
+            folder, tuple(_summary(store, known) for known in store.layers if layer in (None, known.name)), file
+        )
+
+
+def _summary(store: Store, layer: Layer) -> dict[str, Any]:
+    number, n, clips, texts = store.layers.index(layer), 0, 0, 0
+    for split in store.splits:
+        columns = store.segment_table(split)
+        rows = [] if columns is None else [k for k, of in enumerate(columns.columns["layer"]) if int(of) == number]
+        if columns is not None and rows:
+            n += len(rows)
+            clips += len({int(columns.columns["clip"][k]) for k in rows})
+            texts += sum(len(columns.columns["texts"][k]) for k in rows)
+    names = ("name", "kind", "language", "author", "licence", "sided")
+    return {name: getattr(layer, name) for name in names} | {"segments": n, "clips": clips, "texts": texts}
+
+
+def _write(store: Store, file: Path, layer: str | None) -> None:
+    if file.suffix.lower() not in SUFFIXES or file.exists():
+        raise UsageError(
+            "the file exists already" if file.exists() else "not a file of segments",
+            where=file, allowed="a new .csv or .jsonl", fix="choose another --to",
+        )  # fmt: skip
+    clips = [(clip.id, found) for clip in store.clips if (found := store.segments(clip.id, layer))]
+    try:
+        with atomic_file(file) as temporary:
+            write_segment_file(temporary, clips, suffix=file.suffix)
+    except OSError as error:
+        raise UsageError(
+            "the file cannot be written", where=file, found=str(error), fix="choose another --to"
+        ) from error
+
+
+def _set(folder: Path, file: Path) -> None:
+    """Replace layers of a dataset; its other files become those of the new folder as they are."""
+    with locked(folder):
+        check_out(folder, overwrite=True)
+        with open_store(folder, segments=file) as laid, open_store(folder) as store:
+            if store.meta["format"] == 1:  # it has no table of them
+                problem, fix = "a dataset of format 1 has no segments", "build the dataset again with --overwrite"
+                raise StoreError(problem, where=folder, fix=fix)
+            new = {layer_id(layer) for layer in laid.overlay.layers}
+            clips = {
+                split: [
+                    _Clip(clip.id, clip.n_frames, [
+                        *(s for s in store.segments(clip.id) if layer_id(s.layer) not in new),
+                        *_stated(laid, store, clip),
+                    ])
+                    for clip in store.clips if clip.split == split
+                ]
+                for split in store.splits
+            }  # fmt: skip
+            with new_dataset(folder) as out:
+                _link(folder, out, store)
+                _write_dataset(out, store, clips)
+
+
+def layer_id(layer: Layer) -> tuple[str, str, str]:
+    """Return what makes two layers the same one: name, language, author."""
+    return layer.name, layer.language, layer.author
+
+
+def _stated(laid: Store, store: Store, clip: Any) -> Sequence[Segment]:
+    """Return the segments of the file for a clip; of a copy without rows those of its clip, changed like the copy."""
+    of_file = laid.overlay.segments
+    if clip.id in of_file or clip.source not in of_file:
+        return of_file.get(clip.id, ())
+    spec = _specs(store).get(clip.id.removeprefix(f"{clip.source}__"))
+    if spec is None:
+        raise UsageError(
+            "the segments of a copy cannot be made: what made the copy is not known",
+            where=f"clip {clip.id}", fix="add rows of the copy to the file",
+        )  # fmt: skip
+    group = store.clip(clip.source).group
+    return segments_of_copy(clip.source, group, of_file[clip.source], spec, store.skeleton.other_side)
+
+
+def _specs(store: Store) -> Mapping[str, CopySpec]:
+    try:
+        return {spec.name: spec for spec in parse_recipe(store.meta.get("recipe", {})).augment}
+    except RecipeError:  # a plug-in is not installed
+        return {}
+
+
+def _link(folder: Path, out: Path, store: Store) -> None:
+    """Put all files of a dataset into a new folder, except its segments and dataset.json."""
+    written = {DATASET_FILE, *(segments_name(split) for split in store.splits)}
+    for path in folder.iterdir():
+        if path.name in written or not path.is_file() or path.name.startswith(".dancedata"):
+            continue
+        with suppress(OSError):  # a file system without links
+            os.link(path, out / path.name)
+            continue
+        shutil.copyfile(path, out / path.name)
+
+
+def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]) -> None:
+    layers = sorted({s.layer for of_split in clips.values() for clip in of_split for s in clip.segments}, key=repr)
+    numbers, rows_of_layer, empty = {layer: k for k, layer in enumerate(layers)}, Counter[int](), 0
+    document = {key: value for key, value in store.meta.items() if key not in ("self_sha256", "empty_segments")}
+    document["tables"] = {name: entry for name, entry in document["tables"].items() if name != "segments"}
+    document["splits"] = splits = {split: dict(entry) for split, entry in document["splits"].items()}
+    for split, of_split in clips.items():
+        rows, without_frame = segment_rows(of_split, numbers, store.grid)
+        entry = {key: value for key, value in splits[split].items() if key != "segments"}
+        entry["rows"] = {key: value for key, value in entry["rows"].items() if key != "segments"}
+        if rows:
+            path = out / segments_name(split)
+            write_segments(path, store, split, rows, len(of_split))
+            about = {"file": path.name, "size": path.stat().st_size, "sha256": sha256_file(path)}
+            entry = {"tables": entry["tables"], "segments": about, "rows": {**entry["rows"], "segments": len(rows)}}
+        splits[split] = entry
+        rows_of_layer.update(row.layer for row in rows)
+        empty += without_frame
+    if layers:
+        columns = [{"name": name, "type": kind} for name, kind in SEGMENT_COLUMNS.items()]
+        document["tables"]["segments"] = {"file": "segments", "columns": columns}
+    document["layers"] = [layer_json(layer, rows_of_layer[k]) for k, layer in enumerate(layers)]
+    document |= {"empty_segments": empty} if empty else {}
+    document["self_sha256"] = json_sha256(document)
+    write_text(out / DATASET_FILE, dump_json(document))

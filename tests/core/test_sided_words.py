@@ -1,0 +1,94 @@
+"""Words that name a side: lexicons, and what a segment says of a mirrored dancer."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+
+from dancedata.core.segments import CLIP_END, Layer, Segment
+from dancedata.core.sided_words import ENGLISH, Lexicon, lexicon_of, mirrored_segment, with_mirrored_words
+
+WORDS = Layer("description", language="en")
+GERMAN = Lexicon("de", (("links", "rechts"), ("linke", "rechte"), ("linker", "rechter")))
+CHINESE = Lexicon("zh", (("左", "右"),), whole_words=False)
+
+
+def segment(*texts: str, layer: Layer = WORDS, **more: object) -> Segment:
+    return Segment(layer, Fraction(0), Fraction(1), texts=texts, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("text", "mirrored"),
+    [
+        ("Steps Left, then LEFT", "Steps Right, then RIGHT"),
+        ("a left-handed wave to stage left", "a right-handed wave to stage right"),
+        ("spins counter-clockwise, then clockwise", "spins clockwise, then counterclockwise"),
+        ("goes anti clockwise", "goes clockwise"),
+        ("lifts the L foot and the RH", "lifts the R foot and the LH"),
+        ("right away turns right", "right away turns left"),
+    ],
+)
+def test_words_are_exchanged(text: str, mirrored: str) -> None:
+    assert ENGLISH.names_side(text)
+    assert ENGLISH.mirrored(text) == mirrored
+
+
+@pytest.mark.parametrize("text", ["upright", "he left the stage right away", "R&B", "a right angle", "the lift", "l"])
+def test_words_that_name_no_side(text: str) -> None:
+    assert not ENGLISH.names_side(text)
+    assert ENGLISH.mirrored(text) == text
+
+
+def test_scripts_without_spaces_and_varieties_of_a_language() -> None:
+    assert CHINESE.mirrored("向左转") == "向右转"
+    assert lexicon_of("en-GB", [GERMAN, ENGLISH]) is ENGLISH
+    assert lexicon_of("english", [ENGLISH]) is None
+    assert lexicon_of("", [ENGLISH]) is None
+
+
+def sided(*segments: Segment, lexicons: tuple[Lexicon, ...] = (ENGLISH,)) -> list[Segment]:
+    return [s for (s,) in with_mirrored_words([[s] for s in segments], lexicons)]
+
+
+def test_a_layer_finds_out_whether_it_names_sides() -> None:
+    plain = sided(segment("jumps"), segment("waves", "greets"))
+    assert {s.layer.sided for s in plain} == {"no"}
+    named = sided(segment("jumps"), segment("turns left", "spins"), segment("x", label="left turn"))
+    assert {s.layer.sided for s in named} == {"mirrored"}
+    assert [s.texts_mirrored for s in named] == [("jumps",), ("turns right", "spins"), ("x",)]
+    assert named[0].layer.mirror == (("left turn", "right turn"),)
+
+
+def test_words_of_a_language_without_a_lexicon_are_never_assumed_to_be_the_same() -> None:
+    german = replace(WORDS, language="de")
+    (unknown,) = sided(segment("nach links", layer=german))
+    assert not unknown.can_be_mirrored
+    (claimed,) = sided(segment("nach links", layer=replace(german, sided="mirrored")))
+    assert not claimed.can_be_mirrored
+    (stated,) = sided(segment("nach links", layer=german, texts_mirrored=("nach rechts",)))
+    assert stated.layer.sided == "mirrored"
+    (made,) = sided(segment("nach links", layer=german), lexicons=(ENGLISH, GERMAN))
+    assert made.texts_mirrored == ("nach rechts",)
+    (no,) = sided(segment("nach links", layer=replace(german, sided="no")))
+    assert no.can_be_mirrored
+    (labels,) = sided(segment(layer=Layer("moves"), label="spin"))
+    assert labels.layer.sided == "unknown"
+    (numbers,) = sided(segment(layer=Layer("marks")))
+    assert numbers.layer.sided == "no"
+
+
+def test_label_words_tokens_and_joint_of_a_mirrored_dancer() -> None:
+    tokens = ("right/ADV away/ADV step/VERB right/ADJ leg/NOUN", "spin/VERB counter/ADJ clockwise/ADJ", "jump/VERB")
+    texts = "right away steps with the right leg", "spins counter clockwise", "jumps"
+    (made,) = sided(segment(*texts, tokens=tokens, label="left turn", joint=4))
+    mirrored = mirrored_segment(made, {4: 5, 5: 4})
+    assert (mirrored.label, mirrored.joint) == ("right turn", 5)
+    assert mirrored.texts == ("right away steps with the left leg", "spins clockwise", "jumps")
+    assert mirrored.texts_mirrored == texts
+    assert mirrored.tokens == ("right/ADV away/ADV step/VERB left/ADJ leg/NOUN", "", "jump/VERB")
+
+
+def test_the_end_of_a_clip() -> None:
+    whole = Segment(WORDS, Fraction(0), CLIP_END)
+    assert whole.within(Fraction(5, 2)).end == Fraction(5, 2)
+    assert segment("x").within(Fraction(5, 2)).end == 1

@@ -1,0 +1,111 @@
+"""dancedata segments: a summary, a file of all segments, and layers replaced by those of a file."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.registry import DATASETS
+from dancedata.files.regular_file import sha256_file
+from dancedata.pipeline.segments import segments
+from dancedata.store import Store, verify_store
+from dancedata.store.schema import segments_name
+from tests.messages import raises_message
+
+RECIPE = {
+    "recipe": 1, "name": "words", "dataset": {"folder": {"fps": 30, "unit": "m", "up": "y", "language": "en"}},
+    "windows": {"length_s": 2, "stride_s": 1}, "motion": {"joints": {}}, "audio": {},
+    "augment": {"mirror": True, "tempo": {"speeds": [1.25]}},
+}  # fmt: skip
+
+
+@pytest.fixture
+def built(tmp_path: Path, cache: Path) -> Store:
+    source = tmp_path / "source"
+    DATASETS.get("folder")().make_example(source)
+    (source / "segments.csv").write_text(
+        "clip,start,end,layer,label,text\nown,0.5,1.5,moves,left spin,\nown,0,end,description,,to the left\n"
+    )
+    return dancedata.build(RECIPE, source, tmp_path / "out", jobs=1, cache=cache, progress=False).open()
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    return {path.name: sha256_file(path) for path in folder.iterdir()}
+
+
+def described(store: Store) -> dict[str, list[str]]:
+    return {clip.id: [repr(s) for s in store.segments(clip.id)] for clip in store.clips}
+
+
+@pytest.mark.parametrize("name", ["all.csv", "all.jsonl"])
+def test_all_segments_as_a_file_and_back(built: Store, tmp_path: Path, name: str) -> None:
+    before = hashes(built.path)
+    result = segments(built.path, to=tmp_path / name)
+    assert {layer["name"]: layer["segments"] for layer in result.layers}["moves"] == 3
+    assert "written to" in str(result)
+    with raises_message(UsageError):
+        segments(built.path, to=tmp_path / name)
+    segments(built.path, set_file=tmp_path / name)
+    after = hashes(built.path)
+    assert verify_store(built.path) == []
+    assert described(dancedata.open(built.path)) == described(built)
+    assert {name for name in before if before[name] != after[name]} <= {"dataset.json"}
+
+
+def test_a_file_replaces_its_layers_and_goes_with_copies(built: Store, tmp_path: Path) -> None:
+    before, old = hashes(built.path), described(built)
+    shard = next(path for path in built.path.iterdir() if path.name.startswith("train-0"))
+    inode = shard.stat().st_ino
+    more = tmp_path / "more.jsonl"
+    rows = [
+        {"clip": "own", "start": 0, "end": 5, "layer": "description", "language": "en", "text": "to the right, fast"},
+        {"clip": "amass_poses", "start": 1, "layer": "mark"},
+    ]
+    more.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    segments(built.path, set_file=more)
+    assert verify_store(built.path) == []
+    store = dancedata.open(built.path)
+    after = hashes(built.path)
+    assert {name for name in before if before[name] != after[name]} == {"dataset.json", segments_name("train")}
+    assert shard.stat().st_ino == inode
+    (words,) = store.segments("own", "description")
+    (mirrored,) = store.segments("own__mirror", "description")
+    (faster,) = store.segments("own__tempo", "description")
+    assert (words.texts, words.end) == (("to the right, fast",), 5)
+    assert mirrored.texts == ("to the left, fast",)
+    assert (faster.texts, faster.end) == (words.texts, 4)
+    assert [repr(s) for s in store.segments("own", "moves")] == [s for s in old["own"] if "name='moves'" in s]
+    assert store.segments("amass_poses", "mark")[0].layer.kind == "instant"
+    assert len(store.segments("amass_poses__mirror", "mark")) == 1
+
+
+def test_removing_all_words(built: Store, tmp_path: Path) -> None:
+    (tmp_path / "none.jsonl").write_text("")
+    before = hashes(built.path)
+    segments(built.path, set_file=tmp_path / "none.jsonl")
+    assert {name for name, digest in hashes(built.path).items() if before[name] != digest} <= {"dataset.json"}
+
+
+def test_a_file_that_does_not_fit_changes_nothing(built: Store, tmp_path: Path) -> None:
+    before = hashes(built.path)
+    (tmp_path / "more.csv").write_text("clip,start,layer\nnobody,1,mark\n")
+    with raises_message(SourceError):
+        segments(built.path, set_file=tmp_path / "more.csv")
+    with raises_message(UsageError):
+        segments(built.path, layer="move")
+    with raises_message(UsageError):
+        segments(built.path, to=tmp_path / "all.txt")
+    assert hashes(built.path) == before
+
+
+def test_the_command(built: Store, tmp_path: Path) -> None:
+    out = tmp_path / "moves.csv"
+    result = CliRunner().invoke(app, ["segments", str(built.path), "--layer", "moves", "--to", str(out), "--json"])
+    assert result.exit_code == 0, result.output
+    (layer,) = json.loads(result.output)["layers"]
+    assert (layer["name"], layer["clips"], layer["sided"]) == ("moves", 3, "mirrored")
+    assert out.read_text().splitlines()[1].startswith("own,1/2,3/2,moves,span,")
