@@ -115,6 +115,20 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return LoadFileScheduling(config, log)
 
 
+#: Rooms whose tests fork, and rooms whose packages make processes large: a fork costs by the memory of its process.
+FIRST, LAST = ("readers", "augment"), ("hf", "jukebox")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run tests that fork first, and those that import the largest packages last."""
+
+    def place(item: pytest.Item) -> int:
+        rooms = item.path.relative_to(ROOT).parts
+        return (rooms[1] in LAST) - (rooms[1] in FIRST)
+
+    items.sort(key=place)
+
+
 def pytest_collection_finish() -> None:
     """Exclude modules and tests from garbage collection: a full pass over them takes about a second."""
     gc.freeze()
