@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer.testing
 from hypothesis import settings
 
 from dancedata.execution import arithmetic
@@ -71,6 +72,9 @@ def _kept(function: Callable[..., Any]) -> Callable[..., Any]:
 
     return kept
 
+
+# Tests run hundreds of commands in their process, and Typer would make the whole command line anew for each.
+typer.testing._get_command = lru_cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
 # Tests write the same few songs and dances hundreds of times.
 music.make_song, motion.make_motion = _kept(music.make_song), _kept(motion.make_motion)
