@@ -142,16 +142,19 @@ def find_dataset(file: Any, name: str) -> Any:
     """
     filename = file.filename
     where = f"{filename}, /{name.strip('/')}"
-    identifier = file.id
     # h5py's own look-up makes an object of every group on the way, which is most of the time to open a dataset.
+    path, links = b"", file.id.links
     for part in name.strip("/").split("/"):
-        link, group = part.encode(), isinstance(identifier, (h5py.h5f.FileID, h5py.h5g.GroupID))
-        kind = "nothing"
-        if group and identifier.links.exists(link):
-            kind = _LINKS.get(identifier.links.get_info(link).type, "UserLink")
+        path += b"/" + part.encode()
+        try:
+            kind = _LINKS.get(links.get_info(path).type, "UserLink")
+        except (KeyError, RuntimeError):
+            if links.exists(path):
+                raise
+            kind = "nothing"
         if kind != "HardLink":
             raise _refused("a shard lacks a dataset", where, kind, "a dataset, not a link to one")
-        identifier = h5py.h5o.open(identifier, link)
+    identifier = h5py.h5o.open(file.id, path)
     dataset = h5py.Dataset(identifier) if isinstance(identifier, h5py.h5d.DatasetID) else None
     shape = dataset.shape if dataset is not None else None
     if dataset is None or shape is None:
