@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer.testing
 from hypothesis import settings
 
 from dancedata.execution import arithmetic
@@ -72,6 +73,9 @@ def _kept(function: Callable[..., Any]) -> Callable[..., Any]:
     return kept
 
 
+# Tests run hundreds of commands in their process, and Typer would make the whole command line anew for each.
+typer.testing._get_command = lru_cache(typer.testing._get_command)  # type: ignore[attr-defined]
+
 # Tests write the same few songs and dances hundreds of times.
 music.make_song, motion.make_motion = _kept(music.make_song), _kept(motion.make_motion)
 
@@ -106,13 +110,46 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give all tests of a module to one worker, which makes the module's fixtures once; modules in their order."""
+    """Give all tests of a module to one worker, which makes the module's fixtures once; modules in their order.
+
+    The modules of `COSTLY` rooms go to one worker too, unless it is the others' only work.
+    """
     if config.option.dist != "load":
         return None
     from xdist.scheduler import LoadFileScheduling
 
+    owners: dict[str, Any] = {}
+
+    class ByRoom(LoadFileScheduling):
+        def _assign_work_unit(self, node: Any) -> None:
+            def room(module: str) -> str:
+                return Path(module).parent.name
+
+            mine = (module for module in self.workqueue if owners.get(room(module), node) is node)
+            module = next(mine, next(iter(self.workqueue)))
+            if room(module) in COSTLY:
+                owners.setdefault(room(module), node)
+            self.workqueue.move_to_end(module, last=False)
+            super()._assign_work_unit(node)
+
     config.option.loadscopereorder = False
-    return LoadFileScheduling(config, log)
+    return ByRoom(config, log)
+
+
+#: Rooms whose tests fork, and rooms whose packages make processes large: a fork costs by the memory of its process.
+FIRST, LAST = ("readers", "augment"), ("hf", "jukebox")
+#: Rooms for which a process compiles librosa's kernels, or imports large parts of transformers.
+COSTLY = ("audio", "hf")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run tests that fork first, and those that import the largest packages last."""
+
+    def place(item: pytest.Item) -> int:
+        rooms = item.path.relative_to(ROOT).parts
+        return (rooms[1] in LAST) - (rooms[1] in FIRST)
+
+    items.sort(key=place)
 
 
 def pytest_collection_finish() -> None:

@@ -93,6 +93,8 @@ class SparseFile(io.RawIOBase):
 #: A compressed dataset may have this many bytes, or this many times its bytes in the file.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 100
+#: Kinds of links, as h5py calls their classes.
+_LINKS = {h5py.h5l.TYPE_HARD: "HardLink", h5py.h5l.TYPE_SOFT: "SoftLink", h5py.h5l.TYPE_EXTERNAL: "ExternalLink"}
 
 
 @contextmanager
@@ -138,42 +140,48 @@ def find_dataset(file: Any, name: str) -> Any:
     StoreError if it is missing or not a dataset, is a link or in another file, holds anything except numbers and
     fixed-length text, or is larger than the file.
     """
-    where = f"{file.filename}, /{name.strip('/')}"
-    at = file
+    filename = file.filename
+    where = f"{filename}, /{name.strip('/')}"
+    # h5py's own look-up makes an object of every group on the way, which is most of the time to open a dataset.
+    path, links = b"", file.id.links
     for part in name.strip("/").split("/"):
-        link = at.get(part, getlink=True) if isinstance(at, h5py.Group) else None
-        if not isinstance(link, h5py.HardLink):
-            kind = "nothing" if link is None else type(link).__name__
+        path += b"/" + part.encode()
+        try:
+            kind = _LINKS.get(links.get_info(path).type, "UserLink")
+        except (KeyError, RuntimeError):
+            if links.exists(path):
+                raise
+            kind = "nothing"
+        if kind != "HardLink":
             raise _refused("a shard lacks a dataset", where, kind, "a dataset, not a link to one")
-        at = at[part]
-    if not isinstance(at, h5py.Dataset) or at.shape is None:
-        raise _refused("a shard lacks a dataset", where, type(at).__name__, "a dataset")
-    if at.dtype.kind not in "iufS" or at.dtype.subdtype is not None:
-        raise _refused("a dataset has a type that shards do not use", where, at.dtype, "numbers or fixed-length text")
-    if at.is_virtual or at.external:
+    identifier = h5py.h5o.open(file.id, path)
+    dataset = h5py.Dataset(identifier) if isinstance(identifier, h5py.h5d.DatasetID) else None
+    shape = dataset.shape if dataset is not None else None
+    if dataset is None or shape is None:
+        raise _refused("a shard lacks a dataset", where, type(identifier).__name__.removesuffix("ID"), "a dataset")
+    dtype = dataset.dtype
+    if dtype.kind not in "iufS" or dtype.subdtype is not None:
+        raise _refused("a dataset has a type that shards do not use", where, dtype, "numbers or fixed-length text")
+    storage = identifier.get_create_plist()
+    if storage.get_layout() == h5py.h5d.VIRTUAL or storage.get_external_count():
         raise _refused(
             "a dataset is stored in another file", where, "virtual or external storage", "data in the shard"
         )
-    _check_size(at, where)
-    return at
-
-
-def _check_size(dataset: Any, where: str) -> None:
-    n_bytes = math.prod(dataset.shape) * dataset.dtype.itemsize
-    stored = dataset.id.get_storage_size()
-    if dataset.chunks is None:
+    n_bytes = math.prod(shape) * dtype.itemsize
+    if storage.get_layout() != h5py.h5d.CHUNKED:
         # Data in the object's header, which has no offset, are at most 64 KiB.
-        offset = dataset.id.get_offset()
-        n_left = os.path.getsize(dataset.file.filename) - offset if offset is not None else 1 << 16
+        offset = identifier.get_offset()
+        n_left = os.path.getsize(filename) - offset if offset is not None else 1 << 16
         if n_bytes > max(n_left, 0):
             raise _refused("a dataset is larger than its file", where, f"{n_bytes:,} bytes", f"{max(n_left, 0):,}")
-        return
-    chunk = math.prod(dataset.chunks) * dataset.dtype.itemsize
+        return dataset
+    chunk, stored = math.prod(storage.get_chunk()) * dtype.itemsize, identifier.get_storage_size()
     if max(n_bytes, chunk) > max(BOMB_BYTES, BOMB_RATIO * stored):
         allowed = f"{BOMB_RATIO} times as many, or {BOMB_BYTES:,}"
         raise _refused(
             "the compression ratio of a dataset is too high", where, f"{n_bytes:,} bytes in {stored:,}", allowed
         )
+    return dataset
 
 
 def _refused(problem: str, where: str, actual: object, allowed: str) -> StoreError:
@@ -195,7 +203,7 @@ def write_array(group: Any, name: str, array: npt.NDArray[Any]) -> None:
     """Write a whole numeric array, little-endian."""
     dataset = create_dataset(group, name, array.shape, array.dtype.newbyteorder("<"))
     if array.size:
-        dataset[...] = array
+        dataset.id.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(array))
 
 
 def write_strings(group: Any, name: str, texts: list[str]) -> None:

@@ -4,6 +4,7 @@ import itertools
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -30,6 +31,8 @@ from dancedata.store.shard_writer import SameColumns
 _MOST_THREADS = 4
 #: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
 _BLOCK_VALUES = 1 << 24
+#: Handing columns of smaller blocks to threads takes longer than their statistics.
+_THREADED_VALUES = 1 << 18
 
 
 def n_threads() -> int:
@@ -159,7 +162,8 @@ def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: 
     firsts = [0, *itertools.accumulate(map(len, each))]
     step = max(1, block_values // len(weights))
     block = np.empty((min(step, columns.stop - columns.start), len(weights)), dtype=np.float32)
-    spaces = [Workspace(of_rows) for _ in range(min(n_threads(), len(block)))]
+    threaded = block.size >= _THREADED_VALUES
+    spaces = [Workspace(of_rows) for _ in range(min(n_threads(), len(block)) if threaded else 1)]
 
     def of_column(column: Float32Array) -> ColumnStats:
         space = spaces.pop()
@@ -169,14 +173,16 @@ def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: 
             spaces.append(space)
 
     stats: list[ColumnStats] = []
-    with ThreadPoolExecutor(len(spaces), thread_name_prefix="statistics") as threads:
+    with ExitStack() as stack:
+        threads = ThreadPoolExecutor(len(spaces), thread_name_prefix="statistics") if threaded else None
+        each_of = map if threads is None else stack.enter_context(threads).map
         for begin in range(columns.start, columns.stop, step):
             block_columns = slice(begin, min(begin + step, columns.stop))
             parts = [
                 block[: block_columns.stop - block_columns.start, first:last] for first, last in pairwise(firsts)
             ]
-            list(threads.map(CountedRows.read_into, sources, itertools.repeat(block_columns), parts))
-            stats += threads.map(of_column, block[: block_columns.stop - block_columns.start])
+            list(each_of(CountedRows.read_into, sources, itertools.repeat(block_columns), parts))
+            stats += each_of(of_column, block[: block_columns.stop - block_columns.start])
     return stats
 
 

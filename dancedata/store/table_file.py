@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 from collections.abc import Iterator, Sequence
@@ -43,14 +44,14 @@ class TableFile:
     def array(self, name: str, kinds: str) -> npt.NDArray[Any]:
         """Return a dataset of one of these numpy kinds, as a view of the file where it is one piece of it."""
         dataset = hdf5.find_dataset(self.file, name)
-        if dataset.ndim not in (1, 2) or dataset.dtype.kind not in kinds:
+        shape, dtype, offset = dataset.shape, dataset.dtype, dataset.id.get_offset()
+        if len(shape) not in (1, 2) or dtype.kind not in kinds:
             problem = "a column of a table has another shape or type"
-            raise self.error(name, problem, f"{dataset.shape} {dataset.dtype}", f"(N,) of kind {' or '.join(kinds)}")
-        offset = dataset.id.get_offset()
-        if offset is None or not dataset.size:
+            raise self.error(name, problem, f"{shape} {dtype}", f"(N,) of kind {' or '.join(kinds)}")
+        size = math.prod(shape)
+        if offset is None or not size:
             return np.asarray(dataset[...])
-        view = np.frombuffer(self.memory, dtype=dataset.dtype, count=dataset.size, offset=offset)
-        return view.reshape(dataset.shape)
+        return np.frombuffer(self.memory, dtype=dtype, count=size, offset=offset).reshape(shape)
 
     def error(self, name: str, problem: str, actual: object, allowed: object = None) -> StoreError:
         """Return an error that names the file and the dataset."""

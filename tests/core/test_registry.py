@@ -10,7 +10,6 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 
 import pytest
-from loky import get_reusable_executor
 
 from dancedata.core.errors import (
     DanceDataError,
@@ -23,7 +22,6 @@ from dancedata.core.errors import (
 )
 from dancedata.core.plugins import AudioFeature, Plugin
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
-from dancedata.formats.safe_pickle import load_pickle
 from tests.messages import raises_message
 
 ALL = (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES)
@@ -221,11 +219,3 @@ def test_errors_survive_pickling(error: DanceDataError) -> None:
         assert str(back) == str(error)
         assert back.__dict__ == error.__dict__
         assert back.args == error.args
-
-
-def test_errors_come_back_from_workers(tmp_path: Path) -> None:
-    paths = [tmp_path / name for name in "ab"]
-    with raises_message(DataError) as error:
-        list(get_reusable_executor(2).map(load_pickle, paths))
-    assert error.value.reason == "broken_file"
-    assert error.value.where in paths

@@ -1,5 +1,6 @@
 """The code of the pages runs unchanged and prints the output shown; lines, links and lists are right."""
 
+import contextlib
 import json
 import os
 import re
@@ -17,6 +18,7 @@ from dancedata.exports.base.job import EXPORTS
 from dancedata.pipeline.describe import describe_built
 from dancedata.readers.presets import PRESETS
 from dancedata.store import open_store, verify_store
+from tests import warm
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
@@ -93,9 +95,13 @@ def distribution(tmp_path: Path) -> Callable[[dict[str, tuple[str, str]]], dict[
     return install
 
 
-def _dancedata(environment: dict[str, str], folder: Path, *arguments: str) -> str:
-    command = [sys.executable, "-W", "error", "-m", "dancedata", *arguments]
-    done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
+def _dancedata(environment: dict[str, str], folder: Path, *arguments: str, cold: bool = False) -> str:
+    if cold:
+        command = [sys.executable, "-W", "error", "-m", "dancedata", *arguments]
+        done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
+    else:
+        with contextlib.chdir(folder):
+            done = warm.run([sys.executable, "-m", "dancedata", *arguments], environment)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -134,8 +140,8 @@ def _plugins(folder: Path) -> dict[str, tuple[str, str]]:
 def _build_and_check(environment: dict[str, str], folder: Path) -> None:
     """Build `_RECIPE` and look at what each plug-in made."""
     (folder / "recipe.yaml").write_text(_RECIPE, encoding="utf-8")
-    planned = json.loads(_dancedata(environment, folder, "plan", "recipe.yaml", "--out", "out", "--json"))
-    _dancedata(environment, folder, "build", "recipe.yaml", "--out", "out", "--jobs", "2")
+    planned = json.loads(_dancedata(environment, folder, "plan", "recipe.yaml", "--out", "out", "--json", cold=True))
+    _dancedata(environment, folder, "build", "recipe.yaml", "--out", "out", "--jobs", "2", cold=True)
     assert [problem for problem in verify_store(folder / "out") if problem.severity == "error"] == []
     with open_store(folder / "out") as store:
         widths = {name: store.field(name).columns.width for name in ("pelvis", "peaks", "speeds")}
@@ -164,8 +170,11 @@ def test_a_plug_in_is_one_file_of_the_tree(tmp_path: Path) -> None:
     paths = os.pathsep.join([str(tmp_path / "tree"), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": paths, "DANCEDATA_CACHE": str(tmp_path / "cache")}
     _build_and_check(environment, tmp_path)
-    _dancedata(environment, tmp_path, "build", "demo", "--out", "data", "--jobs", "2", "--set", "motion={joints: {}}")
-    _dancedata(environment, tmp_path, "export", "data", "--to", "tables", "--out", "tables", "--set", "digits=3")
+    build = ("build", "demo", "--out", "data", "--jobs", "2", "--set", "motion={joints: {}}")
+    _dancedata(environment, tmp_path, *build, cold=True)
+    _dancedata(
+        environment, tmp_path, "export", "data", "--to", "tables", "--out", "tables", "--set", "digits=3", cold=True
+    )
     with open_store(tmp_path / "data") as store:
         for clip in store.clips:
             table = np.loadtxt(tmp_path / "tables" / "clips" / f"{clip.id}.csv", delimiter=",", skiprows=1)

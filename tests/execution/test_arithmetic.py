@@ -26,7 +26,7 @@ from tests.messages import raises_message
 
 RECIPE = """recipe: 1
 name: kernels
-dataset: {synthetic: {songs: 2, clips_per_song: 2, clip_s: 7}}
+dataset: {synthetic: {songs: 2, clips_per_song: 2, clip_s: 6}}
 fps: 30
 scope: SCOPE
 windows: {length_s: 5, stride_s: 0.5}
@@ -100,15 +100,13 @@ def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, s
 
 
 @needs_reference
+@pytest.mark.parametrize("recipe", ["track", pytest.param("window", marks=pytest.mark.nightly)], indirect=True)
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("older processor"),
-        *(
-            pytest.param(name, marks=pytest.mark.nightly)
-            for name in SETTINGS
-            if name not in ("nothing", "older processor")
-        ),
+        pytest.param(name, marks=[] if name == "older processor" else pytest.mark.nightly)
+        for name in SETTINGS
+        if name != "nothing"
     ],
 )
 def test_the_command_line_gives_the_same_bytes(
@@ -157,7 +155,7 @@ np.savez(out, track=track, windows=windows)
 @needs_reference
 def test_features_from_python_are_those_of_the_command_line(tmp_path: Path) -> None:
     song = tmp_path / "song.wav"
-    made = synthesise_song("mPO1", length_s=7.0)
+    made = synthesise_song("mPO1", length_s=6.0)
     soundfile.write(song, made.pcm, made.signal.sample_rate)
     found = []
     for name in ("nothing", "older processor"):

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +20,7 @@ from dancedata.execution.cache_admin import cache_json, prune, verify_cache
 from dancedata.files import publish
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import build as build_module
+from tests import warm
 from tests.messages import raises_message
 
 MINE = "somebody's"
@@ -115,7 +115,7 @@ build(recipe, Path(sys.argv[1]), Path(sys.argv[2]), cache=Path(sys.argv[3]), ove
 def killed(corpus: Path, out: Path, cache: Path, n: int, *overrides: str) -> bool:
     """Build and be killed; tells whether that came about before the end."""
     command = [sys.executable, "-c", DYING, str(corpus), str(out), str(cache), str(n), *overrides]
-    code = subprocess.run(command, check=False).returncode
+    code = warm.run(command).returncode
     assert code in (0, -signal.SIGKILL)
     return code != 0
 

@@ -12,6 +12,7 @@ import pytest
 
 from dancedata.files.regular_file import sha256_file
 from dancedata.synthetic import write_synthetic
+from tests.warm import Process
 
 ROOT = Path(__file__).resolve().parents[2]
 SONGS = 4
@@ -109,15 +110,20 @@ class Slow:
 
     def build(self, source: Path, out: Path, *arguments: object, code: int = 0) -> str:
         """Run a build to its end, check its exit code, and return what it printed."""
-        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        process = self.start(source, out, *arguments, **pipes)
+        process = self.start(source, out, *arguments)
         printed, errors = process.communicate()
         assert process.returncode == code, f"{process.returncode}: {printed}{errors}"
         assert "Traceback" not in errors, errors
         return str(printed + errors)
 
-    def start(self, source: Path, out: Path, *arguments: object, **options: Any) -> subprocess.Popen[Any]:
-        """Begin a build."""
+    def start(self, source: Path, out: Path, *arguments: object, **options: Any) -> Process:
+        """Begin a build, in a process that has imported everything."""
+        process = Process(self.command("--source", source, "--out", out, *arguments), self.environment, **options)
+        self.pids.append(process.pid)
+        return process
+
+    def start_cold(self, source: Path, out: Path, *arguments: object, **options: Any) -> subprocess.Popen[Any]:
+        """Begin a build as a shell does."""
         command = self.command("--source", source, "--out", out, *arguments)
         process = subprocess.Popen(command, env=self.environment, **options)
         self.pids.append(process.pid)

@@ -152,7 +152,7 @@ def test_a_small_disk_is_a_clear_error(run: Build, corpus: Path, small_disk: Pat
     options = {"cache": small_disk / "cache"} if place == "cache" else {}
     out = small_disk / "out" if place == "out" else tmp_path / "x" / "out"
     with pytest.raises(StoreError, match="No space left on device"):
-        build(RECIPE, corpus, out, **{"cache": tmp_path / "cache", "jobs": 2, **options})
+        build(RECIPE, corpus, out, **{"cache": tmp_path / "cache", "jobs": 1, **options})
     assert not (out / "dataset.json").exists()
     assert list(small_disk.rglob("*.tmp")) == []
 

@@ -50,7 +50,7 @@ def test_ctrl_c_while_workers_start(
     chance = random.Random(tries)
     for number in range(tries):
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        process = slow.start(corpus, out, "--jobs", 2, start_new_session=True, **pipes)
+        process = slow.start_cold(corpus, out, "--jobs", 2, start_new_session=True, **pipes)
         if number % 2:
             when_workers_start(process)
             time.sleep(chance.uniform(0, 0.3))
@@ -73,7 +73,7 @@ def test_ctrl_c_while_workers_start(
 def test_impatience_changes_nothing(slow: Any, corpus: Path, out: Path):
     slow.sleep(0.3)
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    process = slow.start(corpus, out, "--jobs", 2, start_new_session=True, **pipes)
+    process = slow.start_cold(corpus, out, "--jobs", 2, start_new_session=True, **pipes)
     when_workers_start(process)
     for _ in range(5):
         with suppress(ProcessLookupError):

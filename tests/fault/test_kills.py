@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from tests.warm import run
+
 SONG_S = 0.2
 
 
@@ -116,7 +118,7 @@ def test_a_build_killed_while_publishing_resumes(
     kills = 0
     for when, n in moments:
         dying = [sys.executable, "-c", DYING, when, str(n), *arguments]
-        done = subprocess.run(dying, env=slow.environment, capture_output=True, text=True, check=False)
+        done = run(dying, slow.environment)
         slow.log(*(f"published {song}" for song in slow.published()))
         if (out / "dataset.json").exists():
             assert hashes(out).items() >= undisturbed.items()
@@ -144,8 +146,7 @@ def test_every_unit_is_computed_once_by_builds_that_run_together(
 
 def test_two_builds_into_one_folder(slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any):
     slow.sleep(0.2)
-    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    processes = [slow.start(corpus, out, "--jobs", 1, **pipes) for _ in range(2)]
+    processes = [slow.start(corpus, out, "--jobs", 1) for _ in range(2)]
     ends = sorted((*process.communicate(), process.returncode) for process in processes)
     codes = [code for *_, code in ends]
     assert 0 in codes

@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests import warm
+
 CLUSTER = """
 import sys
 from distributed import LocalCluster
@@ -118,9 +120,7 @@ def test_a_build_resumes_after_a_lost_scheduler(
     slow.sleep(3)
     with subprocess.Popen(command, env=slow.environment, text=True, start_new_session=True, **pipes) as cluster:
         address = cluster.stdout.readline().strip()
-        building = slow.start(
-            corpus, out, "--backend", "dask", "--scheduler", address, stderr=subprocess.PIPE, text=True
-        )
+        building = slow.start(corpus, out, "--backend", "dask", "--scheduler", address)
         while not slow.calls():
             time.sleep(0.1)
         os.killpg(cluster.pid, signal.SIGKILL)
@@ -290,7 +290,7 @@ OPTIONS = {"jobs": 2, "label": "odd", "progress": Progress(quiet=True), "exact":
 
 def script(code: str, *args: Any) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", code, *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return warm.run(command)
 
 
 INTERRUPTED = """

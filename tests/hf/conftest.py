@@ -1,7 +1,9 @@
 """Tiny random models in the real layout of every family, written once; no test reaches a network."""
 
+import copy
 import socket
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -12,6 +14,7 @@ pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, open_model, settings_of
+from dancedata.audio.hf import encoder as hf_encoder
 from dancedata.audio.hf.model_folder import ENVIRONMENT
 from dancedata.audio.hf.random_models import write_random_model
 from dancedata.audio.hf.settings import Settings
@@ -28,6 +31,30 @@ def _no_network(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(socket.socket, "connect", refuse)
     monkeypatch.setattr(socket, "getaddrinfo", refuse)
     monkeypatch.delenv(ENVIRONMENT, raising=False)
+
+
+@lru_cache(maxsize=64)
+def _loaded(files: tuple[Any, ...], spec: str, output: str, dtype: Any) -> list[Any]:
+    """A place for one network of these files."""
+    return []
+
+
+@pytest.fixture(autouse=True)
+def _loaded_once(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copy networks that were loaded before: loading takes longer than all that these tests compute."""
+    if request.path.name == "test_loading.py":
+        return
+    load = hf_encoder.load_network
+
+    def copied(folder: Any, family: Any, top: int, output: Any, dtype: Any) -> Any:
+        states = ((path, path.stat()) for path in (*folder.weight_files(), folder.path / "config.json"))
+        files = tuple((str(path), state.st_ino, state.st_size, state.st_mtime_ns) for path, state in states)
+        place = _loaded(files, repr(family.network(top)), output, dtype)
+        if not place:
+            place.append(load(folder, family, top, output, dtype))
+        return copy.deepcopy(place[0])
+
+    monkeypatch.setattr(hf_encoder, "load_network", copied)
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -47,31 +48,44 @@ def _build(corpus: Path, folder: Path, scope: str) -> Store:
     return dancedata.open(folder / "out")
 
 
+@pytest.fixture(scope="module")
+def stores(corpus: Path, tiny: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Store]:
+    """The corpus built in both scopes. Not to be written into."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(ENVIRONMENT, str(tiny.folder))
+        return {scope: _build(corpus, tmp_path_factory.mktemp(scope), scope) for scope in ("track", "window")}
+
+
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_both_scopes(corpus: Path, tmp_path: Path, scope: str) -> None:
-    store = _build(corpus, tmp_path, scope)
+def test_both_scopes(corpus: Path, stores: dict[str, Store], scope: str) -> None:
+    store = stores[scope]
     assert store.field("jukebox").dtype == "float16"
     recipe = store.meta["recipe"]["audio"]["jukebox"]
     assert recipe["precision"] == "fp32"
     assert len(recipe["weights_sha256"]) == 64
     feature = Jukebox(layer=6, device="cpu").resolved(sha256_file)
+    songs = {path.stem: load_audio(path) for path in (corpus / "wavs").iterdir()}
+    tracks = {name: feature.extract(song, FrameGrid.of(30)) for name, song in songs.items() if scope == "track"}
     for split in store.splits:
         for window in store.windows(split):
-            song = load_audio(next((corpus / "wavs").glob(f"{store.clip(window.clip).music}.*")))
+            name = store.clip(window.clip).music
+            song = songs[name]
             found = store.read(window, "jukebox")
             assert found.shape == (150, 40)
             if scope == "window":
                 start = np.array([window.start * song.sample_rate // 30])
                 wanted = feature.extract_windows(song, start, 5 * song.sample_rate, FrameGrid.of(30), 150)[0]
             else:
-                wanted = feature.extract(song, FrameGrid.of(30))[window.start : window.start + 150]
+                wanted = tracks[name][window.start : window.start + 150]
             np.testing.assert_array_equal(found, wanted)
 
 
-def test_other_weights_are_another_dataset(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_weights_are_another_dataset(
+    corpus: Path, stores: dict[str, Store], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from dancedata.testing.jukebox import random_checkpoint
 
-    _build(corpus, tmp_path, "track")
+    shutil.copytree(stores["track"].path.parent, tmp_path, dirs_exist_ok=True)
     random_checkpoint(tmp_path / "other", seed=1)
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "other"))
     with pytest.raises(StoreError, match="weights_sha256"):
@@ -141,9 +155,14 @@ def test_killed_from_outside_and_resumed_gives_the_same_bytes(
 
 @pytest.mark.parametrize("scope", ["track", "window"])
 def test_an_own_song_like_a_dataset(
-    corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str, monkeypatch: pytest.MonkeyPatch
+    corpus: Path,
+    stores: dict[str, Store],
+    tmp_path: Path,
+    tiny: SimpleNamespace,
+    scope: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    store = _build(corpus, tmp_path, scope)
+    store = stores[scope]
     song = next((corpus / "wavs").glob("*.wav"))
     command = ["features", str(song), "--feature", "jukebox", "--out", str(tmp_path), "--like", str(store.path)]
     monkeypatch.delenv(ENVIRONMENT)

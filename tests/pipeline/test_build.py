@@ -4,7 +4,6 @@ import os
 import pickle
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +24,7 @@ from dancedata.files.locks import writing_lock
 from dancedata.pipeline import build as build_module
 from dancedata.pipeline.describe import describe_store
 from dancedata.store import verify_store
+from tests import warm
 from tests.messages import raises_message
 
 Hashes = Callable[[Path], dict[str, str]]
@@ -262,7 +262,7 @@ def test_a_build_resumes_after_a_kill(
     if "writer" in module:
         shutil.rmtree(built_copy)
     script = KILLED.format(module=module, patch=patch)
-    killed = subprocess.run([sys.executable, "-c", script, str(corpus), str(built_copy)], check=False)
+    killed = warm.run([sys.executable, "-c", script, str(corpus), str(built_copy)])
     assert killed.returncode == -signal.SIGKILL
     with raises_message(StoreError):
         dancedata.open(built_copy)

@@ -19,8 +19,8 @@ RECIPE = "aist++-edge-exact"
 
 @pytest.fixture(scope="module")
 def songs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight clips of 13 to 14 s to two songs: some 130 windows, of which four clips each share most."""
-    return write_synthetic(tmp_path_factory.mktemp("songs") / "source", songs=2, clips_per_song=4, clip_s=13.5)
+    """Eight clips of 10 s to two songs: some 90 windows, of which four clips each share most."""
+    return write_synthetic(tmp_path_factory.mktemp("songs") / "source", songs=2, clips_per_song=4, clip_s=10)
 
 
 @pytest.fixture(scope="module")

@@ -72,7 +72,18 @@ def keys_of(name: str) -> dict[str, Any]:
 
 def demo_shards(folder: Path) -> dict[str, str]:
     """Return the hashes of the demo's shards, built by the command line from nothing."""
-    command = [sys.executable, "-m", "dancedata", "build", "demo", "--quiet", "--out", str(folder / "demo")]
+    command = [
+        sys.executable,
+        "-m",
+        "dancedata",
+        "build",
+        "demo",
+        "--jobs",
+        "1",
+        "--quiet",
+        "--out",
+        str(folder / "demo"),
+    ]
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
     subprocess.run(command, check=True, capture_output=True, env=environment)
     return {path.name: sha256_file(path) for path in sorted((folder / "demo").glob("*.h5"))}

@@ -122,7 +122,7 @@ def draws(loader: Any, epochs: int = EPOCHS) -> list[dict[str, bool]]:
 
 def by_slow(ways: dict[str, Any]) -> list[Any]:
     slow = ("spawn", "forkserver", "persistent", "Lightning")
-    return [pytest.param(way, marks=SLOW) if any(word in way for word in slow) else way for way in ways]
+    return [pytest.param(way, marks=[SLOW] if any(word in way for word in slow) else []) for way in ways]
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -150,8 +150,18 @@ def test_without_a_sampler_that_sets_epochs_draws_are_fresh_and_follow_torchs_se
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("way", by_slow(EXACT))
-@pytest.mark.parametrize("part", ["whole", "halves", "concat"])
+@pytest.mark.parametrize(
+    ("way", "part"),
+    [
+        pytest.param(
+            *way.values,
+            part,
+            marks=[*way.marks, *([SLOW] if "workers" in str(way.values) and part != "concat" else [])],
+        )
+        for way in by_slow(EXACT)
+        for part in ("whole", "halves", "concat")
+    ],
+)
 def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(
     train: WindowDataset, way: str, part: str
 ) -> None:
@@ -172,8 +182,17 @@ def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("n_workers", [0, 2])
-@pytest.mark.parametrize("part", ["whole", "halves", "concat"])
+@pytest.mark.parametrize(
+    ("part", "n_workers"),
+    [
+        ("whole", 0),
+        ("halves", 0),
+        ("concat", 0),
+        ("concat", 2),
+        pytest.param("whole", 2, marks=SLOW),
+        pytest.param("halves", 2, marks=SLOW),
+    ],
+)
 def test_resumes_in_the_middle_of_an_epoch_to_the_bit(mixed_store: Store, part: str, n_workers: int) -> None:
     def opened() -> tuple[EpochSampler, Any]:
         own = WindowDataset(mixed_store, fields=FIELDS, mirror=0.5, augment={"drop": 0.5}, seed=3)

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from dancedata.pipeline.describe import describe_clips, describe_problems, descr
 from dancedata.store import open_store, verify_store
 from dancedata.store.dataset_json import self_hash
 from dancedata.testing.stores import random_fields, write_random_store
+from tests import warm
 from tests.messages import raises_message
 
 LOUD = "x\x1b[2J\x9b1m\u202e\r\ny"
@@ -91,9 +91,7 @@ def test_commands_end_with_a_message(folder: Path) -> None:
     (folder / "rejects.jsonl").unlink()
     os.mkfifo(folder / "rejects.jsonl")
     for command in ("info", "check"):
-        ended = subprocess.run(
-            [sys.executable, "-m", "dancedata", command, str(folder)], capture_output=True, text=True, timeout=120
-        )
+        ended = warm.run([sys.executable, "-m", "dancedata", command, str(folder)])
         text = ended.stdout + ended.stderr
         assert ended.returncode == 1, text
         assert "Traceback" not in text
