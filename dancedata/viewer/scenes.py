@@ -74,14 +74,17 @@ def rhythm_fields(store: Store) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: FEATURES.split(name)[0] != "librosa35"))
 
 
-def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:
-    """Return the rhythm of (T, D) rows of an audio field that begin with the clip: at its instants, not late."""
+def rhythm_of(rows: Float64Array, store: Store, name: str, lead: int = 0) -> Rhythm:
+    """Return the rhythm of (T, D) rows of an audio field, at its instants, not late.
+
+    The rows begin with the clip or, where its music begins later, `lead` rows after it.
+    """
     columns, rate = store.fields[name], float(store.field(name).rate)
-    beats = field_beats(rows, store.field(name)).seconds.clip(min=0)
+    beats = (field_beats(rows, store.field(name)).seconds + lead / rate).clip(min=0)
     if _ONSET not in columns.names:
         return Rhythm(beats, np.zeros(0), rate, name)
     onset = rows[beat_rows_late(name) :, columns.slice(_ONSET)].ravel().astype(np.float64)
-    onset = np.nan_to_num(onset, posinf=0.0, neginf=0.0)
+    onset = np.pad(np.nan_to_num(onset, posinf=0.0, neginf=0.0), (lead, 0))
     top = float(onset.max(initial=0.0))
     return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, name)
 
@@ -272,7 +275,12 @@ class Scenes:
 
     def _rhythm(self, item: Item) -> Rhythm:
         name = self._rhythm_field
-        return Rhythm.none() if name is None else rhythm_of(self._rows(item, name), self.store, name)
+        if name is None:
+            return Rhythm.none()
+        if item.window is not None:
+            return rhythm_of(self._rows(item, name), self.store, name)
+        lead, rows = self.store.rows_within(item.clip.id, name)
+        return rhythm_of(rows, self.store, name, lead)
 
     def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
         """Return first frame and length of the windows of an item, frames from the item's first."""
