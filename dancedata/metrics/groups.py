@@ -305,13 +305,15 @@ def _bodies_meet(first: Float64Array, second: Float64Array, radius: Float64Array
     """Return the frames (T,) in which a capsule of a body intersects one of the other."""
     meet = np.zeros(len(first), dtype=np.bool_)
     limbs = [(SMPL24.parents[joint], joint) for joint in range(1, _BODY)]
-    # Most frames of most pairs: boxes round the bodies that are apart.
-    apart = [(b.min(axis=1) - a.max(axis=1)).max(axis=1) for a, b in ((first, second), (second, first))]
-    near = np.flatnonzero(np.maximum(*apart) < 2 * radius.max())
-    one, other = first[near], second[near]
+    low, high = second.min(axis=1), second.max(axis=1)
     for a in limbs:
-        for b in limbs:
-            distance = _segment_distances(one[:, a[0]], one[:, a[1]], other[:, b[0]], other[:, b[1]])
+        # Most frames of most limbs: the box round the limb is apart from that round the other body.
+        limb = first[:, a]
+        apart = np.maximum(low - limb.max(axis=1), limb.min(axis=1) - high).max(axis=1)
+        near = np.flatnonzero((apart < radius[a[1]] + radius.max()) & ~meet)
+        one, other = limb[near], second[near]
+        for b in limbs if len(near) else ():
+            distance = _segment_distances(one[:, 0], one[:, 1], other[:, b[0]], other[:, b[1]])
             meet[near] |= distance < radius[a[1]] + radius[b[1]]
     return meet
 

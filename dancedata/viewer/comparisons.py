@@ -204,8 +204,12 @@ def comparison_payload(comparison: Comparison, scene: Scene) -> Json:
         return _compared(comparison, scene)[0]
     compared = [_compared(comparison, member) for member in scene.members]
     distances = [distance for _, distance in compared if distance is not None]
-    notes = dict.fromkeys(payload["note"] for payload, _ in compared if "note" in payload)
-    payload = {"members": [payload for payload, _ in compared], "note": "; ".join(notes)}
+    notes: dict[str, list[str]] = {}
+    for member, (payload, _) in zip(scene.members, compared, strict=True):
+        if "note" in payload:
+            notes.setdefault(payload["note"], []).append(member.item.part)
+    texts = [f"{note} (dancers {', '.join(dancers)})" for note, dancers in notes.items()]
+    payload = {"members": [payload for payload, _ in compared], "note": "; ".join(texts)}
     if distances and scene.dancers[0].figure is not None:
         known = np.isfinite(distances)
         sums = np.where(known, distances, 0).sum(axis=0)

@@ -363,7 +363,7 @@ class Scenes:
         figures = [scene.figure for scene in members if scene.figure is not None]
         together, notes = None, list(dict.fromkeys(note for scene in members for note in scene.notes))
         if item.n_source > len(members):
-            numbers = listed([str(member.clip.member) for member in item.members], 12)
+            numbers = listed([member.part for member in item.members], 12)
             notes.append(f"{len(members)} of {item.n_source} dancers are stored: {numbers}; the others were left out")
         if len(figures) == len(members):
             together = Together.of(figures)

@@ -113,11 +113,19 @@ function drawName(one, points) {
 
 function drawOthers(drawn, shift, beside) {
   const here = new Float32Array(3 * 1024);
+  let named = state.other?.name;
   for (const one of drawn) {
     if (!one.other) continue;
     const frame = pose(one.other, state.t, here);
     const past = state.t * one.other.rate > one.other.frames - 0.5;
-    drawBody(one.other, here, frame, { shift, thin: !beside, colours: one.colours, alpha: past ? 0.35 : 0.9 });
+    drawBody(one.other, here, frame, {
+      shift,
+      thin: !beside,
+      colours: one.colours,
+      alpha: past ? 0.35 : 0.9,
+      label: beside ? named : '',
+    });
+    named = '';
   }
 }
 
