@@ -41,7 +41,18 @@ class _Group(TyperGroup):
     """Commands whose omitted flags are False, also `--help`; except --normalized.
 
     Typer leaves some of them None, and then loads pydantic, a fifth of the time of `list`, to convert None.
+    An id of a clip that begins with "-" is not an option: the error for an unknown option names "--".
     """
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; an unknown short option may be an id."""
+        try:
+            return super().invoke(ctx)
+        except Exception as raised:
+            error: Any = raised  # not by its class: recent versions of Typer have their own copy of Click
+            if not str(getattr(error, "option_name", "--")).startswith("--"):
+                error.message += '. A name that begins with "-" goes last, after --: dancedata view OUT -- -NAME'
+            raise
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the options of the group."""

@@ -11,7 +11,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
 
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
-COMPARE_HELP = "Another dataset, a folder of <clip>.npy or .npz, or one file; repeat it for several."
+COMPARE_HELP = "Another dataset, a folder of <clip>.npy, .npz, .pkl or .bvh, or one such file; repeat it for several."
 AS_HELP = "What columns of --compare are: edge151, ...; default: joint positions, or the files' own rotations."
 VIDEO_HELP = "Write the clip as a video, and serve nothing; needs the extra video."
 EXPORT_HELP = "Write the clip as one HTML page, and serve nothing."

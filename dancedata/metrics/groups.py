@@ -15,7 +15,7 @@ from dancedata.core.dance import Undefined, checked_joints
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
-from dancedata.metrics.arguments import IntArray, Up, first_joints
+from dancedata.metrics.arguments import IntArray, Up, axis_of, first_joints
 from dancedata.metrics.beats import beat_alignment, motion_beats
 from dancedata.metrics.kinetic_features import frame_features
 
@@ -195,6 +195,30 @@ def root_distances(joints: Float64Array) -> Float64Array:
     return np.asarray(np.linalg.norm(roots[:, None] - roots, axis=3), dtype=np.float64)
 
 
+def facing_angles(joints: Float64Array, *, up: Up = "y") -> Float64Array:
+    """Return how far dancers turn away from each other, (P, P, T) degrees: 0 looks at the other, 180 away from it.
+
+    Entry (a, b) is the horizontal angle between where the hips of a face and the direction from the pelvis of a to
+    that of b. NaN on the diagonal, and where hips or dancers are above each other.
+
+    Parameters
+    ----------
+    joints
+        (P, T, J, 3) positions in one world, metres; the first three are pelvis, left hip and right hip.
+    up
+        Vertical axis.
+    """
+    group, axis = checked_group(joints), axis_of(up)
+    ahead = np.cross(group[:, :, 1] - group[:, :, 2], np.eye(3)[axis])
+    towards = group[None, :, :, 0] - group[:, None, :, 0]
+    towards[..., axis] = 0
+    cosine = (ahead[:, None] * towards).sum(axis=-1)
+    length = np.linalg.norm(ahead, axis=-1)[:, None] * np.linalg.norm(towards, axis=-1)
+    angles = np.full(length.shape, np.nan)
+    np.divide(cosine, length, out=angles, where=length > 1e-9)
+    return np.asarray(np.degrees(np.arccos(np.clip(angles, -1, 1))), dtype=np.float64)
+
+
 class Contact(NamedTuple):
     """A stretch of frames in which a hand of a dancer is near a joint of another.
 
@@ -281,10 +305,16 @@ def _bodies_meet(first: Float64Array, second: Float64Array, radius: Float64Array
     """Return the frames (T,) in which a capsule of a body intersects one of the other."""
     meet = np.zeros(len(first), dtype=np.bool_)
     limbs = [(SMPL24.parents[joint], joint) for joint in range(1, _BODY)]
+    low, high = second.min(axis=1), second.max(axis=1)
     for a in limbs:
-        for b in limbs:
-            near = _segment_distances(first[:, a[0]], first[:, a[1]], second[:, b[0]], second[:, b[1]])
-            meet |= near < radius[a[1]] + radius[b[1]]
+        # Most frames of most limbs: the box round the limb is apart from that round the other body.
+        limb = first[:, a]
+        apart = np.maximum(low - limb.max(axis=1), limb.min(axis=1) - high).max(axis=1)
+        near = np.flatnonzero((apart < radius[a[1]] + radius.max()) & ~meet)
+        one, other = limb[near], second[near]
+        for b in limbs if len(near) else ():
+            distance = _segment_distances(one[:, 0], one[:, 1], other[:, b[0]], other[:, b[1]])
+            meet[near] |= distance < radius[a[1]] + radius[b[1]]
     return meet
 
 

@@ -65,18 +65,18 @@ def features(
     columns, grid = ds.field(name).columns, ds.field(name).grid
     scenes = Scenes(ds)
     item = scenes.find(clip, frame)
-    rows = ds.read_clip(clip, name) if item.window is None else ds.read(item.window, name)
+    lead, rows = ds.rows_within(clip, name) if item.window is None else (0, ds.read(item.window, name))
     if not len(rows):
         raise UsageError(f"there are no rows of {name}", where=f"clip {shown(clip)}")
     height = min(_HIGHEST, _BASE + _ROW * columns.width)
     axes = axes_or_new(ax, _WIDTH, height)
-    end = float(grid.seconds(len(rows)))
+    begin, end = float(grid.seconds(lead)), float(grid.seconds(lead + len(rows)))
     axes.imshow(
         _scaled(np.asarray(rows, dtype=np.float64)).T,
         aspect="auto",
         interpolation="nearest",
         cmap="magma",
-        extent=(0.0, end, columns.width, 0.0),
+        extent=(begin, end, columns.width, 0.0),
     )
     beats = scenes.scene(item).rhythm.beats
     axes.vlines(beats[beats < end], 0, columns.width, colors="white", linewidths=0.5, alpha=0.6)

@@ -10,7 +10,7 @@ import numpy as np
 from dancedata.core.clip import Window
 from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
-from dancedata.evaluation.music import field_beats
+from dancedata.evaluation.music import beats_after, field_beats
 from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
 from dancedata.store import ClipView, Store
 from dancedata.store.motion_fields import ColumnsReader
@@ -139,5 +139,11 @@ class ClipReader:
         field = self.music
         if field is None:
             return None, None
-        rows = clip.read_song(field.name) if window is None else self.store.read(window, field.name)
-        return field_beats(rows, field), float(field.grid.seconds(len(rows)))
+        if window is None and self.store.music_offset(clip.id) < 0:
+            lead, rows = self.store.rows_within(clip.id, field.name)
+            tables = self.store.tables(clip.split)
+            n_rows = int(tables.spans[field.name].available[tables.find(clip.id)])
+        else:
+            lead, rows = 0, clip.read_song(field.name) if window is None else self.store.read(window, field.name)
+            n_rows = len(rows)
+        return beats_after(field_beats(rows, field), -lead, field.grid), float(field.grid.seconds(n_rows))

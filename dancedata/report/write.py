@@ -222,7 +222,7 @@ def _heat_maps(store: Store, numbers: Document) -> dict[str, Figure]:
         return {}
     figures = {}
     for name, columns in store.fields.items():
-        rows = store.read_clip(clip, name) if store.scope == "track" else store.read(windows[0], name)
+        rows = store.rows_within(clip, name)[1] if store.scope == "track" else store.read(windows[0], name)
         if not len(rows):
             continue
         seconds = number(len(rows) / float(store.field(name).grid.rate))

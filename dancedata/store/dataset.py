@@ -444,7 +444,10 @@ class Store:
         return self._read_rows(clip_id, field, whole_song=True)
 
     def music_offset(self, clip_id: str) -> Fraction:
-        """Return the time in a clip's music that belongs to its first frame, seconds; 0 where that is not stored."""
+        """Return the time in a clip's music at its frame 0, seconds, exactly; negative where the music begins later.
+
+        Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
+        """
         tables, row = self._place(clip_id)
         start = tables.record(row).audio_start
         if start:

@@ -12,6 +12,7 @@ from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
@@ -195,21 +196,46 @@ def _require_stated(path: Path, form: FileFormat) -> None:
 
 
 def comparison_payload(comparison: Comparison, scene: Scene) -> Json:
-    """Return a comparison for the page: its figure and the distance, or a note with the reason."""
+    """Return a comparison for the page: its figure and the distance, or a note with the reason.
+
+    For a group it has these of each dancer, and the mean distance of those that have one.
+    """
+    if not scene.members:
+        return _compared(comparison, scene)[0]
+    compared = [_compared(comparison, member) for member in scene.members]
+    distances = [distance for _, distance in compared if distance is not None]
+    notes: dict[str, list[str]] = {}
+    for member, (payload, _) in zip(scene.members, compared, strict=True):
+        if "note" in payload:
+            notes.setdefault(payload["note"], []).append(member.item.part)
+    texts = [f"{note} (dancers {', '.join(dancers)})" for note, dancers in notes.items()]
+    payload = {"members": [payload for payload, _ in compared], "note": "; ".join(texts)}
+    if distances and scene.dancers[0].figure is not None:
+        known = np.isfinite(distances)
+        sums = np.where(known, distances, 0).sum(axis=0)
+        mean = np.divide(sums, known.sum(axis=0), out=np.full(sums.shape, np.nan), where=known.any(axis=0))
+        payload |= _distance(mean, scene.dancers[0].figure)
+    return payload
+
+
+def _compared(comparison: Comparison, scene: Scene) -> tuple[Json, Float64Array | None]:
+    """Return the comparison of one dancer, and its distance (T,); None where there is none."""
     if scene.figure is None:
-        return {"note": f"{comparison.name}: this clip has no figure to compare with"}
+        return {"note": f"{comparison.name}: this clip has no figure to compare with"}, None
     try:
         figure = comparison.figure(scene)
     except DanceDataError as error:
-        return {"note": f"{comparison.name}: {error}"}
+        return {"note": f"{comparison.name}: {error}"}, None
     payload: dict[str, Any] = {"figure": figure_payload(figure)}
     distance = scene.figure.distance_mm(figure)
-    is_known = np.isfinite(distance)
-    if not is_known.any():
-        return {**payload, "note": f"{comparison.name}: no joint name is in both, so there is no distance"}
-    payload["distance"] = curve(distance, float(scene.figure.grid.rate))
-    payload["mean"] = round(float(distance[is_known].mean()), 4)
-    return payload
+    if not np.isfinite(distance).any():
+        return {**payload, "note": f"{comparison.name}: no joint name is in both, so there is no distance"}, None
+    return payload | _distance(distance, scene.figure), distance
+
+
+def _distance(distance: Float64Array, figure: Figure) -> Json:
+    mean = round(float(distance[np.isfinite(distance)].mean()), 4)
+    return {"distance": curve(distance, float(figure.grid.rate)), "mean": mean}
 
 
 def _skeleton(names: tuple[str, ...], body: Skeleton) -> Skeleton:

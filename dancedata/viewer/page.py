@@ -147,7 +147,7 @@ def clip_html(store: Store, clip: ClipView) -> str:
     The page is in a frame without access to the notebook; names in the dataset are text.
     """
     scenes = Scenes(store)
-    items = [item for item in scenes.items if item.clip.id == clip.id][:_CELL_WINDOWS]
+    items = scenes.items_of(clip.id)[:_CELL_WINDOWS] if scenes.items else []
     page = clip_page(scenes, items)
     return (
         f'<iframe srcdoc="{html.escape(page)}" sandbox="allow-scripts" title="{html.escape(repr(clip))}" '

@@ -17,7 +17,9 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.store import Store
 from dancedata.viewer.figure import Figure
+from dancedata.viewer.palette import DANCERS
 from dancedata.viewer.scenes import Flag, Item, Scene
+from dancedata.viewer.together import Pair, Together
 
 Json: TypeAlias = dict[str, Any]
 #: Most characters of a name on the page; ids of clips are never shortened, as links need them.
@@ -28,6 +30,8 @@ _TOP = 65535
 
 def scene_payload(scene: Scene) -> Json:
     """Return a scene for the page. Times are in seconds, windows in frames at the store's rate."""
+    if scene.members:
+        return _group_payload(scene)
     clip, item = scene.item.clip, scene.item
     payload: Json = {
         "id": item.id, "clip": clip.id, "start": item.start, "n": item.n_frames, "number": item.number,
@@ -48,6 +52,38 @@ def scene_payload(scene: Scene) -> Json:
         pairs = zip(_rounded(scene.movement.key_times), _rounded(scene.movement.prominence), strict=True)
         payload["keys"] = [list(pair) for pair in pairs]
     return payload
+
+
+def _group_payload(scene: Scene) -> Json:
+    """Return the scene of a group: that of a clip, with what dancers share, and one entry for each of them."""
+    dancers, together = [], scene.together
+    for member in scene.members:
+        payload = scene_payload(member)
+        shared = {key: payload[key] for key in payload if key not in _OF_A_DANCER}
+        dancers.append({key: payload[key] for key in payload if key in _OF_A_DANCER})
+        dancers[-1] |= {"member": member.item.clip.member, "role": member.item.clip.role, "part": member.item.part}
+        if together is not None:
+            dancers[-1]["figure"]["floor"] = round(together.floor, 4)
+    names = dict.fromkeys(member.item.clip.dancer for member in scene.members)
+    return {
+        **shared, "id": scene.item.id, "group": scene.item.name, "source": scene.item.source,
+        "dancer": ", ".join(filter(None, names)), "notes": list(scene.notes), "figure": None, "flags": [],
+        "members": dancers, "pairs": [] if together is None else [_pair(pair, together) for pair in together.pairs],
+    }  # fmt: skip
+
+
+#: Entries of the scene of a clip that differ between the dancers of a group.
+_OF_A_DANCER = ("clip", "dancer", "source", "figure", "speed", "keys", "flags")
+
+
+def _pair(pair: Pair, together: Together) -> Json:
+    rate = float(together.grid.rate)
+    return {
+        "of": [pair.first, pair.second], "rate": rate, "distance": curve(pair.distance_m, rate),
+        "facing": [curve(angles, rate) for angles in pair.facing_deg],
+        "contacts": [[*contact[:4], round(1000 * contact.distance_m)] for contact in pair.contacts],
+        "collisions": [list(span) for span in pair.collisions],
+    }  # fmt: skip
 
 
 def figure_payload(figure: Figure) -> Json:
@@ -84,28 +120,42 @@ def packed(array: npt.NDArray[Any]) -> str:
 
 
 def item_rows(items: tuple[Item, ...], flags: tuple[int, ...]) -> Json:
-    """Return the list of items, column by column: about 100 bytes for a clip, 20 for a further window of it."""
-    clips: dict[str, int] = {}
+    """Return the list of items, column by column: about 100 bytes for a clip, 20 for a further window of it.
+
+    The row of a group has its dancers as one more entry: ids of their clips, numbers and roles.
+    """
+    rows: dict[tuple[bool, str], int] = {}
+    clips: list[list[Any]] = []
     for item in items:
-        clips.setdefault(item.clip.id, len(clips))
-    records = {item.clip.id: item.clip for item in items}
+        if (bool(item.members), item.name) not in rows:
+            rows[bool(item.members), item.name] = len(clips)
+            clips.append(_item_row(item))
+    palette = {"palette": DANCERS} if any(item.members for item in items) else {}
     return {
-        "clips": [
-            [c.id, c.split, shown(c.genre, _NAME), shown(c.music, _NAME), shown(c.dancer, _NAME), c.source]
-            for c in (records[clip] for clip in clips)
-        ],
+        "clips": clips,
         "items": [
-            [clips[item.clip.id], item.start, item.n_frames, count]
+            [rows[bool(item.members), item.name], item.start, item.n_frames, count]
             for item, count in zip(items, flags, strict=True)
         ],
-        "windows": bool(items) and items[0].window is not None,
+        "windows": bool(items) and items[0].window is not None, **palette,
     }  # fmt: skip
+
+
+def _item_row(item: Item) -> list[Any]:
+    c = item.clip
+    dancers = dict.fromkeys(member.clip.dancer for member in item.members or (item,) if member.clip.dancer)
+    row = [item.name, c.split, shown(c.genre, _NAME), shown(c.music, _NAME), shown(", ".join(dancers), _NAME),
+           item.source]  # fmt: skip
+    members = [[m.clip.id, m.clip.member, shown(m.clip.role, _NAME)] for m in item.members]
+    return [*row, members] if members else row
 
 
 def about_store(store: Store, fields: tuple[str, ...]) -> Json:
     """Return the head of the page: name, numbers and licence of a dataset, and the fields that can be drawn."""
     counts = store.meta.get("counts", {}).values()
     total = {key: sum(split.get(key, 0) for split in counts) for key in ("clips", "windows", "hours")}
+    if any("groups" in split for split in counts):
+        total["groups"] = sum(split.get("groups", 0) for split in counts)
     return {
         "name": shown(store.meta.get("name", store.path.name), _NAME), "fps": float(store.grid.rate),
         "rate": str(store.grid), "scope": store.scope, "fields": list(fields), **total,
@@ -114,7 +164,7 @@ def about_store(store: Store, fields: tuple[str, ...]) -> Json:
 
 
 def link(item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, field: str = "") -> str:
-    """Return the fragment of the page's address that shows an item at a time.
+    """Return the fragment of the page's address that shows an item at a time; of a dancer, him alone in his group.
 
     Parameters
     ----------
@@ -125,7 +175,7 @@ def link(item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, fi
     field
         Motion field to draw; "": the page's default.
     """
-    parts = [f"clip={quote(item.clip.id, safe='')}"]
+    parts = [f"{'group' if item.members else 'clip'}={quote(item.name, safe='')}"]
     parts += [f"window={item.start}"] if item.window is not None else []
     parts += [f"t={at:.3f}"] if at else []
     parts += [f"loop={loop[0]}-{loop[1]}"] if loop else []

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,14 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.rotations import Float64Array
-from dancedata.core.text import counted
+from dancedata.core.text import counted, listed
 from dancedata.evaluation.music import BEAT, field_beats
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.motion_fields import ColumnsReader, motion_reader, motion_readers
 from dancedata.viewer.figure import Figure, Movement
+from dancedata.viewer.together import Together
 
 _ONSET = "onset_envelope"
 
@@ -74,32 +76,41 @@ def rhythm_fields(store: Store) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: FEATURES.split(name)[0] != "librosa35"))
 
 
-def rhythm_of(rows: Float64Array, store: Store, name: str) -> Rhythm:
-    """Return the rhythm of (T, D) rows of an audio field that begin with the clip: at its instants, not late."""
+def rhythm_of(rows: Float64Array, store: Store, name: str, lead: int = 0) -> Rhythm:
+    """Return the rhythm of (T, D) rows of an audio field, at its instants, not late.
+
+    The rows begin with the clip or, where its music begins later, `lead` rows after it.
+    """
     columns, rate = store.fields[name], float(store.field(name).rate)
-    beats = field_beats(rows, store.field(name)).seconds.clip(min=0)
+    beats = (field_beats(rows, store.field(name)).seconds + lead / rate).clip(min=0)
     if _ONSET not in columns.names:
         return Rhythm(beats, np.zeros(0), rate, name)
     onset = rows[beat_rows_late(name) :, columns.slice(_ONSET)].ravel().astype(np.float64)
-    onset = np.nan_to_num(onset, posinf=0.0, neginf=0.0)
+    onset = np.pad(np.nan_to_num(onset, posinf=0.0, neginf=0.0), (lead, 0))
     top = float(onset.max(initial=0.0))
     return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, name)
 
 
 @dataclass(frozen=True)
 class Item:
-    """One entry of the list of a viewer: a clip, in window scope a window.
+    """One entry of the list of a viewer: a clip or a group, in window scope a window of it. Or a dancer of a group.
 
     Attributes
     ----------
     number
-        Place in the list.
+        Place in the list; a dancer has that of the group.
     clip
-        The clip's row of the table /clips.
+        The clip's row of the table /clips; that of the first dancer of a group.
     start, n_frames
         First frame in the clip and number of frames, at the store's rate.
     window
         The window; None for a whole clip.
+    members
+        The dancers of a group, in stored order; empty for a clip.
+    n_source
+        Dancers of the group in the source, more than `members` where some were left out.
+    source
+        Id of the clip, or of the group, that this one is a copy of; else empty.
     """
 
     number: int
@@ -107,11 +118,24 @@ class Item:
     start: int
     n_frames: int
     window: Window | None = None
+    members: tuple[Item, ...] = ()
+    n_source: int = 0
+    source: str = ""
+
+    @property
+    def name(self) -> str:
+        """Id of the clip or of the group."""
+        return self.clip.group if self.members else self.clip.id
 
     @property
     def id(self) -> str:
-        """Id of the clip; in window scope the first frame of the window follows, as in "clip@75"."""
-        return self.clip.id if self.window is None else f"{self.clip.id}@{self.start}"
+        """The name; in window scope the first frame of the window follows, as in "clip@75"."""
+        return self.name if self.window is None else f"{self.name}@{self.start}"
+
+    @property
+    def part(self) -> str:
+        """What a dancer is called beside the others: number in the source and role, as in "1 leader"."""
+        return f"{self.clip.member} {self.clip.role}".strip()
 
 
 @dataclass(frozen=True)
@@ -142,13 +166,17 @@ class Scene:
     field
         Motion field that is drawn; "" if none can be.
     figure
-        The dancer; None if no field of the dataset has joint positions.
+        The dancer; None if no field of the dataset has joint positions, and for a group.
     movement
-        Speed and key motions; None without a figure and a stored field of them.
+        Speed and key motions; None without a figure and a stored field of them, and for a group.
     windows
         First frame and length of the dataset's windows, frames at the store's rate.
     notes
         Sentences on what is missing or was computed.
+    members
+        Scenes of the dancers of a group; empty for a clip.
+    together
+        Their distances and contacts; None for a clip, and where a dancer has no figure.
     """
 
     item: Item
@@ -160,6 +188,13 @@ class Scene:
     windows: tuple[tuple[int, int], ...]
     flags: tuple[Flag, ...]
     notes: tuple[str, ...]
+    members: tuple[Scene, ...] = ()
+    together: Together | None = None
+
+    @property
+    def dancers(self) -> tuple[Scene, ...]:
+        """The scenes that have figures: those of the members of a group, or this one."""
+        return tuple(scene for scene in self.members or (self,) if scene.figure is not None)
 
     @property
     def seconds(self) -> float:
@@ -191,27 +226,48 @@ class Scenes:
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
-        """The clips in stored order; in window scope the windows, clip by clip."""
-        clips = self.store.clips
-        if self.store.scope == "track":
-            return tuple(Item(k, clip.record, 0, clip.n_frames) for k, clip in enumerate(clips))
-        pairs = [(clip.record, window) for clip in clips for window in self.store.windows_of(clip.id)]
-        return tuple(Item(k, clip, w.start, w.length, w) for k, (clip, w) in enumerate(pairs))
+        """The groups and clips in stored order; in window scope the windows, clip by clip or group by group."""
+        records = [clip.record for clip in self.store.clips]
+        items: list[Item] = []
+        for (_, group, _), unit in groupby(records, lambda c: (c.split, c.group, "" if c.group else c.id)):
+            dancers = list(unit)
+            windows = [self.store.windows_of(c.id) if self.store.scope == "window" else [None] for c in dancers]
+            for of_dancers in zip(*windows, strict=True):
+                members = tuple(
+                    Item(len(items), clip, 0, clip.n_frames, source=clip.source)
+                    if window is None
+                    else Item(len(items), clip, window.start, window.length, window, source=clip.source)
+                    for clip, window in zip(dancers, of_dancers, strict=True)
+                )
+                items.append(self._group(members) if group else members[0])
+        return tuple(items)
 
-    def find(self, clip_id: str, frame: int = 0) -> Item:
-        """Return the item of a clip, in window scope the first one that has a frame of the clip.
+    def items_of(self, name: str) -> list[Item]:
+        """Return the items of a clip or a group, several in window scope; a dancer of a group is an item by himself.
 
         Raises
         ------
         UsageError
-            For an unknown clip.
+            For an unknown name.
         """
-        of_clip = self._by_clip.get(clip_id, [])
-        if not of_clip:
+        named = self._by_name.get(name, [])
+        if not named:
+            kind = "clip or group" if any(item.members for item in self.items) else "clip"
             raise UsageError(
-                f"no clip named {clip_id!r}", where=str(self.store.path), fix=did_you_mean(clip_id, self._by_clip)
+                f"no {kind} named {name!r}", where=str(self.store.path), fix=did_you_mean(name, self._by_name)
             )
-        return next((item for item in of_clip if item.start <= frame < item.start + item.n_frames), of_clip[0])
+        return named
+
+    def find(self, name: str, frame: int = 0) -> Item:
+        """Return the item of a clip or a group, in window scope the first one that has a frame of the clip.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name.
+        """
+        named = self.items_of(name)
+        return next((item for item in named if item.start <= frame < item.start + item.n_frames), named[0])
 
     def scene(self, item: Item, field: str | None = None) -> Scene:
         """Read an item.
@@ -229,6 +285,8 @@ class Scenes:
             If the dataset cannot be read, or was built again in the meantime.
         """
         name = self.field if field is None else self._drawable(field)
+        if item.members:
+            return self._group_scene(item, name)
         figure, problem = self._figure(item, name)
         rhythm = self._rhythm(item)
         return Scene(
@@ -237,8 +295,8 @@ class Scenes:
         )  # fmt: skip
 
     def flag_count(self, item: Item) -> int:
-        """Return the number of flags of an item, those of the whole clip included."""
-        return len(self._flags_of(item))
+        """Return the number of flags of an item, those of the whole clip and of all dancers included."""
+        return sum(len(self._flags_of(dancer)) for dancer in item.members or (item,))
 
     def _drawable(self, field: str) -> str:
         """Return the name of a field that can be drawn; UsageError for another one."""
@@ -272,7 +330,12 @@ class Scenes:
 
     def _rhythm(self, item: Item) -> Rhythm:
         name = self._rhythm_field
-        return Rhythm.none() if name is None else rhythm_of(self._rows(item, name), self.store, name)
+        if name is None:
+            return Rhythm.none()
+        if item.window is not None:
+            return rhythm_of(self._rows(item, name), self.store, name)
+        lead, rows = self.store.rows_within(item.clip.id, name)
+        return rhythm_of(rows, self.store, name, lead)
 
     def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
         """Return first frame and length of the windows of an item, frames from the item's first."""
@@ -289,11 +352,47 @@ class Scenes:
                 flags.append(flag)
         return tuple(flags)
 
+    def _group(self, members: tuple[Item, ...]) -> Item:
+        first = members[0]
+        source = self.store.clip(first.clip.source).group if first.clip.source else ""
+        n_source = self._sizes[first.clip.split].get(first.clip.group, len(members))
+        return replace(first, members=members, n_source=n_source, source=source)
+
+    def _group_scene(self, item: Item, name: str | None) -> Scene:
+        members = tuple(self.scene(member, name) for member in item.members)
+        figures = [scene.figure for scene in members if scene.figure is not None]
+        together, notes = None, list(dict.fromkeys(note for scene in members for note in scene.notes))
+        if item.n_source > len(members):
+            numbers = listed([member.part for member in item.members], 12)
+            notes.append(f"{len(members)} of {item.n_source} dancers are stored: {numbers}; the others were left out")
+        if len(figures) == len(members):
+            together = Together.of(figures)
+            if not together.touch:
+                notes.append("contacts and collisions are not measured: the body has other joints than SMPL")
+        windows, rhythm = members[0].windows, members[0].rhythm
+        return Scene(
+            item, self.store.grid, name or "", None, None, rhythm, windows, (), tuple(notes), members, together
+        )
+
     @cached_property
-    def _by_clip(self) -> dict[str, list[Item]]:
+    def _sizes(self) -> dict[str, dict[str, int]]:
+        """Dancers of each group in the source, by split and group."""
+        tables = {split: self.store.tables(split).groups for split in self.store.splits}
+        return {
+            split: dict(zip(groups["id"], np.asarray(groups["n_source"]).tolist(), strict=True)) if groups else {}
+            for split, groups in tables.items()
+        }
+
+    @cached_property
+    def _by_name(self) -> dict[str, list[Item]]:
         items: dict[str, list[Item]] = {}
         for item in self.items:
-            items.setdefault(item.clip.id, []).append(item)
+            for dancer in item.members or (item,):
+                items.setdefault(dancer.clip.id, []).append(dancer)
+        # A clip of the same name comes first: commands name clips.
+        groups = [item for item in self.items if item.members and item.name not in items]
+        for item in groups:
+            items.setdefault(item.name, []).append(item)
         return items
 
     @cached_property

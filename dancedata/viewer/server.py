@@ -277,8 +277,9 @@ class Site:
         values = self._sliding or []
         for item in self.scenes.items:
             try:
-                figure = self.scenes.scene(item).figure
-                values[item.number] = None if figure is None else round(figure.sliding, 4)
+                dancers = [self.scenes.scene(dancer).figure for dancer in item.members or (item,)]
+                sliding = [round(figure.sliding, 4) for figure in dancers if figure is not None]
+                values[item.number] = max(sliding, default=None)
             except DanceDataError:
                 values[item.number] = None
             self._measured += 1

@@ -32,7 +32,7 @@ class ViewRequest:
     Attributes
     ----------
     path, clip
-        A dataset, and the clip to begin with; "" for the first.
+        A dataset, and the clip or group to begin with; "" for the first. A dancer of a group is shown alone.
     field
         Motion field to draw. Default: the best one.
     source
@@ -97,12 +97,12 @@ class ViewRequest:
         item = scenes.find(self.clip) if self.clip else scenes.items[0]
         if self.window is None:
             return item, None
-        of_clip = [entry for entry in scenes.items if entry.clip.id == item.clip.id]
+        of_clip = scenes.items_of(item.name)
         windows = scenes.windows_of(item) if item.window is None else ()
         count = len(windows) if item.window is None else len(of_clip)
         if not 0 <= self.window < count:
             allowed = f"0 to {count - 1}" if count else "no windows"
-            raise UsageError("the clip has no such window", where=item.clip.id, found=self.window, allowed=allowed)
+            raise UsageError("the clip has no such window", where=item.name, found=self.window, allowed=allowed)
         if item.window is not None:
             return of_clip[self.window], None
         start, length = windows[self.window]
@@ -191,7 +191,7 @@ def export_page(
             raise UsageError("--audio embed needs the music", fix="name the folder with it: --source DIR")
         recording = ClipSource(scenes.store, request.source).sound(item)
         if recording is None:
-            raise UsageError("the source has no music of this clip", where=request.source, found=item.clip.id)
+            raise UsageError("the source has no music of this clip", where=request.source, found=item.name)
         sound = PageSound({0: flac(recording.signal)}, notice)
     page = clip_page(scenes, [item], sound=sound)
     try:

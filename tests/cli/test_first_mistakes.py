@@ -439,3 +439,10 @@ def test_a_dataset_json_that_lacks_something_is_a_clear_error(
     result = CliRunner().invoke(app, ["features", str(song), "--out", str(tmp_path), "--like", str(built_copy)])
     assert result.exit_code in (1, 2)
     assert result.output.startswith("error: ")
+
+
+def test_a_name_that_looks_like_an_option_has_a_hint(tmp_path: Path):
+    output = run("view", tmp_path, "-Ab_cdEf123_01", code=2).stderr
+    assert 'No such option: -A. A name that begins with "-" goes last, after --' in output
+    assert "after --" not in run("view", tmp_path, "--fsp", "30", code=2).stderr
+    assert "there is no finished dataset" in run("view", tmp_path, "--", "-Ab_cdEf123_01", code=1).stderr

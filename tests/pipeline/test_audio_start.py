@@ -11,6 +11,7 @@ import pytest
 import soundfile
 
 import dancedata
+from dancedata import plot
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import UsageError
@@ -27,9 +28,11 @@ from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.readers import WindowDataset
+from dancedata.report import write_report
 from dancedata.store import Store, verify_store
 from dancedata.store.songs import alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
+from dancedata.viewer import Scenes
 from dancedata.viewer.source import cut
 from tests.messages import raises_message
 
@@ -127,6 +130,24 @@ def test_the_song_begins_after_the_clip(
         store.clip("a").read("librosa35")
     with raises_message(UsageError):
         store.read(type(windows[0])("a", 0, 60), "librosa35")
+
+
+@pytest.mark.parametrize("start", ["-1/2", "-0.51"])
+def test_music_that_begins_later_is_drawn_and_reported(
+    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str
+) -> None:
+    store = build(tmp_path, cache, monkeypatch, start)
+    lead, rows = store.rows_within("a", "librosa35")
+    beats = np.flatnonzero(rows[:, -1]) + lead
+    scenes = Scenes(store)
+    rhythm = scenes.scene(scenes.items[0]).rhythm
+    assert np.abs(rhythm.beats * 30 + 1 - beats).max() <= 0.5
+    assert (rhythm.onset[:lead] == 0).all()
+    assert len(rhythm.onset) == lead + len(rows) - 1
+    found = write_report(tmp_path / "out", tmp_path / "page.html")
+    assert found.numbers.contents.music_minus_motion_s.min == pytest.approx(float(-Fraction(start)), abs=1 / 30)
+    axes = plot.features(store, "a", "librosa35")
+    assert axes.images[0].get_extent()[:2] == [lead / 30, SECONDS]
 
 
 def test_copies_at_another_speed_keep_their_place(

@@ -11,6 +11,9 @@ import pytest
 
 import dancedata
 from dancedata.core.registry import DATASETS
+from dancedata.store import StoredClip
+from dancedata.store.schema import StoreHeader
+from dancedata.store.writer import write_store
 from dancedata.synthetic import write_synthetic
 from dancedata.viewer import Scenes
 from dancedata.viewer.view import ViewRequest
@@ -134,3 +137,51 @@ def folder_example(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("folder") / "source"
     DATASETS.get("folder")().make_example(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def crowd_source(once: Once) -> Path:
+    """Groups of 2, 3, 5 and 7."""
+    return once("crowd-source", lambda folder: DATASETS.get("aioz-gdance")().make_example(folder))
+
+
+@pytest.fixture(scope="session")
+def crowd(crowd_source: Path, once: Once) -> Path:
+    """The dataset built from it, with mirrored copies."""
+    recipe = {**_BASE, "name": "crowd", "dataset": {"aioz-gdance": {}}, "motion": {"edge151": {}},
+              "audio": {"librosa35": {}}, "augment": {"mirror": True}}  # fmt: skip
+
+    def build(folder: Path) -> None:
+        dancedata.build(recipe, crowd_source, folder / "crowd", jobs=1, cache=folder / "cache", progress=False)
+
+    return once("crowd", build) / "crowd"
+
+
+@pytest.fixture(scope="session")
+def duets(once: Once) -> Path:
+    """Three duets, two of them with collisions."""
+    recipe = {**_BASE, "name": "duets", "dataset": {"dd100": {}}, "motion": {"joints": {}},
+              "audio": {"librosa35": {}}}  # fmt: skip
+
+    def build(folder: Path) -> None:
+        source = folder / "source"
+        DATASETS.get("dd100")().make_example(source)
+        dancedata.build(recipe, source, folder / "duets", jobs=1, cache=folder / "cache", progress=False)
+
+    return once("duets", build) / "duets"
+
+
+@pytest.fixture(scope="session")
+def lacking(crowd: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The group of seven without its dancers 1 and 4, as `groups.incomplete: keep` stores it."""
+    out = tmp_path_factory.mktemp("lacking")
+    with dancedata.open(crowd) as store:
+        clips = [
+            StoredClip(**vars(clip.record), group_size=7, starts=(0,), motion={"edge151": clip.read("edge151")})
+            for clip in store.clips
+            if clip.group == "plainid0123_04_829_1009" and clip.member not in (1, 4)
+        ]
+        write_store(
+            out, StoreHeader("track", store.grid.rate, 60, 15, (store.field("edge151"),), store.skeleton), clips
+        )
+    return out

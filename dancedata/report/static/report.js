@@ -2,6 +2,7 @@
 (() => {
   const html = document.documentElement;
   const body = document.body;
+  const playerLink = /^#(clip|group)=/;
   let anchor = '#r-report';
 
   function start() {
@@ -17,11 +18,11 @@
 
   // A link that the player was about to write would replace the report's.
   function keepAddress() {
-    if (body.dataset.page === 'report' && location.hash.startsWith('#clip=')) history.replaceState(null, '', anchor);
+    if (body.dataset.page === 'report' && playerLink.test(location.hash)) history.replaceState(null, '', anchor);
   }
 
   function show(event) {
-    const clip = location.hash.startsWith('#clip=');
+    const clip = playerLink.test(location.hash);
     const viewer = window.dancedataViewer;
     body.dataset.page = clip ? 'clips' : 'report';
     html.classList.toggle('dd-page', clip);
@@ -40,7 +41,7 @@
 
   // Back from a clip to the place where its name was clicked.
   document.getElementById('r-report').addEventListener('click', event => {
-    const link = event.target.closest('a[href^="#clip="]');
+    const link = event.target.closest('a[href^="#clip="], a[href^="#group="]');
     const section = link?.closest('figure[id], section');
     const heading = section && (section.id ? section : section.querySelector('h2'));
     if (heading) anchor = `#${heading.id}`;

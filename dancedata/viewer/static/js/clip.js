@@ -1,11 +1,13 @@
 // Opening a clip, its music and what it is compared with; the texts about it.
+import { view } from './axis.js';
 import { play, setLoop } from './clock.js';
-import { el, head, loadClip, loadMusic, loadOther, page } from './data.js';
+import { chooseOf, collidesAt, coloursOf, nearestAt, otherOf, together, touching } from './dancers.js';
+import { el, head, loadClip, loadMusic, loadOther, page, plain, root } from './data.js';
 import { flagsNear } from './figure.js';
 import { writeLink } from './link.js';
 import { showSelected } from './list.js';
-import { camera, duration, failed, loopSeconds, plain, state } from './state.js';
-import { layOut, redraw, view } from './timeline.js';
+import { camera, duration, failed, loopSeconds, state } from './state.js';
+import { layOut, redraw } from './timeline.js';
 
 // Number of the latest clip that was asked for: one that arrives after a later one is not shown.
 let opening = 0;
@@ -29,8 +31,11 @@ export async function openItem(item, at = {}) {
     t: Math.max(0, Math.min(clip.seconds - 1e-6, at.t || 0)),
     loop: null,
     other: null,
+    compared: null,
     field: field && clip.field,
+    dancer: null,
   });
+  if (clip.members) chooseOf(clip, at.dancer ?? null);
   el('loop').setAttribute('aria-pressed', false);
   camera.still = true;
   zoomToStart();
@@ -75,7 +80,8 @@ export async function compareWith(name) {
   const clip = state.clip;
   const other = name ? await loadOther(clip, name) : null;
   if (state.clip !== clip) return;
-  state.other = other;
+  state.compared = other;
+  state.other = otherOf(other);
   el('with').value = name || '';
   layOut(clip);
   showAbout();
@@ -83,14 +89,65 @@ export async function compareWith(name) {
   writeLink();
 }
 
-function showAbout() {
+// Shows one dancer of a group alone, or all of them (null).
+export function chooseDancer(k) {
+  const clip = state.clip;
+  if (!clip?.members || k === state.dancer) return;
+  chooseOf(clip, k);
+  state.other = otherOf(state.compared);
+  camera.still = true;
+  layOut(clip);
+  showAbout();
+  redraw();
+  writeLink();
+}
+
+export function nextDancer(by) {
+  const n = state.clip.members?.length;
+  if (!n) return;
+  const k = (state.dancer === null ? (by > 0 ? 0 : n - 1) : state.dancer + by + n + 1) % (n + 1);
+  chooseDancer(k === n ? null : k);
+}
+
+// One button for the group and one for each dancer.
+function showDancers() {
+  const box = el('dancers');
+  const members = state.clip.members;
+  box.hidden = !members;
+  root.classList.toggle('crowd', !!together());
+  if (!members) return;
+  const button = (text, k, tones) => {
+    const found = document.createElement('button');
+    found.setAttribute('aria-pressed', state.dancer === k);
+    for (const tone of tones) {
+      const mark = document.createElement('i');
+      mark.style.background = tone;
+      found.append(mark);
+    }
+    found.append(text);
+    found.addEventListener('click', e => {
+      chooseDancer(k);
+      if (e.detail) document.activeElement?.blur();
+    });
+    return found;
+  };
+  const all = button('all', null, []);
+  all.title = 'The whole group  ( G )';
+  box.replaceChildren(all, ...members.map((m, k) => button(m.called, k, coloursOf(m).slice(1))));
+}
+
+export function showAbout() {
   const clip = state.clip;
   const item = state.item;
   const f = clip.figure;
-  el('title').textContent = plain(item.name);
-  document.title = `${plain(item.name)} - ${head.name}`;
+  const one = clip.members && state.dancer !== null ? clip.members[state.dancer] : null;
+  const name = one ? one.clip : item.name;
+  showDancers();
+  el('title').textContent = plain(name);
+  document.title = `${plain(name)} - ${head.name}`;
   el('meta').textContent = [
     clip.split,
+    clip.members && (one ? `dancer ${one.part}, of ${clip.members.length}` : `${clip.members.length} dancers`),
     clip.genre && `genre ${clip.genre}`,
     clip.music && `song ${clip.music}`,
     clip.dancer && `dancer ${clip.dancer}`,
@@ -101,7 +158,7 @@ function showAbout() {
       : clip.windows.length + (clip.windows.length === 1 ? ' window' : ' windows'),
     clip.beats.length && `${clip.beats.length} beats`,
     clip.bpm && `${round(clip.bpm)} BPM`,
-    f && `floor at ${(Math.round(f.floor * 100) / 100 || 0).toFixed(2)} m`,
+    f && !together() && `floor at ${(Math.round(f.floor * 100) / 100 || 0).toFixed(2)} m`,
     clip.loading ? 'music is loading' : !clip.wave && clip.beats.length && 'no music: press C to hear the beats',
   ]
     .filter(Boolean)
@@ -113,7 +170,8 @@ function showAbout() {
     .map(plain)
     .join('  ·  ');
   el('flag').disabled = !clip.flagTimes.length;
-  el('mirror').disabled = !f;
+  el('mirror').disabled = !f || !!together();
+  el('mirror').title = together() ? 'Choose a dancer to see the mirrored copy' : 'Mirrored copy  (M)';
 }
 
 const round = x => String(Math.round(x * 1000) / 1000);
@@ -123,6 +181,25 @@ const flagText = f =>
   ' ' +
   round(Math.round(f[3] * 10) / 10) +
   (f[4] === '1' ? ' ×' : ` ${f[4]}`);
+
+// The nearest two dancers, what touches, and who collides, in words.
+function groupNow(clip) {
+  const near = nearestAt(clip, state.t);
+  if (!near) return '';
+  const called = k => clip.members[k].called;
+  const names = pair => pair.of.map(called).join(' and ');
+  let text = ` · ${names(near.pair)} ${near.metres.toFixed(2)} m apart`;
+  if (clip.pairs.length === 1)
+    text += ` · facing ${near.pair.facing.map(curve => `${Math.round(curve.values[near.frame])}°`).join(' and ')}`;
+  const [found] = touching(clip, state.t);
+  if (found) {
+    const [pair, contact] = found;
+    const joint = place => clip.members[pair.of[place]].figure.joints[contact[2 + place]].replace(/_/g, ' ');
+    text += ` · ${called(pair.of[0])} ${joint(0)} at ${called(pair.of[1])} ${joint(1)}`;
+  }
+  const hit = clip.pairs.find(pair => collidesAt(pair, state.t));
+  return hit ? `${text} · ${names(hit)} collide` : text;
+}
 
 export function showNow() {
   const clip = state.clip;
@@ -140,6 +217,7 @@ export function showNow() {
       ' (mean ' +
       o.mean.toFixed(1) +
       ')';
+  if (together()) text += groupNow(clip);
   if (el('clock').textContent !== text) el('clock').textContent = text;
   const said = near.slice(0, 2).map(flagText).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
   if (el('toast').textContent !== said) el('toast').textContent = plain(said);

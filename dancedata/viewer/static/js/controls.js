@@ -1,17 +1,21 @@
 // Buttons, keys, themes and the camera.
-import { compareWith, openItem } from './clip.js';
+import { lanes } from './axis.js';
+import { chooseDancer, compareWith, nextDancer, openItem, showAbout } from './clip.js';
 import { advance, gain, play, restart, seek, setLoop } from './clock.js';
-import { el, head, root } from './data.js';
-import { canvas, readColours } from './figure.js';
+import { dancerAt } from './crowd.js';
+import { together } from './dancers.js';
+import { el, head, plain, root } from './data.js';
+import { canvas, ratio, readColours } from './figure.js';
 import { linkNow, wholePage, writeLink } from './link.js';
 import { step } from './list.js';
-import { camera, duration, failed, frameRate, plain, state } from './state.js';
+import { camera, duration, failed, frameRate, state } from './state.js';
 import { loopAt, redraw, zoomAround } from './timeline.js';
 
 export function setTheme(name, chosen) {
   document.documentElement.dataset.theme = name === 'light' ? 'light' : 'dark';
   state.themeChosen = state.themeChosen || chosen;
   readColours();
+  if (state.clip?.members) showAbout(); // its colours go with the theme
   redraw();
 }
 
@@ -68,6 +72,12 @@ const KEYS = [
   ['o', 'O', 'overlay, or side by side', () => el('over').click()],
   ['c', 'C', 'metronome', () => el('click').click()],
   ['u', 'U', 'mute the music', () => el('mute').click()],
+  ...(head.groups
+    ? [
+        ['d', 'D', 'next dancer of the group alone; with shift the one before', e => nextDancer(e.shiftKey ? -1 : 1)],
+        ['g', 'G', 'the whole group', () => chooseDancer(null)],
+      ]
+    : []),
   ['f', 'F', 'next quality flag; with shift the one before', e => nextFlag(e.shiftKey)],
   ...Object.keys(RATES).map(k => [k, k, `${RATES[k]} times the speed`, () => setRate(RATES[k])]),
   ['+', '+', 'zoom the time axis in', () => zoomAround(state.t, 0.7)],
@@ -137,7 +147,7 @@ export function startControls() {
   el('field').addEventListener('change', () => {
     const t = state.t;
     const loop = state.loop;
-    openItem(state.item, { t, loop, field: el('field').value });
+    openItem(state.item, { t, loop, field: el('field').value, dancer: state.dancer });
     el('field').blur();
   });
   el('with').replaceChildren(
@@ -173,16 +183,28 @@ async function copyLink() {
 
 function startCamera() {
   let from = null;
+  let moved = 0;
+  lanes.addEventListener('dancer', e => chooseDancer(e.detail));
   canvas.addEventListener('pointerdown', e => {
     from = [e.clientX, e.clientY];
+    moved = 0;
     canvas.setPointerCapture(e.pointerId);
   });
   canvas.addEventListener('pointermove', e => {
     if (!from) return;
+    moved += Math.abs(e.clientX - from[0]) + Math.abs(e.clientY - from[1]);
     camera.yaw -= (e.clientX - from[0]) * 0.008;
     camera.pitch = Math.max(-0.1, Math.min(1.5, camera.pitch + (e.clientY - from[1]) * 0.006));
     from = [e.clientX, e.clientY];
     state.dirty = true;
+  });
+  canvas.addEventListener('pointerup', e => {
+    const box = canvas.getBoundingClientRect();
+    const k =
+      from && moved < 4 && together()
+        ? dancerAt((e.clientX - box.left) * ratio, (e.clientY - box.top) * ratio)
+        : null;
+    if (k !== null) chooseDancer(k);
   });
   for (const end of ['pointerup', 'pointercancel'])
     canvas.addEventListener(end, () => {

@@ -5,9 +5,17 @@ export const el = name => root.querySelector(`[data-dd="${name}"]`);
 export const head = page.head;
 const clipRows = page.list.clips;
 
+// Characters that turn the direction of text are shown as what they are.
+export const plain = text =>
+  text.replace(
+    // biome-ignore lint/suspicious/noControlCharactersInRegex: control characters are what is looked for
+    /[\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]/g,
+    c => `\\u${c.charCodeAt(0).toString(16).padStart(4, '0')}`,
+  );
+
 // One row of the list: a clip, in window scope a window of it.
 export const items = page.list.items.map(([c, start, n, flags], number) => {
-  const [id, split, genre, music, dancer, source] = clipRows[c];
+  const [id, split, genre, music, dancer, source, members] = clipRows[c];
   const name = page.list.windows ? `${id}@${start}` : id;
   return {
     number,
@@ -21,8 +29,10 @@ export const items = page.list.items.map(([c, start, n, flags], number) => {
     start,
     n,
     flags,
+    // Of a group: [clip, number, role] of each dancer.
+    members: members || null,
     seconds: n / head.fps,
-    text: [name, music, dancer, genre].join('\n').toLowerCase(),
+    text: [name, music, dancer, genre, ...(members || []).flat()].join('\n').toLowerCase(),
   };
 });
 
@@ -102,14 +112,44 @@ async function curveOf(packed) {
   return { ...packed, values: Float32Array.from(steps, v => (v / 65535) * packed.max) };
 }
 
+async function dancerOf(payload) {
+  const dancer = { ...payload };
+  dancer.figure = payload.figure && (await figureOf(payload.figure));
+  dancer.speed = await curveOf(payload.speed);
+  dancer.flagTimes = [...new Set(dancer.flags.map(f => f[0]).filter(t => t !== null))].sort((a, b) => a - b);
+  return dancer;
+}
+
+async function pairOf(pair) {
+  const [distance, ...facing] = await Promise.all([pair.distance, ...pair.facing].map(curveOf));
+  return { ...pair, distance, facing };
+}
+
 async function clipOf(payload) {
-  const clip = { ...payload };
-  clip.figure = payload.figure && (await figureOf(payload.figure));
-  clip.speed = await curveOf(payload.speed);
+  const clip = await dancerOf(payload);
   clip.onset = await curveOf(payload.onset);
-  clip.flagTimes = [...new Set(clip.flags.map(f => f[0]).filter(t => t !== null))].sort((a, b) => a - b);
   clip.others = new Map();
+  if (payload.members) {
+    clip.members = await Promise.all(payload.members.map(dancerOf));
+    for (const member of clip.members) member.called = plain(member.part);
+    clip.pairs = await Promise.all(payload.pairs.map(pairOf));
+    const [first, ...more] = clip.pairs.map(pair => pair.distance.values);
+    clip.nearest = first?.map((metres, i) => Math.min(metres, ...more.map(values => values[i])));
+    clip.reach = reachOf(clip.members.map(member => member.figure).filter(Boolean));
+  }
   return clip;
+}
+
+// How far a dancer is at most from the middle of the group, metres.
+function reachOf(figures) {
+  let reach = 0;
+  for (let i = 0; i < (figures[0]?.frames || 0); i++) {
+    for (const axis of [0, 2]) {
+      const places = figures.map(f => f.places[Math.min(i, f.frames - 1) * f.width + axis]);
+      reach = Math.max(reach, (Math.max(...places) - Math.min(...places)) / 2);
+    }
+  }
+  return reach;
 }
 
 const loaded = new Map();
@@ -156,6 +196,11 @@ export async function loadClip(number, field) {
   return loaded.get(key);
 }
 
+async function motionOf(found) {
+  const figure = found.figure && (await figureOf(found.figure));
+  return { ...found, figure, distance: found.distance && (await curveOf(found.distance)) };
+}
+
 export async function loadOther(clip, name) {
   if (!clip.others.has(name)) {
     const take = head.takes.indexOf(name);
@@ -163,11 +208,8 @@ export async function loadOther(clip, name) {
     const found = page.server
       ? await (await fetched(`clip/${clip.number}/with/${take}${query}`)).json()
       : clip.with?.[name] || { note: `this page has no ${name} of this clip` };
-    const other = { ...found, name };
-    if (found.figure) {
-      other.figure = await figureOf(found.figure);
-      other.distance = await curveOf(found.distance);
-    }
+    const other = { ...(await motionOf(found)), name };
+    if (found.members) other.members = await Promise.all(found.members.map(motionOf));
     clip.others.set(name, other);
   }
   return clip.others.get(name);

@@ -3,7 +3,7 @@ import { el } from './data.js';
 import { camera, frameRate, state } from './state.js';
 
 export const canvas = el('figure');
-const pen = canvas.getContext('2d');
+export const pen = canvas.getContext('2d');
 const COLOURS = [
   'bg',
   'panel',
@@ -25,7 +25,7 @@ const COLOURS = [
 
 export const css = {};
 export let ratio = 1;
-let project = null;
+export let project = null;
 
 export function readColours() {
   const style = getComputedStyle(document.documentElement);
@@ -45,13 +45,10 @@ export function sizeCanvas(target) {
 }
 
 // Returns a function from metres to [x, y, depth, pixels a metre]; null behind the camera.
-function aim(figures) {
+export function aim(distance) {
   const w = canvas.width;
   const h = canvas.height;
-  const tall = Math.max(...figures.map(f => f.room));
-  const wide = figures.length > 1 && !state.over ? 1.25 + 0.9 * (figures.length - 1) : 1.05;
   const focus = h * 1.25;
-  const distance = Math.max(tall * 1.85, (tall * wide * 1.25 * h) / w) * camera.zoom;
   const cy = Math.cos(camera.yaw);
   const sy = Math.sin(camera.yaw);
   const cp = Math.cos(camera.pitch);
@@ -70,7 +67,7 @@ function aim(figures) {
   };
 }
 
-function stroke(a, b, width, colour) {
+export function stroke(a, b, width, colour) {
   if (!a || !b) return;
   pen.strokeStyle = colour;
   pen.lineWidth = width;
@@ -81,7 +78,7 @@ function stroke(a, b, width, colour) {
 }
 
 // Joints at a time, between two frames; returns the frame that is shown.
-function pose(figure, t, out) {
+export function pose(figure, t, out) {
   const at = Math.max(0, Math.min(figure.frames - 1, t * figure.rate));
   const k = figure.width;
   const i = Math.max(0, Math.min(figure.frames - 2, at | 0));
@@ -134,21 +131,29 @@ export function triangle(ink, x, y, r, colour, edge) {
   }
 }
 
-// `thin`: a figure that lies over another one is drawn as lines in a colour of its own.
-function drawBody(figure, places, frame, { shift = [0, 0], swap = false, thin = false, alpha = 1, label = '' }) {
-  const points = [];
-  const parents = figure.parents;
-  for (let j = 0; j < figure.count; j++)
-    points.push(project(places[3 * j] + shift[0], places[3 * j + 1], places[3 * j + 2] + shift[1]));
+export function drawShadow(figure, places, { shift = [0, 0], thin = false, alpha = 1 }) {
   pen.lineCap = 'round';
   pen.globalAlpha = (thin ? 0.12 : 0.32) * alpha;
   for (let j = 1; j < figure.count; j++) {
     if (!figure.thick[j]) continue;
     const ground = i => project(places[3 * i] + shift[0], figure.floor, places[3 * i + 2] + shift[1]);
     const a = ground(j);
-    const b = ground(parents[j]);
+    const b = ground(figure.parents[j]);
     if (a && b) stroke(a, b, figure.thick[j] * a[3] * 0.8, css.shadow);
   }
+  pen.globalAlpha = 1;
+}
+
+// `thin`: a figure that lies over another one is drawn as lines in a colour of its own. `colours`: middle, left, right.
+export function drawBody(figure, places, frame, options) {
+  const { shift = [0, 0], swap = false, thin = false, alpha = 1, label = '', colours = null } = options;
+  const tones = colours || [css.mid, css.left, css.right];
+  const points = [];
+  const parents = figure.parents;
+  for (let j = 0; j < figure.count; j++)
+    points.push(project(places[3 * j] + shift[0], places[3 * j + 1], places[3 * j + 2] + shift[1]));
+  if (!colours) drawShadow(figure, places, options); // those of a group lie below all dancers
+  pen.lineCap = 'round';
   pen.globalAlpha = alpha;
   drawContacts(figure, places, frame, shift, swap);
   const order = [];
@@ -159,7 +164,7 @@ function drawBody(figure, places, frame, { shift = [0, 0], swap = false, thin = 
     const b = points[j];
     const width = ((figure.thick[j] * (a[3] + b[3])) / 2) * (thin ? 0.3 : 1);
     if (!thin) stroke(a, b, width + 2.5 * ratio, css.bg);
-    stroke(a, b, Math.max(width, 1.2 * ratio), thin ? css.other : [css.mid, css.left, css.right][figure.sides[j]]);
+    stroke(a, b, Math.max(width, 1.2 * ratio), thin ? css.other : tones[figure.sides[j]]);
     if (/^head$/i.test(figure.joints[j])) {
       const r = ((0.095 * figure.tall) / 1.7) * b[3];
       pen.beginPath();
@@ -169,7 +174,7 @@ function drawBody(figure, places, frame, { shift = [0, 0], swap = false, thin = 
         pen.lineWidth = 1.6 * ratio;
         pen.stroke();
       } else {
-        pen.fillStyle = css.mid;
+        pen.fillStyle = tones[0];
         pen.fill();
       }
     }
@@ -186,9 +191,10 @@ function drawBody(figure, places, frame, { shift = [0, 0], swap = false, thin = 
   return points;
 }
 
-function drawFloor(figure) {
+// `beyond`: how far the dancers of a group are from the middle, metres.
+export function drawFloor(figure, beyond = 0) {
   const step = figure.tall / 3.4;
-  const reach = 6;
+  const reach = Math.min(40, 6 + Math.ceil(beyond / step));
   const sx = Math.round(camera.x / step);
   const sz = Math.round(camera.z / step);
   const y = figure.floor;
@@ -200,7 +206,7 @@ function drawFloor(figure) {
   }
 }
 
-function drawPath(figure, shift, from, to, width, colour, alpha) {
+export function drawPath(figure, shift, from, to, width, colour, alpha) {
   pen.globalAlpha = alpha;
   pen.strokeStyle = colour;
   pen.lineWidth = width;
@@ -240,7 +246,9 @@ export function drawStage() {
   camera.y = figure.floor + figure.room * 0.47 + Math.max(0, here[1] - figure.floor - figure.room);
   camera.still = false;
   const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);
-  aim(Array(1 + copies).fill(figure));
+  const wide = copies && !state.over ? 1.25 + 0.9 * copies : 1.05;
+  const across = (figure.room * wide * 1.25 * canvas.height) / canvas.width;
+  aim(Math.max(figure.room * 1.85, across) * camera.zoom);
   drawFloor(figure);
   const gap = figure.tall * 0.85;
   const right = [Math.cos(camera.yaw) * gap, -Math.sin(camera.yaw) * gap];

@@ -5,7 +5,9 @@ import { state } from './state.js';
 export const wholePage = document.documentElement.classList.contains('dd-page');
 
 export function linkNow() {
-  const parts = [`clip=${encodeURIComponent(state.item.id)}`];
+  const members = state.item.members;
+  const name = members && state.dancer !== null ? members[state.dancer][0] : state.item.id;
+  const parts = [`${members && state.dancer === null ? 'group' : 'clip'}=${encodeURIComponent(name)}`];
   if (page.list.windows) parts.push(`window=${state.item.start}`);
   parts.push(`t=${state.t.toFixed(3)}`);
   if (state.loop) parts.push(`loop=${state.loop.join('-')}`);

@@ -1,6 +1,6 @@
 // The list of clips: filters, order, and rows that exist only while they are seen.
-import { el, fetched, items, page } from './data.js';
-import { failed, plain, state } from './state.js';
+import { el, fetched, items, page, plain } from './data.js';
+import { failed, state } from './state.js';
 
 const ROW = 46;
 const listBox = el('list');
@@ -9,7 +9,15 @@ export let shown = items;
 let drawnRows = new Map();
 let open = () => {};
 const describe = item =>
-  [item.split, item.genre, item.music, `${item.seconds.toFixed(1)} s`].filter(Boolean).join('  ·  ');
+  [
+    item.split,
+    item.members && `${item.members.length} dancers`,
+    item.genre,
+    item.music,
+    `${item.seconds.toFixed(1)} s`,
+  ]
+    .filter(Boolean)
+    .join('  ·  ');
 const SORTS = {
   id: (a, b) => (a.name < b.name ? -1 : a.name > b.name ? 1 : 0),
   long: (a, b) => b.n - a.n,

@@ -1,9 +1,11 @@
 // What is shown, and the camera: one object each, which every module reads.
-import { el } from './data.js';
+import { el, plain } from './data.js';
 
 export const state = {
   clip: null,
   item: null,
+  // Place of the dancer of a group who is shown alone; null: all of them.
+  dancer: null,
   t: 0,
   playing: false,
   rate: 1,
@@ -24,14 +26,6 @@ export const frameRate = () => (state.clip.figure ? state.clip.figure.rate : sta
 export const loopSeconds = () =>
   state.loop && [state.loop[0] / state.clip.fps, Math.min(duration(), state.loop[1] / state.clip.fps)];
 export const camera = { yaw: 0.55, pitch: 0.2, zoom: 1, x: 0, y: 0, z: 0, still: true };
-
-// Characters that turn the direction of text are shown as what they are.
-export const plain = text =>
-  text.replace(
-    // biome-ignore lint/suspicious/noControlCharactersInRegex: control characters are what is looked for
-    /[\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]/g,
-    c => `\\u${c.charCodeAt(0).toString(16).padStart(4, '0')}`,
-  );
 
 export function failed(error) {
   const gone = /rebuilt/.test(error.message);

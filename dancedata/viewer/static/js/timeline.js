@@ -1,14 +1,12 @@
-// The time axis: music, speed, contacts, windows and flags, one below the other. Heights in CSS pixels.
+// The lanes of the time axis: music, speed, contacts, windows and flags, one below the other. Heights in CSS pixels.
+import { contactSpans, drawCurve, drawSpans, drawSpeed, LABEL, lanes, rows, view, xOf } from './axis.js';
 import { seek, setLoop } from './clock.js';
-import { el } from './data.js';
+import { together } from './dancers.js';
 import { css, ratio, triangle } from './figure.js';
+import { drawGroupLanes, drawPairs, labelGroup, layOutGroup } from './pairs.js';
 import { duration, loopSeconds, state } from './state.js';
 
-export const lanes = el('lanes');
 const ink = lanes.getContext('2d');
-const LABEL = 74;
-export const view = { from: 0, to: 0 };
-let rows = {};
 let base = null;
 
 export function layOut(clip) {
@@ -17,12 +15,15 @@ export function layOut(clip) {
     rows[name] = { y, h: height };
     y += height + gap;
   };
-  rows = {};
-  next('music', clip.wave || clip.onset ? 58 : 18, 4);
-  next('speed', clip.speed ? 40 : 14, 6);
+  for (const name of Object.keys(rows)) delete rows[name];
+  next('music', clip.wave || clip.onset ? (together() ? 44 : 58) : 18, 4);
+  if (together()) layOutGroup(clip, next);
+  else next('speed', clip.speed ? 40 : 14, 6);
   if (state.other?.distance) next('distance', 30, 6);
-  rows.contact = { y, h: 11 };
-  y += (clip.figure ? clip.figure.feet.length : 1) * 11 + 5;
+  if (!together()) {
+    rows.contact = { y, h: 11 };
+    y += (clip.figure ? clip.figure.feet.length : 1) * 11 + 5;
+  }
   next('windows', Math.max(14, windowRows(clip) * 3.4), 5);
   next('flags', 15, 3);
   lanes.style.height = `${y}px`;
@@ -35,7 +36,6 @@ function windowRows(clip) {
   return Math.min(10, Math.max(1, Math.ceil(clip.windows[0][1] / stride)));
 }
 
-const xOf = s => (LABEL + ((s - view.from) / (view.to - view.from)) * (lanes.width / ratio - LABEL)) * ratio;
 const secondsAt = e => {
   const box = lanes.getBoundingClientRect();
   return view.from + ((e.clientX - box.left - LABEL) / (box.width - LABEL)) * (view.to - view.from);
@@ -63,6 +63,7 @@ export function drawLanes() {
     view.to,
     css.bg,
     state.other?.name,
+    state.dancer,
   ].join(' ');
   if (!base || base.key !== key) {
     const copy = document.createElement('canvas');
@@ -104,8 +105,8 @@ function drawBase(c, clip) {
   c.textBaseline = 'middle';
   c.font = `${11 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
   drawAxis(c);
-  const label = (text, y) => {
-    c.fillStyle = css.dim;
+  const label = (text, y, colour = css.dim) => {
+    c.fillStyle = colour;
     c.textAlign = 'left';
     c.fillText(text, 0, y * ratio);
   };
@@ -116,7 +117,11 @@ function drawBase(c, clip) {
   c.clip();
   drawTrim(c, clip);
   drawMusic(c, clip);
-  if (clip.speed) drawSpeed(c, clip);
+  if (together()) {
+    drawGroupLanes(c);
+    drawPairs(c, clip);
+  }
+  if (clip.speed) drawSpeed(c, clip, rows.speed, clip.speed.max, css.mid, 4);
   if (rows.distance)
     drawCurve(
       c,
@@ -125,7 +130,7 @@ function drawBase(c, clip) {
       css.other,
       1.6,
     );
-  if (clip.figure) drawFeet(c, clip.figure);
+  if (clip.figure && !together()) drawFeet(c, clip.figure);
   drawWindows(c, clip);
   for (const f of clip.flags)
     if (f[0] !== null) triangle(c, xOf(f[0]), (rows.flags.y + 7) * ratio, 5 * ratio, css.flag, null);
@@ -135,7 +140,8 @@ function drawBase(c, clip) {
 function labelLanes(label, clip) {
   const mid = name => rows[name].y + rows[name].h / 2;
   label(clip.wave ? 'music' : clip.onset ? 'onset' : 'no music', mid('music'));
-  if (clip.speed) {
+  if (together()) labelGroup(label, clip);
+  else if (clip.speed) {
     label('speed', rows.speed.y + 12);
     label('key  ◆', rows.speed.y + 28);
   } else label('no speed', mid('speed'));
@@ -145,7 +151,8 @@ function labelLanes(label, clip) {
     label(`to ${state.other.distance.max < 10 ? top.toFixed(1) : top.toFixed(0)} mm`, rows.distance.y + 22);
   }
   const feet = clip.figure ? clip.figure.feet.map(j => clip.figure.joints[j]) : ['no contacts'];
-  for (const [k, name] of feet.entries()) label(shortName(name), rows.contact.y + orderOf(k) * rows.contact.h + 5);
+  for (const [k, name] of together() ? [] : feet.entries())
+    label(shortName(name), rows.contact.y + orderOf(k) * rows.contact.h + 5);
   label('windows', mid('windows'));
   label('flags', mid('flags'));
 }
@@ -217,7 +224,8 @@ function drawMusic(c, clip) {
     drawCurve(c, clip.onset, rows.music, clip.wave ? css.ink : css.wave, clip.wave ? 1 : 1.4);
     c.globalAlpha = 1;
   }
-  const low = clip.speed ? rows.speed.y + rows.speed.h : y + h;
+  const last = together() ? `dancer${clip.members.length - 1}` : 'speed';
+  const low = clip.speed || together() ? rows[last].y + rows[last].h : y + h;
   // Beats that nearly touch keep their points; lines would hide the music.
   const dense = clip.beats.length > 1 && (xOf(clip.beats[1]) - xOf(clip.beats[0])) / ratio < 7;
   c.fillStyle = css.accent;
@@ -233,58 +241,10 @@ function drawMusic(c, clip) {
   }
 }
 
-function drawCurve(c, curve, row, colour, width) {
-  c.strokeStyle = colour;
-  c.lineWidth = width * ratio;
-  c.beginPath();
-  const first = Math.max(0, Math.floor(view.from * curve.rate) - 1);
-  for (let i = first; i < curve.values.length && i / curve.rate <= view.to + 1; i++) {
-    c.lineTo(
-      xOf(i / curve.rate + curve.delay),
-      (row.y + row.h - (curve.values[i] / (curve.max || 1)) * row.h) * ratio,
-    );
-  }
-  c.stroke();
-}
-
-function drawSpeed(c, clip) {
-  drawCurve(c, clip.speed, rows.speed, css.mid, 1.5);
-  c.fillStyle = css.ink;
-  for (const [at, deep] of clip.keys || []) {
-    if (deep < clip.speed.max * 0.03) continue;
-    const i = Math.max(
-      0,
-      Math.min(clip.speed.values.length - 1, Math.round((at - clip.speed.delay) * clip.speed.rate)),
-    );
-    const x = xOf(at);
-    const y = (rows.speed.y + rows.speed.h - (clip.speed.values[i] / (clip.speed.max || 1)) * rows.speed.h) * ratio;
-    const r = 4 * ratio;
-    c.beginPath();
-    c.moveTo(x, y - r);
-    c.lineTo(x + r, y);
-    c.lineTo(x, y + r);
-    c.lineTo(x - r, y);
-    c.fill();
-  }
-}
-
 function drawFeet(c, figure) {
   figure.feet.forEach((joint, bit) => {
-    const y = (rows.contact.y + orderOf(bit) * rows.contact.h) * ratio;
     c.fillStyle = [css.mid, css.left, css.right][figure.sides[joint]];
-    for (let i = 0, begin = -1; i <= figure.frames; i++) {
-      const on = i < figure.frames && (figure.contacts[i] >> bit) & 1;
-      if (on && begin < 0) begin = i;
-      if (!on && begin >= 0) {
-        c.fillRect(
-          xOf(begin / figure.rate),
-          y,
-          Math.max(ratio, xOf(i / figure.rate) - xOf(begin / figure.rate)),
-          8 * ratio,
-        );
-        begin = -1;
-      }
-    }
+    drawSpans(c, contactSpans(figure, 1 << bit), figure.rate, rows.contact.y + orderOf(bit) * rows.contact.h, 8);
   });
 }
 
@@ -319,11 +279,25 @@ export function loopAt(s, y) {
   return !!found;
 }
 
+// The dancer whose lane is at a height; null where there is none.
+const laneAt = y => {
+  const k = state.clip.members.findIndex((_, at) => {
+    const row = rows[`dancer${at}`];
+    return y >= row.y && y < row.y + row.h;
+  });
+  return k < 0 ? null : k;
+};
+
 let scrubbing = false;
 lanes.addEventListener('pointerdown', e => {
   if (!state.clip) return;
   const y = e.clientY - lanes.getBoundingClientRect().top;
   const w = rows.windows;
+  const k = together() && e.clientX - lanes.getBoundingClientRect().left < LABEL ? laneAt(y) : null;
+  if (k !== null) {
+    lanes.dispatchEvent(new CustomEvent('dancer', { detail: k }));
+    return;
+  }
   if (y >= w.y - 2 && y < w.y + w.h + 2 && loopAt(secondsAt(e), y)) return;
   scrubbing = true;
   lanes.setPointerCapture(e.pointerId);

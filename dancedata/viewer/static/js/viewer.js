@@ -1,17 +1,25 @@
 // The page: it follows its address, starts the controls, and draws.
-import { openItem, showNow } from './clip.js';
+import { lanes } from './axis.js';
+import { chooseDancer, openItem, showNow } from './clip.js';
 import { advance, anchor, context, gain, metronome, play, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
-import { el, head, items, page, root } from './data.js';
+import { drawCrowd } from './crowd.js';
+import { together } from './dancers.js';
+import { el, head, items, page, plain, root } from './data.js';
 import { canvas, drawStage, sizeCanvas } from './figure.js';
 import { readLink, wholePage } from './link.js';
 import { shown, startList } from './list.js';
-import { camera, failed, plain, state } from './state.js';
-import { drawLanes, lanes } from './timeline.js';
+import { camera, failed, state } from './state.js';
+import { drawLanes } from './timeline.js';
 
 async function followLink() {
   const h = readLink();
-  const mine = items.filter(i => i.id === h.clip);
+  const named = h.group ?? h.clip;
+  const mine = items.filter(i =>
+    h.group === undefined && i.members
+      ? i.members.some(m => m[0] === h.clip)
+      : !!i.members === (h.group !== undefined) && i.id === named,
+  );
   const loop = (h.loop || '').match(/^(\d+)-(\d+)$/);
   if (h.theme) setTheme(h.theme, true);
   const item = mine.find(i => !h.window || i.start === +h.window) || mine[0] || shown[0] || items[0];
@@ -19,16 +27,24 @@ async function followLink() {
   setMode('mirror', h.mirror === '1');
   setMode('over', h.over === '1');
   const known =
-    mine.length || !h.clip
+    mine.length || !named
       ? {
           t: +h.t || 0,
           loop: loop && [+loop[1], +loop[2]],
           field: head.fields.includes(h.field) ? h.field : '',
           with: head.takes.includes(h.with) ? h.with : '',
+          dancer: placeOf(item, h.clip),
         }
       : {};
   await openItem(item, known);
-  if (h.clip && !mine.length) el('notes').textContent = `This dataset has no clip ${plain(h.clip)}`;
+  if (named && !mine.length)
+    el('notes').textContent = `This dataset has no ${h.group === undefined ? 'clip' : 'group'} ${plain(named)}`;
+}
+
+// The dancer of a group whose clip this is; null where it is of no group.
+function placeOf(item, clip) {
+  const k = (item.members || []).findIndex(m => m[0] === clip);
+  return k < 0 ? null : k;
 }
 
 export function about() {
@@ -36,6 +52,7 @@ export function about() {
   const minutes = (head.hours * 60).toFixed(1);
   el('name').textContent = plain(head.name);
   el('about').textContent =
+    (head.groups ? `${head.groups}${head.groups === 1 ? ' group' : ' groups'} · ` : '') +
     n +
     (n === 1 ? ' clip' : ' clips') +
     ' · ' +
@@ -60,7 +77,8 @@ function tick() {
     sizeCanvas(lanes);
     if (state.dirty) {
       state.dirty = false;
-      drawStage();
+      if (together()) drawCrowd();
+      else drawStage();
       drawLanes();
       showNow();
     }
@@ -103,6 +121,7 @@ window.dancedataViewer = {
   seek,
   setLoop,
   openItem,
+  chooseDancer,
   get shown() {
     return shown;
   },

@@ -1,0 +1,65 @@
+// The time axis: its canvas, its scale, and what is drawn in every lane. Heights in CSS pixels.
+import { el } from './data.js';
+import { css, ratio } from './figure.js';
+
+export const lanes = el('lanes');
+export const LABEL = 74;
+export const view = { from: 0, to: 0 };
+// Top and height of each lane, by name.
+export const rows = {};
+
+export const xOf = s => (LABEL + ((s - view.from) / (view.to - view.from)) * (lanes.width / ratio - LABEL)) * ratio;
+
+export function drawCurve(c, curve, row, colour, width) {
+  c.strokeStyle = colour;
+  c.lineWidth = width * ratio;
+  c.beginPath();
+  const first = Math.max(0, Math.floor(view.from * curve.rate) - 1);
+  for (let i = first; i < curve.values.length && i / curve.rate <= view.to + 1; i++) {
+    c.lineTo(
+      xOf(i / curve.rate + curve.delay),
+      (row.y + row.h - (curve.values[i] / (curve.max || 1)) * row.h) * ratio,
+    );
+  }
+  c.stroke();
+}
+
+// Speed and key motions of a dancer, `max` at the top of the row.
+export function drawSpeed(c, dancer, row, max, colour, size) {
+  const speed = dancer.speed;
+  drawCurve(c, { ...speed, max }, row, colour, 1.5);
+  c.fillStyle = css.ink;
+  for (const [at, deep] of dancer.keys || []) {
+    if (deep < speed.max * 0.03) continue;
+    const i = Math.max(0, Math.min(speed.values.length - 1, Math.round((at - speed.delay) * speed.rate)));
+    const x = xOf(at);
+    const y = (row.y + row.h - (speed.values[i] / (max || 1)) * row.h) * ratio;
+    const r = size * ratio;
+    c.beginPath();
+    c.moveTo(x, y - r);
+    c.lineTo(x + r, y);
+    c.lineTo(x, y + r);
+    c.lineTo(x - r, y);
+    c.fill();
+  }
+}
+
+// Bars from the first to the last frame of each stretch.
+export function drawSpans(c, spans, rate, y, height) {
+  for (const [start, end] of spans)
+    c.fillRect(xOf(start / rate), y * ratio, Math.max(ratio, xOf(end / rate) - xOf(start / rate)), height * ratio);
+}
+
+// Stretches of frames in which a foot joint is in contact: some bit of `bits` is set.
+export function contactSpans(figure, bits) {
+  const spans = [];
+  for (let i = 0, begin = -1; i <= figure.frames; i++) {
+    const on = i < figure.frames && figure.contacts[i] & bits;
+    if (on && begin < 0) begin = i;
+    if (!on && begin >= 0) {
+      spans.push([begin, i]);
+      begin = -1;
+    }
+  }
+  return spans;
+}

@@ -1,0 +1,80 @@
+// The lanes of a group: one for each dancer, and those of distances and contacts between them.
+import { contactSpans, drawCurve, drawSpans, drawSpeed, rows, xOf } from './axis.js';
+import { coloursOf, together } from './dancers.js';
+import { css, ratio, triangle } from './figure.js';
+
+export function layOutGroup(clip, next) {
+  const tall = clip.members.length > 4 ? 20 : 30;
+  for (const [k] of clip.members.entries()) next(`dancer${k}`, tall, 3);
+  if (!clip.pairs.length) return;
+  next('apart', 32, 5);
+  if (clip.pairs.length === 1) next('facing', 26, 5);
+  next('touch', 9, 5);
+  next('collide', 9, 5);
+}
+
+export function labelGroup(label, clip) {
+  for (const [k, dancer] of clip.members.entries()) {
+    const row = rows[`dancer${k}`];
+    label(dancer.called.slice(0, 12), row.y + row.h / 2, coloursOf(dancer)[0]);
+  }
+  if (!clip.pairs.length) return;
+  label(clip.pairs.length > 1 ? 'nearest' : 'apart', rows.apart.y + 9);
+  label(`to ${apartMax(clip).toFixed(1)} m`, rows.apart.y + 23);
+  if (rows.facing) {
+    label('facing', rows.facing.y + 7);
+    label('0 to 180°', rows.facing.y + 20);
+  }
+  label('touch', rows.touch.y + 5);
+  label('collide', rows.collide.y + 5);
+}
+
+const apartMax = clip => Math.max(...clip.pairs.map(pair => pair.distance.max));
+
+export function drawGroupLanes(c) {
+  const dancers = together();
+  const max = Math.max(...dancers.map(dancer => dancer.speed?.max || 0));
+  for (const [k, dancer] of dancers.entries()) drawDancer(c, dancer, rows[`dancer${k}`], max);
+}
+
+function drawDancer(c, dancer, row, max) {
+  const [middle, left, right] = coloursOf(dancer);
+  const bar = row.h > 24 ? 4 : 3;
+  if (dancer.speed) {
+    drawSpeed(c, dancer, { y: row.y, h: row.h - 2 * bar - 3 }, max, middle, row.h > 24 ? 3.4 : 2.6);
+  }
+  if (dancer.figure)
+    for (const [side, colour] of [
+      [1, left],
+      [2, right],
+    ]) {
+      const bits = dancer.figure.feet.reduce(
+        (sum, joint, bit) => sum | (dancer.figure.sides[joint] === side ? 1 << bit : 0),
+        0,
+      );
+      c.fillStyle = colour;
+      const y = row.y + row.h - (3 - side) * (bar + 1);
+      drawSpans(c, contactSpans(dancer.figure, bits), dancer.figure.rate, y, bar);
+    }
+  for (const f of dancer.flags)
+    if (f[0] !== null) triangle(c, xOf(f[0]), (row.y + 5) * ratio, 4 * ratio, css.flag, null);
+}
+
+export function drawPairs(c, clip) {
+  if (!clip.pairs.length) return;
+  const max = apartMax(clip);
+  const many = clip.pairs.length > 1;
+  c.globalAlpha = many ? 0.25 : 1;
+  for (const pair of clip.pairs) drawCurve(c, { ...pair.distance, max }, rows.apart, css.dim, many ? 1 : 1.6);
+  c.globalAlpha = 1;
+  if (many) drawCurve(c, { ...clip.pairs[0].distance, values: clip.nearest, max }, rows.apart, css.ink, 1.6);
+  if (rows.facing)
+    for (const [k, curve] of clip.pairs[0].facing.entries())
+      drawCurve(c, { ...curve, max: 180 }, rows.facing, coloursOf(clip.members[clip.pairs[0].of[k]])[0], 1.5);
+  for (const pair of clip.pairs) {
+    c.fillStyle = css.contact;
+    drawSpans(c, pair.contacts, pair.rate, rows.touch.y, rows.touch.h);
+    c.fillStyle = css.flag;
+    drawSpans(c, pair.collisions, pair.rate, rows.collide.y, rows.collide.h);
+  }
+}

@@ -1,0 +1,97 @@
+"""Dancers of a group in their one world: distances, facing, contacts and collisions of each two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.grid import FrameGrid
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import SMPL24
+from dancedata.metrics.groups import Contact, collisions, contact_spans, facing_angles, root_distances
+from dancedata.viewer.figure import Figure
+
+#: Joints that contacts and collisions are measured on, by name and place.
+_BODY = SMPL24.joints[:22]
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two dancers of a group.
+
+    Attributes
+    ----------
+    first, second
+        Their places in the group.
+    distance_m
+        (T,) distance of their roots.
+    facing_deg
+        (2, T) angle between where the hips of the first face and the direction to the second, and that of the second
+        to the first: 0 looks at the other, 180 has the other behind. NaN where it is undefined.
+    contacts
+        Stretches in which a wrist of one is near a joint of the other.
+    collides
+        (T,) whether their bodies intersect.
+    """
+
+    first: int
+    second: int
+    distance_m: Float64Array
+    facing_deg: Float64Array
+    contacts: tuple[Contact, ...]
+    collides: npt.NDArray[np.bool_]
+
+    @property
+    def collisions(self) -> tuple[tuple[int, int], ...]:
+        """Stretches of frames in which the bodies intersect, half-open."""
+        return stretches(self.collides)
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """All pairs of a group's dancers.
+
+    Attributes
+    ----------
+    grid
+        Rate of the frames.
+    floor
+        Height of the floor, metres: one for all, that of the lowest dancer, so that a lifted one stays in the air.
+    touch
+        Whether contacts and collisions were measured: bodies need the first 22 joints of SMPL.
+    """
+
+    grid: FrameGrid
+    floor: float
+    pairs: tuple[Pair, ...]
+    touch: bool
+
+    @classmethod
+    def of(cls, figures: Sequence[Figure]) -> Together:
+        """Measure the pairs of figures of equal length, rate and skeleton."""
+        joints = np.stack([figure.joints for figure in figures])
+        skeleton, n_frames = figures[0].skeleton, joints.shape[1]
+        touch = skeleton.joints[: len(_BODY)] == _BODY
+        distance = root_distances(joints)
+        hips = {"left_hip", "right_hip"} <= set(skeleton.joints)
+        left, right = (skeleton.joints.index(f"{side}_hip") if hips else 0 for side in ("left", "right"))
+        facing = facing_angles(joints[:, :, [0, left, right]])
+        meet = collisions(joints) if touch else np.zeros((len(joints), len(joints), n_frames), dtype=np.bool_)
+        pairs = tuple(
+            Pair(
+                a, b, distance[a, b], np.stack([facing[a, b], facing[b, a]]),
+                tuple(contact_spans(joints[a], joints[b])) if touch else (), meet[a, b],
+            )
+            for a, b in combinations(range(len(joints)), 2)
+        )  # fmt: skip
+        return cls(figures[0].grid, min(figure.floor for figure in figures), pairs, touch)
+
+
+def stretches(on: npt.NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
+    """Return the stretches of True of a row, half-open."""
+    edges = np.flatnonzero(np.diff(np.r_[False, on, False]))
+    return tuple((int(start), int(end)) for start, end in edges.reshape(-1, 2))

@@ -1,0 +1,194 @@
+"""A group plays whole: one entry of the list, all dancers in one world, distances and contacts between them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.errors import UsageError
+from dancedata.core.skeleton import SMPL24
+from dancedata.metrics import facing_angles
+from dancedata.viewer import Figure, Scenes
+from dancedata.viewer.comparisons import comparison_of, comparison_payload, file_format
+from dancedata.viewer.page import clip_page
+from dancedata.viewer.palette import DANCERS
+from dancedata.viewer.payload import item_rows, link, scene_payload
+from dancedata.viewer.server import Site
+from dancedata.viewer.source import ClipSource
+from dancedata.viewer.together import Together
+from dancedata.viewer.view import ViewRequest, export_page
+from tests.viewer.test_scenes import unpacked
+
+TWO, SEVEN = "-Ab_cdEf123_01_0_180", "plainid0123_04_829_1009"
+
+
+@pytest.fixture(scope="module")
+def groups(crowd: Path) -> Scenes:
+    return Scenes(dancedata.open(crowd))
+
+
+def test_the_list_is_group_by_group(groups: Scenes) -> None:
+    sizes = {item.id: len(item.members) for item in groups.items}
+    assert sorted(sizes.values()) == [2, 2, 3, 5, 7, 7]
+    assert [item.number for item in groups.items] == list(range(6))
+    assert sum(sizes.values()) == len(groups.store.clips)
+    copy = groups.find(f"{TWO}__mirror")
+    assert (copy.source, copy.members[1].source) == (TWO, f"{TWO}_p1")
+    rows = item_rows(groups.items, tuple(groups.flag_count(item) for item in groups.items))
+    names = [rows["clips"][row[0]][0] for row in rows["items"]]
+    assert names == [item.id for item in groups.items]
+    assert [m[:2] for m in rows["clips"][names.index(TWO)][6]] == [[f"{TWO}_p0", 0], [f"{TWO}_p1", 1]]
+    assert rows["palette"] == DANCERS
+
+
+def test_a_dancer_is_found_by_himself_and_a_group_by_its_name(groups: Scenes) -> None:
+    group, dancer = groups.find(SEVEN), groups.find(f"{SEVEN}_p3")
+    assert (dancer.number, dancer.members, dancer.part) == (group.number, (), "3")
+    assert groups.scene(dancer).figure is not None
+    assert link(group, at=1.5) == f"#group={SEVEN}&t=1.500"
+    assert link(dancer) == f"#clip={SEVEN}_p3"
+    with pytest.raises(UsageError, match=r"no clip or group named .* Did you mean"):
+        groups.find(f"{SEVEN}_p9")
+
+
+def test_all_dancers_are_in_the_payload_at_their_places(groups: Scenes) -> None:
+    scene = groups.scene(groups.find(SEVEN))
+    payload = json.loads(json.dumps(scene_payload(scene)))
+    for k, member in enumerate(payload["members"]):
+        wanted = dancedata.decode(groups.store.read_clip(f"{SEVEN}_p{k}", "edge151"), "edge151", fps=30).joints()
+        assert np.abs(unpacked(member["figure"]) - wanted).max() <= 0.0005 + 1e-6
+        assert (member["clip"], member["member"], member["part"]) == (f"{SEVEN}_p{k}", k, str(k))
+        assert {"speed", "keys", "flags"} <= set(member)
+    floor = round(min(s.figure.floor for s in scene.members), 4)
+    assert {member["figure"]["floor"] for member in payload["members"]} == {floor}
+    assert len(payload["pairs"]) == 21
+    assert (payload["figure"], payload["group"], payload["id"]) == (None, SEVEN, SEVEN)
+    assert payload["beats"] == scene_payload(scene.members[0])["beats"]
+
+
+def test_a_dancer_alone_has_the_payload_of_a_clip(groups: Scenes) -> None:
+    payload = scene_payload(groups.scene(groups.find(f"{SEVEN}_p2")))
+    assert "members" not in payload
+    assert payload["figure"]["floor"] > 0
+
+
+def test_missing_dancers_are_named(groups: Scenes, lacking: Path) -> None:
+    scenes = Scenes(dancedata.open(lacking))
+    scene = scenes.scene(scenes.find(SEVEN))
+    assert scene.item.n_source == 7
+    assert "5 of 7 dancers are stored: 0, 2, 3, 5, 6; the others were left out" in scene.notes
+    assert [m["member"] for m in scene_payload(scene)["members"]] == [0, 2, 3, 5, 6]
+    assert not any("stored" in note for note in groups.scene(groups.find(SEVEN)).notes)
+
+
+def test_duets_have_roles_distances_contacts_and_collisions(duets: Path) -> None:
+    scenes = Scenes(dancedata.open(duets))
+    scene = scenes.scene(scenes.find("Waltz_5_0"))
+    assert [member.item.part for member in scene.members] == ["0 follower", "1 leader"]
+    (pair,) = scene.together.pairs
+    roots = [member.figure.joints[:, 0] for member in scene.members]
+    assert pair.distance_m == pytest.approx(np.linalg.norm(roots[0] - roots[1], axis=1))
+    assert pair.contacts
+    assert pair.collisions
+    payload = scene_payload(scene)["pairs"][0]
+    assert payload["collisions"] == [list(span) for span in pair.collisions]
+    assert payload["contacts"][0][:4] == list(pair.contacts[0][:4])
+    assert payload["contacts"][0][4] == round(1000 * pair.contacts[0].distance_m)
+
+
+def test_facing_is_the_angle_to_the_other() -> None:
+    place = np.zeros((2, 1, 3, 3))
+    place[:, :, 1:] = [[[0.1, 0, 0], [-0.1, 0, 0]]]  # left hip at +X: both face +Z
+    place[1, :, :, 2] += 1.0
+    angles = facing_angles(place)
+    assert angles[0, 1] == pytest.approx([0.0], abs=1e-6)
+    assert angles[1, 0] == pytest.approx([180.0], abs=1e-6)
+    assert np.isnan(angles[0, 0]).all()
+    z_up = place[..., [0, 2, 1]] * [1, -1, 1]
+    assert facing_angles(z_up, up="z")[0, 1] == pytest.approx([0.0], abs=1e-6)
+    place[1] = place[0] + [0, 1, 0]
+    assert np.isnan(facing_angles(place)[0, 1]).all()  # above each other
+
+
+def test_a_lifted_partner_stays_in_the_air_and_far_bodies_do_not_meet() -> None:
+    joints = np.repeat(np.random.default_rng(0).random((1, 22, 3)), 4, axis=0)
+    skeleton, grid = SMPL24.subset("body", SMPL24.joints[:22]), dancedata.core.grid.FrameGrid.of(30)
+    lifted = joints + np.array([[0, 0.8, 0], [3, 0.8, 0], [0, 0.8, 9], [0, 0.8, 0]])[:, None]
+    together = Together.of([Figure.of_joints(j, skeleton, grid) for j in (joints, lifted)])
+    assert together.floor == pytest.approx(Figure.of_joints(joints, skeleton, grid).floor)
+    assert together.pairs[0].collides[[1, 2]].tolist() == [False, False]
+    assert together.pairs[0].collides[0] == together.pairs[0].collides[3]
+    other = SMPL24.subset("part", SMPL24.joints[:12])
+    short = Together.of([Figure.of_joints(j[:, :12], other, grid) for j in (joints, joints)])
+    assert not short.touch
+    assert short.pairs[0].collisions == ()
+
+
+def test_order_of_members_does_not_change_the_pairs(groups: Scenes) -> None:
+    figures = [member.figure for member in groups.scene(groups.find(SEVEN)).members]
+    order = [3, 0, 6, 1, 2, 5, 4]
+    one, other = Together.of(figures), Together.of([figures[k] for k in order])
+    mine = {(p.first, p.second): p for p in one.pairs}
+    for pair in other.pairs:
+        same = mine[tuple(sorted((order[pair.first], order[pair.second])))]
+        assert (pair.distance_m == same.distance_m).all()
+        assert (pair.collides == same.collides).all()
+    assert one.floor == other.floor
+
+
+def test_a_group_is_compared_dancer_by_dancer(groups: Scenes, crowd: Path, tmp_path: Path) -> None:
+    scene = groups.scene(groups.find(TWO))
+    first = scene.members[0]
+    np.save(tmp_path / f"{first.item.clip.id}.npy", first.figure.joints + np.array((0.003, 0.0, 0.004)))
+    files = comparison_of(tmp_path, groups.store, file_format(groups.store))
+    payload = comparison_payload(files, scene)
+    assert payload["mean"] == pytest.approx(5.0, abs=1e-3)
+    assert payload["note"].endswith("has no file for this clip (dancers 1)")
+    assert ["figure" in member for member in payload["members"]] == [True, False]
+    same = comparison_payload(comparison_of(crowd, groups.store, file_format(groups.store)), scene)
+    assert (same["mean"], same["note"]) == (0.0, "")
+
+
+def test_the_server_gives_groups_by_number(groups: Scenes, crowd_source: Path) -> None:
+    site = Site(groups, ClipSource(groups.store, crowd_source))
+    number = groups.find(SEVEN).number
+    assert len(json.loads(site.answer(f"/clip/{number}", None).body)["members"]) == 7
+    assert site.answer(f"/clip/{number}/music", None).kind == "audio/flac"
+    site.answer("/sliding", None)
+    assert b'"group"' in site.answer(f"/clip/{number}", "edge151").body
+    site._measure()
+    sliding = max(member.figure.sliding for member in groups.scene(groups.find(SEVEN)).members)
+    assert json.loads(site.answer("/sliding", None).body)["values"][number] == round(sliding, 4)
+
+
+def test_a_group_and_a_dancer_are_exported(crowd: Path, tmp_path: Path) -> None:
+    page = export_page(ViewRequest(crowd, TWO), tmp_path / "group.html").read_text()
+    assert page.count('"part":') == 2
+    alone = export_page(ViewRequest(crowd, f"{TWO}_p1"), tmp_path / "alone.html").read_text()
+    assert '"members":' not in alone.partition("</script>")[0]
+    scenes = Scenes(dancedata.open(crowd))
+    assert clip_page(scenes, [scenes.find(TWO)]) == page
+    assert "palette" not in alone.partition("</script>")[0]
+
+
+def test_a_dancer_shows_himself_in_a_notebook(crowd: Path) -> None:
+    shown = dancedata.open(crowd).clip(f"{TWO}_p1")._repr_html_()
+    assert "&quot;members&quot;" not in shown
+    assert f"{TWO}_p1" in shown
+
+
+@pytest.mark.parametrize(("theme", "background"), [("dark", "#14161a"), ("light", "#f6f7f8")])
+def test_colours_of_dancers_stand_out(theme: str, background: str) -> None:
+    def light(colour: str) -> float:
+        parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    assert len({tones[0] for tones in DANCERS[theme]}) == 8
+    for middle, left, right in DANCERS[theme]:
+        assert light(left) > light(middle) > light(right)
+        for colour in (middle, left, right):
+            low, high = sorted((light(colour), light(background)))
+            assert (high + 0.05) / (low + 0.05) >= 3

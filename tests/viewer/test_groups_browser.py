@@ -1,0 +1,158 @@
+"""A group in a real browser: all dancers, one of them alone, links, keys and pages."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.viewer import Scenes
+from dancedata.viewer.view import ViewRequest, export_page
+from tests.viewer.helpers import Browser, serving
+from tests.viewer.test_groups import SEVEN, TWO
+
+V = "dancedataViewer"
+#: How many dancers are drawn in colours of their own: their middle tones on the stage.
+TONES = """
+const canvas = document.querySelector('[data-dd=figure]'), data = canvas.getContext('2d').getImageData(
+  0, 0, canvas.width, canvas.height).data, seen = new Set();
+for (let i = 0; i < data.length; i += 4)
+  seen.add('#' + [0, 1, 2].map(k => data[i + k].toString(16).padStart(2, '0')).join(''));
+const page = JSON.parse(document.getElementById('dd-data').textContent);
+return page.list.palette[document.documentElement.dataset.theme].filter(tones => seen.has(tones[0])).length;
+"""
+
+
+@pytest.fixture(scope="module")
+def served(crowd: Path, crowd_source: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("compared") / "moved"
+    folder.mkdir()
+    scenes = Scenes(dancedata.open(crowd))
+    for member in scenes.scene(scenes.find(TWO)).members:
+        np.save(folder / f"{member.item.clip.id}.npy", member.figure.joints + np.array((0.003, 0.0, 0.004)))
+    with serving(ViewRequest(crowd, source=crowd_source, compare=(folder,))) as address:
+        yield address.partition("#")[0]
+
+
+def shown(browser: Browser) -> dict[str, Any]:
+    return browser.js(
+        f"const s = {V}.state, f = n => document.querySelector(`[data-dd=${{n}}]`); "
+        "return {dancer: s.dancer, title: f('title').textContent, meta: f('meta').textContent, t: s.t, "
+        "hash: location.hash, clock: f('clock').textContent, mirror: f('mirror').disabled, loop: s.loop, "
+        "chips: [...f('dancers').children].map(b => [b.textContent, b.getAttribute('aria-pressed')])}"
+    )
+
+
+def test_a_group_plays_whole_and_a_dancer_alone(browser: Browser, served: str) -> None:
+    browser.size(1440, 900)
+    browser.open(f"{served}#group={SEVEN}&t=2.5&loop=30-120")
+    now = shown(browser)
+    assert (now["dancer"], now["title"], now["loop"]) == (None, SEVEN, [30, 120])
+    assert "7 dancers" in now["meta"]
+    assert now["chips"] == [["all", "true"], *([str(k), "false"] for k in range(7))]
+    assert "m apart" in now["clock"]
+    assert now["mirror"]
+    browser.wait(TONES.replace("return page", "return 7 === page"))
+    browser.key("d")
+    browser.key("d")
+    alone = shown(browser)
+    assert (alone["dancer"], alone["title"], alone["mirror"]) == (1, f"{SEVEN}_p1", False)
+    assert (alone["t"], alone["loop"]) == (now["t"], [30, 120])
+    browser.wait(f"return location.hash.startsWith('#clip={SEVEN}_p1&')")
+    written = browser.js("return location.hash")
+    assert browser.js(TONES) < 7
+    browser.key("g")
+    assert shown(browser)["dancer"] is None
+    browser.wait(f"return location.hash.startsWith('#group={SEVEN}&')")
+    browser.open(served + written)
+    assert (shown(browser)["dancer"], shown(browser)["loop"]) == (1, [30, 120])
+    browser.key("[")
+    browser.wait(f"return {V}.state.item.id !== {SEVEN!r}")
+    assert shown(browser)["dancer"] is None
+    assert browser.log() == []
+
+
+def test_a_click_on_a_dancer_or_his_lane_shows_him_alone(browser: Browser, served: str) -> None:
+    browser.open(f"{served}#group={TWO}&t=1")
+    click = """
+    const [name, x, y] = arguments, target = document.querySelector(`[data-dd=${name}]`);
+    const box = target.getBoundingClientRect();
+    const about = {clientX: box.left + x, clientY: box.top + y, pointerId: 1, bubbles: true};
+    target.setPointerCapture = () => {};
+    target.dispatchEvent(new PointerEvent('pointerdown', about));
+    target.dispatchEvent(new PointerEvent('pointerup', about));
+    """
+    place = """
+    const canvas = document.querySelector('[data-dd=figure]'), data = canvas.getContext('2d').getImageData(
+      0, 0, canvas.width, canvas.height).data, page = JSON.parse(document.getElementById('dd-data').textContent);
+    const tone = page.list.palette[document.documentElement.dataset.theme][1][1], found = [];
+    for (let i = 0; i < data.length; i += 4)
+      if ('#' + [0, 1, 2].map(k => data[i + k].toString(16).padStart(2, '0')).join('') === tone) found.push(i / 4);
+    const middle = found[found.length >> 1], scale = canvas.width / canvas.getBoundingClientRect().width;
+    return [(middle % canvas.width) / scale, Math.floor(middle / canvas.width) / scale];
+    """
+    x, y = browser.js(place)
+    browser.js(click, "figure", x, y)
+    assert shown(browser)["dancer"] == 1
+    browser.js(f"{V}.chooseDancer(null)")
+    browser.js(click, "figure", 3, 3)
+    assert shown(browser)["dancer"] is None
+    browser.js(click, "lanes", 20, 82)
+    assert shown(browser)["dancer"] == 0
+
+
+def test_a_group_is_compared(browser: Browser, served: str) -> None:
+    browser.open(f"{served}#group={TWO}&t=1&with=moved")
+    browser.wait(f"return {V}.state.other?.members?.length === 2")
+    browser.wait("return document.querySelector('[data-dd=clock]').textContent.includes('5.0 mm from moved')")
+    browser.key("o")
+    browser.key("d")
+    assert browser.js(f"return !!{V}.state.other.figure && {V}.state.other.name") == "moved"
+    assert browser.log() == []
+
+
+def test_names_of_groups_and_clips_that_are_not_there(browser: Browser, served: str) -> None:
+    browser.open(f"{served}#group=gone")
+    assert browser.js("return document.querySelector('[data-dd=notes]').textContent") == (
+        "This dataset has no group gone"
+    )
+
+
+def test_the_list_finds_a_dancer(browser: Browser, served: str) -> None:
+    browser.open(f"{served}#group={TWO}")
+    found = browser.js(
+        "const q = document.querySelector('[data-dd=q]'); q.value = '_p6'; "
+        f"q.dispatchEvent(new Event('input')); const n = {V}.shown.map(i => i.name); "
+        "q.value = ''; q.dispatchEvent(new Event('input')); return n"
+    )
+    assert found == [SEVEN, f"{SEVEN}__mirror"]
+
+
+def test_an_exported_group_plays(browser: Browser, crowd: Path, tmp_path: Path) -> None:
+    page = export_page(ViewRequest(crowd, TWO), tmp_path / "group.html")
+    browser.open(f"{page.as_uri()}#clip={quote(f'{TWO}_p1', safe='')}&t=1")
+    assert (shown(browser)["dancer"], shown(browser)["t"]) == (1, 1)
+    browser.open(page.as_uri())
+    assert shown(browser)["dancer"] is None
+    assert browser.log() == []
+
+
+def test_collisions_and_missing_dancers_are_said(browser: Browser, duets: Path, lacking: Path) -> None:
+    with serving(ViewRequest(duets)) as address:
+        browser.open(f"{address.partition('#')[0]}#group=Waltz_5_0&t=4.1")
+        clock = shown(browser)["clock"]
+        assert "0 follower and 1 leader" in clock
+        assert clock.endswith("collide")
+        assert " at 1 leader " in clock
+        assert "facing" in clock
+    with serving(ViewRequest(lacking)) as address:
+        browser.open(address)
+        assert [chip[0] for chip in shown(browser)["chips"]] == ["all", "0", "2", "3", "5", "6"]
+        assert "5 of 7 dancers are stored" in browser.js(
+            "return document.querySelector('[data-dd=notes]').textContent"
+        )
+        assert browser.js(TONES) == 5
+    assert browser.log() == []
