@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dancedata.exports.base.job import ExportJob, Missing
@@ -31,11 +31,11 @@ def needs_motion(job: ExportJob, field: str) -> list[Missing]:
     return missing
 
 
-def decoded(job: ExportJob, field: str) -> Iterator[tuple[ClipView, Motion]]:
+def decoded(job: ExportJob, field: str, clips: Sequence[ClipView] | None = None) -> Iterator[tuple[ClipView, Motion]]:
     """Yield clips and their motions, from `field`, or from the first field that decodes to the motion itself."""
     name = field_name(job, field)
     reader = _decodable(job)[name]
-    for clip in job.each("clips", job.clips()):
+    for clip in job.each("clips", job.clips() if clips is None else clips):
         yield clip, reader.representation.decode(clip.read(name), reader.grid)
 
 

@@ -145,7 +145,7 @@ class SliceWriter:
                 self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", silent)
             return
         for item, sound in cut_sounds(self.job, slices):
-            self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", sound)
+            self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", wav_bytes(sound))
 
 
 MOTION = "edge151"
@@ -261,14 +261,14 @@ def _short(job: ExportJob, slices: list[Slice]) -> list[str]:
     return [item.name for item in short]
 
 
-def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, bytes]]:
-    """Cut the sound of slices: their names with a 16-bit mono wav; each song is decoded once per clip."""
+def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, AudioSignal]]:
+    """Cut the sound of slices; each song is decoded once per clip."""
     clip, signal = "", None
     for item in slices:
         if item.clip.id != clip or signal is None:
             clip, signal = item.clip.id, job.music.load(item.clip)
         first = _first_sample(item, signal.sample_rate)
-        yield item, wav_bytes(signal.part(first, first + LENGTH_S * signal.sample_rate))
+        yield item, signal.part(first, first + LENGTH_S * signal.sample_rate)
 
 
 def wav_bytes(signal: AudioSignal) -> bytes:

@@ -1,4 +1,4 @@
-"""AIOZ-GDANCE's files of groups, for GCD's and TCDiff's own loaders."""
+"""AIOZ-GDANCE's files of groups, for GCD's own loader."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,7 +33,6 @@ python train.py --data_path {out}
 - NAME is VIDEO_SEGMENT_START_END with END - START frames: GCD filters and draws windows by the name. Groups of other
   datasets are named GROUP_00_0_FRAMES.
 - `train_split_sequence_names.txt` and so on are the splits; `split_sequence_names.txt` has the names of all of them.
-- TCDiff reads `motions_smpl` too: copy the wavs of the source to the folder `musics438` that its scripts name.
 """
 
 

@@ -8,8 +8,8 @@ world rotation = file's world rotation @ align. `align` follows from the file's 
 - The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the hips
   (the arms) and comes closest to up: the neck for the chest; for the pelvis the file's up axis, or the spine if that
   is more than 60 degrees away from it.
-- Where the rest pose is SMPL's itself, within 1 % of the body, its lines between hips and arms are not taken as level:
-  `align` is then one constant rotation, and a file that was written from SMPL comes back as it was.
+- Where the rest pose is SMPL's itself, within 1 % of the body, its lines between hips and arms are not taken as
+  level: `align` is then one constant rotation, and a file that was written from SMPL comes back as it was.
 - Head and neck, whose joints have no standard position: as the pelvis and the chest. Other leaf joints: as their
   parent.
 
