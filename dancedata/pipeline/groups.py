@@ -71,14 +71,16 @@ def whole_groups(
 
 def require_places(recipe: Recipe) -> None:
     """Raise UsageError for fields that cannot hold a group: dancers anywhere would have equal columns."""
+    beside = {field.grid for field in recipe.motion if field.representation.name == "root_place"}
     for field in recipe.motion:
         spatial = field.representation.spatial
-        if spatial is not None and set(spatial.roles.values()) == {"unchanged"}:
+        if spatial is not None and set(spatial.roles.values()) == {"unchanged"} and field.grid not in beside:
             raise UsageError(
                 f"the representation {field.representation.name} cannot hold groups: its columns have no places",
                 where=f"motion.{field.name}",
                 found=f"groups in the source of {recipe.dataset.name}",
-                fix="choose a representation with places, such as edge151",
+                fix=f"store the places beside it, motion: {{root_place: {{fps: {field.grid}}}}}, or choose a "
+                "representation that has them, such as edge151",
             )
     if recipe.retarget is not None:
         raise UsageError(

@@ -280,7 +280,7 @@ def encode_group(
             if any(info is None or None in arrays.values() for info, arrays in encoded):
                 motions = group_motions(recipe, refs, copies)
                 grounded = [f for f in recipe.motion if f.representation.grounded]
-                floors = {f.name: min(f.representation.floor(motion) for motion in motions) for f in grounded}
+                floors = {f.name: min(f.representation.floor(m.resampled(f.grid)) for m in motions) for f in grounded}
                 encoded = [
                     _published(cache, recipe, ref, keys, sha256, motion, arrays, floors)
                     for (ref, sha256, keys), motion, (_, arrays) in zip(members, motions, encoded, strict=True)

@@ -45,8 +45,27 @@ _CONTACT = 0.002
 _SMOOTHING_FRAMES = 20
 
 
-def retargeted(joints: Float64Array) -> Float64Array:
-    """Return joints (T, 22, 3) with the target's bones, on the floor, first at the origin and facing +Z."""
+def retargeted(joints: Float64Array, floor_m: float | None = None) -> Float64Array:
+    """Return joints (T, 22, 3) with the target's bones, on the floor, first at the origin and facing +Z.
+
+    The floor is the height of the lowest joint; or `floor_m`, in the world of `joints`.
+    """
+    placed, scale = _on_target(joints)
+    placed[..., 1] -= placed[..., 1].min() if floor_m is None else floor_m * scale
+    placed -= placed[0, 0] * (1, 0, 1)
+    first = placed[0]
+    across = first[_RIGHT_HIP] - first[_LEFT_HIP] + first[_RIGHT_SHOULDER] - first[_LEFT_SHOULDER]
+    return _turned(placed, np.broadcast_to(_yaw(np.cross(_Y, across)), len(placed)))
+
+
+def floor_of(joints: Float64Array) -> float:
+    """Return the height of the floor that `retargeted` takes, in the world of `joints`, metres."""
+    placed, scale = _on_target(joints)
+    return float(placed[..., 1].min() / scale)
+
+
+def _on_target(joints: Float64Array) -> tuple[Float64Array, float]:
+    """Return joints (T, 22, 3) with the target's bones, and the scale of the world."""
     lengths = np.linalg.norm(joints[0, 1:] - joints[0, list(PARENTS[1:])], axis=-1)
     if not (lengths > 1e-6).all():
         joint = int(np.argmin(lengths)) + 1
@@ -62,11 +81,7 @@ def retargeted(joints: Float64Array) -> Float64Array:
     for j in range(1, N_JOINTS):
         bone = joints[:, j] - joints[:, PARENTS[j]]
         placed[:, j] = placed[:, PARENTS[j]] + BONE_LENGTHS[j] * bone / _length(bone)
-    placed[..., 1] -= placed[..., 1].min()
-    placed -= placed[0, 0] * (1, 0, 1)
-    first = placed[0]
-    across = first[_RIGHT_HIP] - first[_LEFT_HIP] + first[_RIGHT_SHOULDER] - first[_LEFT_SHOULDER]
-    return _turned(placed, np.broadcast_to(_yaw(np.cross(_Y, across)), len(placed)))
+    return placed, scale
 
 
 def columns_of(joints: Float64Array) -> npt.NDArray[np.float32]:

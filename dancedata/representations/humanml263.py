@@ -99,13 +99,30 @@ class Humanml263(Representation):
             "bad_skeleton" for a bone without a length.
         """
         parts.refuse_rule(contacts, self.name)
+        return self._columns(motion, None)
+
+    @override
+    def floor(self, motion: Motion) -> float:
+        return humanml.floor_of(self._joints(motion))
+
+    @override
+    def encode_above(
+        self, motion: Motion, floor_m: float, contacts: ContactRule | None = None
+    ) -> npt.NDArray[np.float32]:
+        parts.refuse_rule(contacts, self.name)
+        return self._columns(motion, floor_m)
+
+    def _columns(self, motion: Motion, floor_m: float | None) -> npt.NDArray[np.float32]:
+        return humanml.columns_of(humanml.retargeted(self._joints(motion), floor_m))
+
+    def _joints(self, motion: Motion) -> Float64Array:
         if not has_body(motion.skeleton):
             raise UsageError(
                 f"{self.name} cannot hold a motion on skeleton {motion.skeleton.name}",
                 found=f"joints {', '.join(motion.skeleton.joints[:4])}, ...",
                 allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
             )
-        return humanml.columns_of(humanml.retargeted(motion.joints()[:, : humanml.N_JOINTS]))
+        return motion.joints()[:, : humanml.N_JOINTS]
 
     def positions(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """Return the joint positions (T, 22, 3) of columns (T, D), metres, as HumanML3D's `recover_from_ric`.

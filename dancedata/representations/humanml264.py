@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.spatial import Spatial
@@ -48,8 +47,8 @@ class Humanml264(Humanml263):
         return parts.columns_of(*root, *body_parts())
 
     @override
-    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        return with_root_angle(super().encode(motion, contacts))
+    def _columns(self, motion: Motion, floor_m: float | None) -> npt.NDArray[np.float32]:
+        return with_root_angle(super()._columns(motion, floor_m))
 
     @override
     def _humanml3d(self, array: Float64Array) -> Float64Array:

@@ -131,7 +131,7 @@ def test_a_plan_reads_no_body_model_and_writes_nothing(own: Cache, tmp_path: Pat
     recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}"])
     ref = motion_units.ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
     for slot in recipe.motion:
-        assert cached_units(own, replace(recipe, audio=()), [(ref, 1)], [])[slot.name] == Cached("clips", 0, 1)
+        assert cached_units(own, replace(recipe, audio=()), [ref], [(ref, 1)], [])[slot.name] == Cached("clips", 0, 1)
     assert not own.root.exists()
 
 

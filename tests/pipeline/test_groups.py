@@ -326,8 +326,22 @@ def test_a_plan_counts_the_groups_of_a_build(tmp_path: Path, cache: Path, incomp
     store = dancedata.build(document, source, tmp_path / "out", **places).open()
     planned, counts = plan.to_json()["splits"]["train"], store.meta["counts"]["train"]
     assert planned == {name: counts[name] for name in planned}
-    left_out = {(r["clip"], r["reason"]) for r in store.rejects if r["clip"]}
+    # Words are of no concern to a plan.
+    left_out = {(r["clip"], r["reason"]) for r in store.rejects if r["clip"] and r["reason"] != "unmirrored_words"}
     assert {(r.clip, r.reason) for r in plan.rejects if r.clip} == left_out
     assert {("a_p1", "nan"), ("c_p0", "length_mismatch"), ("c_p1", "length_mismatch")} <= left_out
     again = dancedata.plan(document, source, tmp_path / "out", **places).to_json()["cached"]
     assert all(units["cached"] == units["of"] > 0 for units in again.values())
+
+
+def test_columns_without_places_with_places_beside_them(tmp_path: Path, cache: Path) -> None:
+    source = tmp_path / "source"
+    write(source, "a", 2)
+    store = build(source, tmp_path / "out", cache, fps=20, motion={"humanml263": {}, "root_place": {}})
+    assert verify_store(tmp_path / "out") == []
+    places = [store.clip(clip).read("root_place")[0] for clip in ("a_p0", "a_p1")]
+    pelves = Ensemble().scan(source).clips
+    true = [Ensemble().load(ref).joints()[0, 0] for ref in pelves]
+    np.testing.assert_allclose(places[1][:3] - places[0][:3], true[1] - true[0], atol=1e-5)
+    with raises_message(UsageError):
+        build(source, tmp_path / "b", cache, fps=30, motion={"humanml263": {"fps": 20}, "root_place": {}})
