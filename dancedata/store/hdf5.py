@@ -149,7 +149,8 @@ def find_dataset(file: Any, name: str) -> Any:
         try:
             kind = _LINKS.get(links.get_info(path).type, "UserLink")
         except (KeyError, RuntimeError):
-            if links.exists(path):
+            parent = h5py.h5o.open(file.id, path.rpartition(b"/")[0] or b"/")
+            if isinstance(parent, h5py.h5g.GroupID) and parent.links.exists(part.encode()):
                 raise
             kind = "nothing"
         if kind != "HardLink":

@@ -6,14 +6,17 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import pytest
 
-from dancedata.store import open_store
+from dancedata.core.errors import StoreError
+from dancedata.store import hdf5, open_store
 
 DOCS = Path(__file__).parents[2] / "docs" / "store-format.md"
 
@@ -156,3 +159,54 @@ def test_dataset_json(make_store: Any) -> None:
         data = (made.path / entry["file"]).read_bytes()
         assert (len(data), hashlib.sha256(data).hexdigest()) == (entry["size"], entry["sha256"])
     assert set(info["files"]) == {"stats.json", "rejects.jsonl", "leaves.bin", "README.md"}
+
+
+def _virtual(file: h5py.File) -> None:
+    layout = h5py.VirtualLayout(shape=(3,), dtype="f4")
+    layout[:] = h5py.VirtualSource("elsewhere.h5", "x", shape=(3,))
+    file.create_virtual_dataset("a/x", layout)
+
+
+#: What may be at a name instead of a dataset, and what the error says was found.
+NO_DATASETS: dict[str, tuple[Callable[[h5py.File], object], str]] = {
+    "nothing": (lambda file: file.create_group("a"), "nothing"),
+    "no group": (lambda file: file.create_dataset("a", data=[1.0]), "nothing"),
+    "link": (lambda file: file.create_group("a").__setitem__("x", h5py.SoftLink("/b")), "SoftLink"),
+    "link to a file": (
+        lambda file: file.create_group("a").__setitem__("x", h5py.ExternalLink("other.h5", "/b")),
+        "ExternalLink",
+    ),
+    "link to a group": (lambda file: file.__setitem__("a", h5py.SoftLink("/")), "SoftLink"),
+    "group": (lambda file: file.create_group("a/x"), "Group"),
+    "empty": (lambda file: file.create_dataset("a/x", data=h5py.Empty("f4")), "Dataset"),
+    "texts": (lambda file: file.create_dataset("a/x", data=["text"]), "object"),
+    "pairs": (lambda file: file.create_dataset("a/x", data=np.zeros(2, "f4,i4")), "[('f0', '<f4'), ('f1', '<i4')]"),
+    "other file": (
+        lambda file: file.create_dataset("a/x", (3,), "f4", external=[("raw.bin", 0, 12)]),
+        "virtual or external storage",
+    ),
+    "virtual": (_virtual, "virtual or external storage"),
+}
+
+
+@pytest.mark.parametrize(("make", "found"), NO_DATASETS.values(), ids=NO_DATASETS)
+def test_only_plain_datasets_are_read(tmp_path: Path, make: Callable[[h5py.File], object], found: str) -> None:
+    with h5py.File(tmp_path / "shard.h5", "w") as file:
+        make(file)
+        file["b"] = [1.0, 2.0]
+    with hdf5.open_file(tmp_path / "shard.h5") as file:
+        with pytest.raises(StoreError) as caught:
+            hdf5.find_dataset(file, "a/x")
+        assert caught.value.found == found
+        assert hdf5.find_dataset(file, "/b")[...].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("size", [1 << 40, 1 << 62])
+def test_a_dataset_that_is_larger_than_its_file_is_refused(tmp_path: Path, size: int) -> None:
+    with h5py.File(tmp_path / "shard.h5", "w") as file:
+        file.create_dataset("plain", (size // 4,), "f4")
+        file.create_dataset("zipped", (1 << 30,), "f4", chunks=(1 << 20,), compression="gzip")
+    with hdf5.open_file(tmp_path / "shard.h5") as file:
+        for name in ("plain", "zipped"):
+            with pytest.raises(StoreError):
+                hdf5.find_dataset(file, name)

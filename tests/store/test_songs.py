@@ -21,7 +21,8 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.report.numbers import splits
 from dancedata.store import AudioBlock, Field, open_store, verify_store, write_store
-from dancedata.store.songs import LIKENESS, alike_between, alike_songs, songs_of
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.songs import LIKENESS, AlikeSongs, alike_between, alike_songs, music_hashes, songs_of
 from dancedata.synthetic import synthesise_song
 from dancedata.testing.stores import random_columns, write_random_store
 from tests.messages import raises_message
@@ -105,6 +106,36 @@ def test_one_song_under_two_names_by_its_samples(write: Callable[..., Path]) -> 
         assert shared.counts["train"] == {"train": 2, "val": 1, "test": 0}
         nameless = [dataclasses.replace(clip.record, made_of="") for clip in store.clips]
         assert songs_of(nameless) == {clip.id: clip.music for clip in store.clips}
+
+
+def test_copies_have_the_song_of_their_clip_and_clips_without_music_have_none() -> None:
+    clip = ClipRecord(id="a", split="train", n_frames=60, music="blue", made_of="a" * 12 + "b" * 12 + "c" * 12)
+    copy = dataclasses.replace(clip, id="a__fast", source="a", music="", made_of="a" * 12 + "d" * 12 + "c" * 12)
+    silent = [
+        dataclasses.replace(clip, id=name, music="", made_of="a" * 12 + "0" * 12 + "c" * 12) for name in ("x", "y")
+    ]
+    assert songs_of([clip, copy, *silent]) == {"a": "blue", "a__fast": "blue"}
+    assert music_hashes([clip, *silent]) == {"a": "b" * 12}
+
+
+@pytest.mark.parametrize(
+    ("splits_of", "leaks"), [(("train", "val"), True), (("val", "train"), True), (("val", "test"), False)]
+)
+def test_what_train_shares_leaks(splits_of: tuple[str, str], leaks: bool) -> None:
+    one, two = (frozenset({split}) for split in splits_of)
+    assert AlikeSongs(("blue", "azul"), (one, two), 0.9, 0.0).leaks == leaks
+
+
+def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(
+    write: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noise, other = (np.random.default_rng(seed).normal(size=(150, 35)).astype("f4") for seed in (0, 1))
+    path = write({"train": {"first": noise, "third": other}, "test": {"second": noise}}, n_frames=150)
+    with open_store(path) as store:
+        (pair,) = alike_songs(store, songs_of(store.clips))
+        assert (pair.songs, pair.shift_s) == (("first", "second"), 0.0)
+        monkeypatch.setattr("dancedata.store.songs.MAX_PAIRS", 2)
+        assert alike_songs(store, songs_of(store.clips)) is None
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])

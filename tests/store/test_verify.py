@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import shutil
 import tracemalloc
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +13,12 @@ import h5py
 import numpy as np
 import pytest
 
+from dancedata.core.columns import Columns, Group
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.leaves import leaf_hashes
+from dancedata.store.schema import Codebook, Field
 from dancedata.testing.stores import random_fields, write_random_store
 
 TRAIN = "train-00000-of-00001.h5"
@@ -234,6 +238,69 @@ def test_a_clip_holds_all_its_windows(make_store: Any) -> None:
     windows = len(made.clips[0].starts)
     found = errors_after(made.path, "clips/motion/pose/length", 0, 30 * windows - 1)
     assert "/windows/rows/pose: wrong or outside the field, in windows" in found
+
+
+def test_clips_fill_their_shard(make_store: Any, scope: str) -> None:
+    made = make_store(scope=scope, clips={"train": 2}, n_frames=(95, 95), length=30, stride=20)
+    with open_store(made.path) as store:
+        rows = int(store.tables("train").spans["pose"].available[1])
+    assert "do not fill the" in errors_after(made.path, "clips/motion/pose/length", 1, rows - 1)
+
+
+def test_two_windows_of_a_clip_do_not_begin_at_one_frame(make_store: Any, scope: str) -> None:
+    made = make_store(scope=scope, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
+    found = errors_after(made.path, "windows/start", 1, made.clips[0].starts[0])
+    assert "a clip has two windows that begin at one frame" in found
+
+
+def test_codes_are_those_of_their_codebook(make_store: Any, tmp_path: Path) -> None:
+    made = make_store(clips={"train": 2}, n_frames=(60, 60), length=30, stride=20)
+    columns = Columns((Group("code", 2, "1"),), None)
+    field = Field("codes", "motion", columns, Fraction(30), "int16", Codebook("body", (4, 7)))
+    rows = np.array([[0, 0], [3, 6], [-1, -1]] * 20, dtype=np.int16)
+    clips = [dataclasses.replace(clip, motion={"codes": rows}, audio={}) for clip in made.clips]
+    (out := tmp_path / "codes").mkdir()
+    write_store(out, dataclasses.replace(made.header, fields=(field,)), clips)
+    assert verify_store(out) == []
+    for row, column, value in ((60, 0, 4), (61, 1, 7), (119, 1, -2)):
+        edit(out, "motion/codes", (row, column), value)
+        assert f"1 values are not codes of their codebook, first row {row} (clip train_c01)" in only_error(out)
+        edit(out, "motion/codes", (row, column), 0)
+
+
+@pytest.mark.parametrize("dataset", ["clips/lists/list", "clips/lists/offset"])
+def test_offsets_ascend(make_store: Any, dataset: str) -> None:
+    made = make_store(clips={"train": 3})
+    clips = [dataclasses.replace(clip, lists=("a", "b")) for clip in made.clips]
+    shutil.rmtree(made.path)
+    made.path.mkdir()
+    write_store(made.path, made.header, clips)
+    with h5py.File(made.path / TABLES, locking=False) as file:
+        offsets = file[dataset][...]
+    found = errors_after(made.path, dataset, slice(1, 3), offsets[2:0:-1])
+    assert "offsets do not ascend" in found
+
+
+def test_rows_by_id_are_sorted(make_store: Any) -> None:
+    made = make_store(clips={"train": 3})
+    assert "/clips/by_id: not the rows of the clips, sorted by id" in errors_after(
+        made.path, "clips/by_id", slice(0, 2), [1, 0]
+    )
+
+
+def test_arrays_are_aligned(make_store: Any) -> None:
+    made = make_store()
+    replace(made.path, "motion/pose", lambda f, old: f.create_dataset("motion/pose", data=np.tile(old, (2, 1))))
+    assert "not a multiple of 64" in " ".join(str(p) for p in verify_store(made.path))
+
+
+def test_windows_begin_at_a_row_of_every_field(make_store: Any) -> None:
+    fields = random_fields({"pose": 3}, {"slow": 2}, slow=15)
+    made = make_store(fields=fields, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
+    assert errors_after(made.path, "windows/start", 1, 22) == ""
+    assert "/windows/rows/slow: wrong or outside the field, in windows 1" in errors_after(
+        made.path, "windows/start", 1, 23
+    )
 
 
 def shard_fields(folder: Path) -> dict[str, list[int]]:
