@@ -4,6 +4,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from dancedata.report import write_report
+from tests.viewer.conftest import duets  # noqa: F401 (the duets of the tests of the viewer)
 from tests.viewer.helpers import Browser
 
 LINKS = "[...document.querySelectorAll('#r-report .paths a')]"
@@ -49,3 +50,17 @@ def test_a_link_opens_its_clip_at_once(browser: Browser, demo: Path, tmp_path: P
     browser.driver.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
     browser.wait(SHOWN, clip)
     assert abs(browser.driver.execute_script("return window.dancedataViewer.state.t") - 2.5) < 0.01
+
+
+def test_a_group_is_opened_whole_and_a_dancer_alone(browser: Browser, duets: Path, tmp_path: Path) -> None:  # noqa: F811
+    write_report(duets, tmp_path / "page.html")
+    browser.driver.get((tmp_path / "page.html").as_uri())
+    browser.js("document.querySelector('a[href=\"#group=Waltz_5_0\"]').click()")
+    browser.wait("return window.dancedataViewer?.state.clip?.members?.length === 2")
+    assert browser.js("return dancedataViewer.state.dancer") is None
+    browser.js("document.getElementById('r-back').click()")
+    browser.wait("return document.body.dataset.page === 'report'")
+    assert browser.js("return location.hash") == "#r-groups_list"
+    browser.js("document.querySelector('a[href=\"#clip=Waltz_5_0_01\"]').click()")
+    browser.wait("return dancedataViewer.state.dancer === 1")
+    assert browser.log() == []
