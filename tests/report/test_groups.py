@@ -125,16 +125,16 @@ def test_missing_dancers_are_a_note(lacking: Path, tmp_path: Path) -> None:  # n
 
 
 def test_the_page_plays_groups_and_lists_them_whole(crowd: Path, tmp_path: Path) -> None:  # noqa: F811
-    write_report(crowd, tmp_path / "page.html", clips=3)
+    write_report(crowd, tmp_path / "page.html", clips="all")
     page = (tmp_path / "page.html").read_text()
     assert page.count(f'href="#group={SEVEN}"') == 1
     for k in range(7):
         assert f'href="#clip={SEVEN}_p{k}">{k}</a>' in page
     data = json.loads(page.partition('id="dd-data">')[2].partition("</script>")[0])
-    assert len(data["list"]["items"]) == len(data["clips"]) == 3
-    assert len({row[0] for row in data["list"]["clips"]}) == 3
+    assert len(data["list"]["items"]) == len(data["clips"]) == 4
+    assert len({row[0] for row in data["list"]["clips"]}) == 4
     assert sorted(len(clip["members"]) for clip in data["clips"].values())[-1] == 7
-    assert "▶ 3 groups" in page
+    assert "▶ 4 groups" in page
 
 
 def test_a_dataset_of_groups_is_compared_with_one_of_dancers(duets: Path, demo: Path, tmp_path: Path) -> None:  # noqa: F811
