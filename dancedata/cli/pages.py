@@ -21,7 +21,7 @@ SHARE_HELP = "You state that you have the right to pass this music on."
 @errors_to_exit_codes
 def view(
     store: Annotated[Path, typer.Argument(metavar="OUT", help="A built dataset.")],
-    clip: Annotated[str, typer.Argument(help="Id of the clip to begin with.")] = "",
+    clip: Annotated[str, typer.Argument(help="Id of the clip or group to begin with.")] = "",
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     compare: Annotated[list[Path] | None, typer.Option(help=COMPARE_HELP)] = None,
     compare_as: Annotated[str | None, typer.Option(metavar="REPRESENTATION", help=AS_HELP)] = None,
@@ -91,7 +91,7 @@ def _write_video(
     from dancedata.plot.video import write_video
 
     if not clip:
-        raise UsageError("a video shows one clip", fix="name it: dancedata view OUT CLIP --video FILE.mp4")
+        raise UsageError("a video shows one clip or group", fix="name it: dancedata view OUT CLIP --video FILE.mp4")
     if embed and source is None:
         raise UsageError("the music is needed", fix="name the folder with it: --source DIR")
     music = source if embed else None

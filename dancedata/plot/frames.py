@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.viewer import Figure, Scene
+from dancedata.viewer.palette import Theme
+from dancedata.viewer.together import stretches
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -48,16 +50,7 @@ class Timeline:
         top = round(self.size[1] * (1 - TIMELINE)) * FINER
         draw.rectangle((0, top, width, height), fill=self.colours["panel"])
         lane = (height - top) / 7
-        self._name(draw, "music", top + 1.2 * lane)
-        self._curve(
-            draw, self.scene.rhythm.onset, self.scene.rhythm.onset_rate, 0.0, top + 2.2 * lane, 1.8 * lane, "wave"
-        )
-        for beat in self.scene.rhythm.beats:
-            draw.line(
-                [(self.x(beat), top + 0.4 * lane), (self.x(beat), top + 4.4 * lane)],
-                fill=self.colours["path"],
-                width=1,
-            )
+        self._music(draw, top, lane, 4.4)
         if self.scene.movement is not None:
             speed, rate = self.scene.movement.speed, float(self.scene.movement.grid.rate)
             peak = float(speed.max(initial=0.0)) or 1.0
@@ -65,9 +58,23 @@ class Timeline:
             self._curve(draw, speed / peak, rate, 0.5 / rate, top + 4.4 * lane, 1.8 * lane, "ink")
         self._contacts(draw, top + 4.8 * lane, lane * 0.42)
 
-    def _name(self, draw: ImageDraw, name: str, y: float) -> None:
+    def _music(self, draw: ImageDraw, top: float, lane: float, end: float) -> None:
+        """Draw the onsets, and beats down to `end` lanes."""
+        self._name(draw, "music", top + 1.2 * lane)
+        self._curve(
+            draw, self.scene.rhythm.onset, self.scene.rhythm.onset_rate, 0.0, top + 2.2 * lane, 1.8 * lane, "wave"
+        )
+        for beat in self.scene.rhythm.beats:
+            draw.line(
+                [(self.x(beat), top + 0.4 * lane), (self.x(beat), top + end * lane)],
+                fill=self.colours["path"],
+                width=1,
+            )
+
+    def _name(self, draw: ImageDraw, name: str, y: float, colour: str = "") -> None:
         size = max(11, self.size[1] // 52) * FINER
-        draw.text((self.size[1] // 36 * FINER, y - size * 0.6), name, fill=self.colours["dim"], font=text_font(size))
+        fill = colour or self.colours["dim"]
+        draw.text((self.size[1] // 36 * FINER, y - size * 0.6), name, fill=fill, font=text_font(size))
 
     def _curve(
         self,
@@ -85,7 +92,7 @@ class Timeline:
             if k / rate <= self.scene.seconds
         ]
         if len(points) > 1:
-            draw.line(points, fill=self.colours[colour], width=FINER)
+            draw.line(points, fill=self.colours.get(colour, colour), width=FINER)
 
     def _contacts(self, draw: ImageDraw, top: float, height: float) -> None:
         self._name(draw, "contact", top + 2 * height)
@@ -94,11 +101,21 @@ class Timeline:
             range(len(self.figure.contact_joints)), key=lambda k: self.figure.sides[self.figure.contact_joints[k]]
         )
         for row, foot in enumerate(order):
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], self.figure.contacts[:, foot].astype(np.int8), [0]])))
             colour = sides[self.figure.sides[self.figure.contact_joints[foot]]]
-            for begin, end in edges.reshape(-1, 2):
-                y = top + row * height * 1.15
-                draw.rectangle((self.x(begin / rate), y, self.x(end / rate), y + height * 0.8), fill=colour)
+            spans = stretches(self.figure.contacts[:, foot])
+            self._spans(draw, spans, rate, top + row * height * 1.15, height * 0.8, colour)
+
+    def _spans(
+        self,
+        draw: ImageDraw,
+        spans: Iterable[tuple[int, int]],
+        rate: float,
+        top: float,
+        height: float,
+        colour: str,
+    ) -> None:
+        for begin, end in spans:
+            draw.rectangle((self.x(begin / rate), top, self.x(end / rate), top + height), fill=colour)
 
 
 def text_font(size: float) -> Any:
@@ -124,11 +141,14 @@ class Camera:
         Of the picture, pixels.
     target
         (x, floor, z) of the point on the floor below the target point, metres.
+    distance
+        From the target point, metres.
     """
 
     width: int
     height: int
     target: tuple[float, float, float]
+    distance: float = _DISTANCE
 
     @property
     def tilt(self) -> float:
@@ -147,12 +167,11 @@ class Camera:
         up = y * np.cos(_PITCH) - along * np.sin(_PITCH)
         near = y * np.sin(_PITCH) + along * np.cos(_PITCH)
         # A narrow picture shows the dancer from farther away.
-        away = _DISTANCE * max(1.0, 1.1 * self.height / self.width) - near
+        away = self.distance * max(1.0, 1.1 * self.height / self.width) - near
         scale = np.where(away > _NEAREST, _FOCAL * self.height / np.where(away > _NEAREST, away, 1.0), np.nan)
         return np.stack([self.width / 2 + across * scale, self.height / 2 - up * scale, scale], axis=-1)
 
 
-Theme = Literal["dark", "light"]
 #: Colours of the viewer, by theme.
 THEMES: dict[Theme, dict[str, str]] = {
     "dark": {
@@ -230,7 +249,12 @@ class Frames:
     @cached_property
     def _stage_size(self) -> tuple[int, int]:
         width, height = self.size
-        return width * FINER, round(height * (1 - TIMELINE)) * FINER
+        return width * FINER, round(height * (1 - self._share)) * FINER
+
+    @property
+    def _share(self) -> float:
+        """Share of the height that the timeline takes."""
+        return TIMELINE
 
     @cached_property
     def _targets(self) -> Float64Array:
@@ -259,16 +283,16 @@ class Frames:
         joints = self.figure.joints[at]
         flat = joints.copy()
         flat[:, 1] = floor
-        self._bones(draw, camera(flat), camera(flat)[:, 2], shadow=True)
-        self._rings(draw, camera, flat, at)
-        self._bones(draw, camera(joints), camera(joints)[:, 2], shadow=False)
+        self._bones(draw, self.figure, camera(flat), self._sides, shadow=True)
+        self._rings(draw, camera, self.figure, flat, at)
+        self._bones(draw, self.figure, camera(joints), self._sides, shadow=False)
 
-    def _floor(self, draw: ImageDraw, camera: Camera) -> None:
+    def _floor(self, draw: ImageDraw, camera: Camera, reach: float = 3.0) -> None:
         x, floor, z = camera.target
         middle = np.round(np.array([x, z]) * 2) / 2
-        for k in np.arange(-3, 3.01, 0.5):
-            ends = [(middle[0] + k, middle[1] - 3), (middle[0] + k, middle[1] + 3)]
-            for a, b in (ends, [(middle[0] - 3, middle[1] + k), (middle[0] + 3, middle[1] + k)]):
+        for k in np.arange(-reach, reach + 0.01, 0.5):
+            ends = [(middle[0] + k, middle[1] - reach), (middle[0] + k, middle[1] + reach)]
+            for a, b in (ends, [(middle[0] - reach, middle[1] + k), (middle[0] + reach, middle[1] + k)]):
                 self._line(
                     draw, camera(np.array([[a[0], floor, a[1]], [b[0], floor, b[1]]])), self._colours["grid"], 2
                 )
@@ -288,22 +312,26 @@ class Frames:
             if len(points) > 1:
                 draw.line(points, fill=colour, width=width, joint="curve")
 
-    def _bones(self, draw: ImageDraw, places: Float64Array, scale: Float64Array, *, shadow: bool) -> None:
+    def _bones(
+        self, draw: ImageDraw, figure: Figure, places: Float64Array, sides: Sequence[str], *, shadow: bool
+    ) -> None:
+        """Draw the bones of joints (J, 3) of the picture, in the colours of the middle, left and right."""
         if not np.isfinite(places).all():
             return
-        order = sorted(self.figure.bones, key=lambda bone: scale[list(bone)].sum())
+        scale = places[:, 2]
+        order = sorted(figure.bones, key=lambda bone: scale[list(bone)].sum())
         for parent, joint in order:
             width = max(2, round(_BONE * scale[[parent, joint]].mean()))
-            colour = self._colours["shadow"] if shadow else self._sides[self.figure.sides[joint]]
+            colour = self._colours["shadow"] if shadow else sides[figure.sides[joint]]
             ends = places[parent, :2], places[joint, :2]
             if not shadow:
                 _capsule(draw, *ends, width + 2 * FINER, self._colours["bg"])
             _capsule(draw, *ends, width, colour)
-            if not shadow and self.figure.skeleton.joints[joint] == "head":
-                _disc(draw, places[joint, :2], _HEAD * scale[joint], self._sides[0])
+            if not shadow and figure.skeleton.joints[joint] == "head":
+                _disc(draw, places[joint, :2], _HEAD * scale[joint], sides[0])
 
-    def _rings(self, draw: ImageDraw, camera: Camera, flat: Float64Array, at: int) -> None:
-        for touches, joint in zip(self.figure.contacts[at], self.figure.contact_joints, strict=True):
+    def _rings(self, draw: ImageDraw, camera: Camera, figure: Figure, flat: Float64Array, at: int) -> None:
+        for touches, joint in zip(figure.contacts[at], figure.contact_joints, strict=True):
             x, y, scale = camera(flat[joint])
             if touches and np.isfinite(scale):
                 a, b = _RING * scale, _RING * scale * max(0.2, camera.tilt)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.store import Store, open_store
 from dancedata.viewer import Figure, Scenes
+from dancedata.viewer.palette import colours_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +66,10 @@ def features(
     columns, grid = ds.field(name).columns, ds.field(name).grid
     scenes = Scenes(ds)
     item = scenes.find(clip, frame)
-    lead, rows = ds.rows_within(clip, name) if item.window is None else (0, ds.read(item.window, name))
+    if item.members and ds.field(name).per_clip:
+        ids = ", ".join(shown(member.clip.id) for member in item.members)
+        raise UsageError(f"each dancer of a group has rows of {name}", found=shown(clip), fix=f"name one: {ids}")
+    lead, rows = ds.rows_within(item.clip.id, name) if item.window is None else (0, ds.read(item.window, name))
     if not len(rows):
         raise UsageError(f"there are no rows of {name}", where=f"clip {shown(clip)}")
     height = min(_HIGHEST, _BASE + _ROW * columns.width)
@@ -135,14 +139,14 @@ def motion(
     turn_deg: float = 25.0,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw poses of a dance side by side, at their times.
+    """Draw poses of a dance side by side, at their times; of a group all dancers, as they stand together.
 
     Parameters
     ----------
     source
         A motion, or a built dataset, open or its folder.
     clip
-        Id of a clip of the dataset.
+        Id of a clip of the dataset, or name of a group.
     field
         Motion field of the dataset; default: the best one to draw.
     frame
@@ -159,7 +163,8 @@ def motion(
     Returns
     -------
     matplotlib.axes.Axes
-        Metres above the floor upwards; left limbs are blue, right ones orange, feet in contact ringed.
+        Metres above the floor upwards; left limbs are blue, right ones orange, feet in contact ringed. The dancers of
+        a group have a colour each, left limbs lighter than right ones, and a legend.
 
     Raises
     ------
@@ -171,15 +176,29 @@ def motion(
     >>> from dancedata import plot
     >>> plot.motion("data/demo", "gBR_sBM_cAll_d04_mBR4_ch03", poses=6).figure.savefig("poses.pdf")
     """
-    figure, title = _figure(source, clip, field, frame)
+    dancers, title = _dancers(source, clip, field, frame)
+    figure = dancers[0].figure
     frames = _frames(figure, poses, times)
-    axes = axes_or_new(ax, _INCHES * (_SPACING * len(frames) + 0.6), _INCHES * (_TALL + 0.7))
-    for place, at in enumerate(frames):
-        points = _seen(figure.joints[at], turn_deg) + np.array([_SPACING * place, -figure.floor])
-        _draw(axes, figure, points, figure.contacts[at])
+    roots = np.stack([[dancer.figure.joints[at, 0] for dancer in dancers] for at in frames])
+    middles = (roots.min(axis=1) + roots.max(axis=1)) / 2
+    across = np.stack(
+        [_seen(of_frame, middle, turn_deg)[:, 0] for of_frame, middle in zip(roots, middles, strict=True)]
+    )
+    spacing = _SPACING + float(np.ptp(across, axis=1).max())
+    floor = min(dancer.figure.floor for dancer in dancers)
+    axes = axes_or_new(ax, _INCHES * (spacing * len(frames) + 0.6), _INCHES * (_TALL + 0.7))
+    for place, (at, middle) in enumerate(zip(frames, middles, strict=True)):
+        for dancer in dancers:
+            joints = _seen(dancer.figure.joints[at], middle, turn_deg) + np.array([spacing * place, -floor])
+            _draw(axes, dancer, joints, dancer.figure.contacts[at])
+    if len(dancers) > 1:
+        names = [dancer.name for dancer in dancers]
+        handles = [axes.plot([], [], color=dancer.sides[0], linewidth=2.4)[0] for dancer in dancers]
+        at_the_top = {"bbox_to_anchor": (1, 1), "borderaxespad": 0, "ncols": len(dancers)}
+        axes.legend(handles, names, loc="lower right", fontsize="small", frameon=False, **at_the_top)
     axes.axhline(0, color="#9aa4b1", linewidth=0.8, zorder=0)
     labels = [f"{at / float(figure.grid.rate):.2f} s" for at in frames]
-    axes.set_xticks([_SPACING * k for k in range(len(frames))], labels)
+    axes.set_xticks([spacing * k for k in range(len(frames))], labels)
     axes.set_ylabel("metres")
     axes.set_aspect("equal")
     for side in ("top", "right", "bottom"):
@@ -189,19 +208,30 @@ def motion(
     return axes
 
 
-def _figure(
+class _Dancer(NamedTuple):
+    """A figure, the colours of its middle, left and right, and its name among others."""
+
+    figure: Figure
+    sides: tuple[str, str, str] = _SIDES
+    name: str = ""
+
+
+def _dancers(
     source: Motion | Store | str | Path, clip: str | None, field: str | None, frame: int
-) -> tuple[Figure, str]:
+) -> tuple[list[_Dancer], str]:
     if isinstance(source, Motion):
-        return Figure.of_joints(source.joints(), source.skeleton, source.grid), ""
+        return [_Dancer(Figure.of_joints(source.joints(), source.skeleton, source.grid))], ""
     store = source if isinstance(source, Store) else open_store(source)
     if clip is None:
         raise UsageError("a dataset has many clips", where=str(store.path), fix="name the clip: motion(store, CLIP)")
     scenes = Scenes(store, field)
     scene = scenes.scene(scenes.find(clip, frame))
-    if scene.figure is None:
+    figures = [(dancer.figure, dancer.item) for dancer in scene.dancers if dancer.figure is not None]
+    if not figures:
         raise UsageError("no field of this dataset can be drawn", where=str(store.path), found="; ".join(scene.notes))
-    return scene.figure, shown(clip)
+    if not scene.members:
+        return [_Dancer(figures[0][0])], shown(clip)
+    return [_Dancer(f, colours_of(item, "light"), shown(item.part, 20)) for f, item in figures], shown(clip)
 
 
 def _frames(figure: Figure, poses: int, times: Sequence[float] | None) -> list[int]:
@@ -219,22 +249,23 @@ def _frames(figure: Figure, poses: int, times: Sequence[float] | None) -> list[i
     return frames
 
 
-def _seen(joints: Float64Array, turn_deg: float) -> Float64Array:
-    """Return joints (J, 3) from the camera's side, (J, 2): the root at 0 to the right, height upwards."""
+def _seen(joints: Float64Array, middle: Float64Array, turn_deg: float) -> Float64Array:
+    """Return joints (J, 3) from the camera's side, (J, 2): `middle` at 0 to the right, height upwards."""
     angle = np.radians(turn_deg)
-    away = joints - joints[0]
+    away = joints - middle
     return np.stack([away[:, 0] * np.cos(angle) - away[:, 2] * np.sin(angle), joints[:, 1]], axis=1)
 
 
 def _draw(
-    axes: Axes, figure: Figure, points: Float64Array, contacts: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    axes: Axes, dancer: _Dancer, points: Float64Array, contacts: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> None:
+    figure = dancer.figure
     for parent, joint in figure.bones:
-        colour = _SIDES[figure.sides[joint]]
+        colour = dancer.sides[figure.sides[joint]]
         axes.plot(*points[[parent, joint]].T, color=colour, linewidth=2.4, solid_capstyle="round")
     for touches, joint in zip(contacts, figure.contact_joints, strict=True):
         if touches:
             axes.plot(*points[joint], marker="o", markersize=7, markerfacecolor="none", markeredgecolor="#00866a")
     if "head" in figure.skeleton.joints:
         head = points[figure.skeleton.joints.index("head")]
-        axes.plot(*head, marker="o", markersize=9, color=_SIDES[0])
+        axes.plot(*head, marker="o", markersize=9, color=dancer.sides[0])

@@ -24,10 +24,12 @@ from dancedata.core.text import shown
 from dancedata.execution.reference_process import shielded
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
-from dancedata.plot.frames import THEMES, Frames, Theme
+from dancedata.plot.frames import THEMES, Frames
+from dancedata.plot.group_frames import GroupFrames
 from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Figure, Item, Scene, Scenes
+from dancedata.viewer.palette import Theme
 from dancedata.viewer.source import ClipSource
 
 #: Errors of a disk or quota without room.
@@ -162,14 +164,14 @@ def write_video(
     may_share: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Write a clip as a video: the dancer, and below music, speed and contacts in time.
+    """Write a clip or a group as a video: the dancers, and below music, speed and contacts in time.
 
     Parameters
     ----------
     store
         A built dataset, open or its folder.
     clip
-        Id of a clip.
+        Id of a clip, or name of a group.
     path
         File to write, ``.mp4``.
     source
@@ -218,13 +220,14 @@ def write_video(
     scenes = Scenes(ds, field)
     item = scenes.find(clip, frame)
     scene = scenes.scene(item)
-    if scene.figure is None:
+    figure = next((dancer.figure for dancer in scene.dancers), None)
+    if figure is None:
         raise UsageError("no field of this dataset can be drawn", where=str(ds.path), found="; ".join(scene.notes))
-    times = _times(scene, scene.figure, start_s, length_s)
-    sound = None if source is None else _sound(ds, item, Path(source).expanduser(), times, scene.figure)
-    frames = Frames(scene, scene.figure, size, times, theme)
+    times = _times(scene, figure, start_s, length_s)
+    sound = None if source is None else _sound(ds, item, Path(source).expanduser(), times, figure)
+    frames = (GroupFrames if scene.members else Frames)(scene, figure, size, times, theme)
     try:
-        write_mp4(target, frames, size, scene.figure.grid.rate, sound, comment=notice)
+        write_mp4(target, frames, size, figure.grid.rate, sound, comment=notice)
     except OSError as error:
         fix = "name a file in a folder that you can write to, on a disk with free space; nothing was left there"
         raise StoreError("the video cannot be written", where=target, found=str(error), fix=fix) from error

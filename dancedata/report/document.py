@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
 from dancedata.core.text import counted, listed
+from dancedata.report.groups import Groups, group_findings
 from dancedata.report.markup import number
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
@@ -42,6 +43,7 @@ class Totals:
     """Numbers of the whole dataset; clips without copies, windows with those of copies."""
 
     clips: int
+    groups: int
     copies: int
     windows: int
     minutes: float
@@ -224,6 +226,9 @@ class ClipRow:
     genre: str
     song: str
     dancer: str
+    group: str
+    member: int
+    role: str
     frames: int
     windows: int
     flags: int
@@ -246,6 +251,7 @@ class Document:
     totals: Totals
     contents: Contents
     movement: Movement
+    groups: Groups
     music: Music
     splits: Splits
     fields: Mapping[str, FieldNumbers]
@@ -297,7 +303,7 @@ class Finding:
 
 def findings(d: Document) -> list[Finding]:
     """Return the findings, errors first."""
-    sentences = [*_splits(d), *_quality(d), *_movement(d), *_music(d), *_contents(d), *_fields(d)]
+    sentences = [*_splits(d), *_quality(d), *_movement(d), *_groups(d), *_music(d), *_contents(d), *_fields(d)]
     return sorted(sentences, key=lambda f: ("bad", "look", "note").index(f.kind))
 
 
@@ -349,6 +355,10 @@ def _movement(d: Document) -> list[Finding]:
         text = f"the floor of {moves.field} is not at 0: {feet}"
         sentences.append(Finding("note", text, "floor_m"))
     return sentences
+
+
+def _groups(d: Document) -> list[Finding]:
+    return [Finding(kind, text, "groups_list") for kind, text in group_findings(d.groups)]
 
 
 def _music(d: Document) -> list[Finding]:

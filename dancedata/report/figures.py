@@ -28,13 +28,14 @@ class Drawing:
     ----------
     numbers, other
         The document, and that of the dataset it is compared with.
-    links
-        Clips that have a link, with its HTML.
+    links, group_links
+        Address of the clips and groups that the page plays, for HTML.
     """
 
     numbers: Document
     other: Document | None = None
     links: Mapping[str, Markup] | None = None
+    group_links: Mapping[str, Markup] | None = None
 
     @property
     def other_names(self) -> tuple[str, ...]:
@@ -46,16 +47,26 @@ class Drawing:
         """Name of the other dataset in legends; "" without one."""
         return "" if self.other is None else f"outline: {self.other.about.name}"
 
-    def link(self, clip: str) -> Markup:
-        """Return the name of a clip, as a link where the page has the clip."""
-        return (self.links or {}).get(clip) or Markup(f'<span class="clip">{escaped(clip)}</span>')
+    def link(self, clip: str, text: str = "") -> Markup:
+        """Return the name of a clip, or another text, as a link where the page has the clip."""
+        return _linked((self.links or {}).get(clip), text or clip)
+
+    def group_link(self, group: str) -> Markup:
+        """Return the name of a group, as a link where the page has it."""
+        return _linked((self.group_links or {}).get(group), group)
 
     def both(self, part: Callable[[Document], _T]) -> tuple[_T, _T | None]:
         """Return a part of the document and of the other one."""
         return part(self.numbers), None if self.other is None else part(self.other)
 
 
-def _histogram(
+def _linked(address: Markup | None, text: str) -> Markup:
+    if address is None:
+        return Markup(f'<span class="clip">{escaped(text)}</span>')
+    return Markup(f'<a href="{address}">{escaped(text)}</a>')
+
+
+def histogram_figure(
     d: Drawing,
     key: str,
     part: Callable[[Document], Histogram],
@@ -64,6 +75,7 @@ def _histogram(
     label: str,
     marks: Sequence[tuple[float, str]] = (),
 ) -> Figure:
+    """Return a histogram of this dataset, with the other one as outline."""
     this, other = d.both(part)
     groups = this.counts
     outline = None if other is None else [sum(column) for column in zip(*other.counts.values(), strict=True)]
@@ -74,7 +86,7 @@ def _histogram(
     return Figure(key, title, note, body, ("from", "to", *groups, *d.other_names), rows, legend, d.outline)
 
 
-def _bars(
+def bar_figure(
     d: Drawing,
     key: str,
     part: Callable[[Document], Counts],
@@ -84,6 +96,7 @@ def _bars(
     *,
     legend: bool = True,
 ) -> Figure:
+    """Return bars by name and group, the sums of the other dataset as outlines."""
     this, other = d.both(part)
     totals = None if other is None else {name: sum(values.values()) for name, values in other.items()}
     names = [*this, *(name for name in totals or {} if name not in this)]
@@ -111,27 +124,29 @@ def contents_figures(d: Drawing) -> list[Figure]:
     genres = f"spelt differently, probably the same: {alike}" if alike else "coloured by split"
     splits_note, songs_note = "what a trainer draws from", "two colours: a song that splits share"
     figures = [
-        _bars(d, "windows_by_split", lambda n: n.contents.windows_by_split, "Windows by split", splits_note, "split",
-              legend=False),
-        _bars(d, "windows_by_genre", lambda n: n.contents.windows_by_genre, "Windows by genre", genres, "genre"),
-        _bars(d, "windows_by_song", lambda n: n.contents.windows_by_song, "Windows by song", songs_note, "song"),
-        _histogram(d, "length_s", lambda n: n.contents.length_s, "Length of clips", length_note, "seconds"),
+        bar_figure(d, "windows_by_split", lambda n: n.contents.windows_by_split, "Windows by split", splits_note,
+                   "split", legend=False),
+        bar_figure(d, "windows_by_genre", lambda n: n.contents.windows_by_genre, "Windows by genre", genres, "genre"),
+        bar_figure(d, "windows_by_song", lambda n: n.contents.windows_by_song, "Windows by song", songs_note, "song"),
+        histogram_figure(d, "length_s", lambda n: n.contents.length_s, "Length of clips", length_note, "seconds"),
     ]  # fmt: skip
     if totals.dancers:
-        dancers = _bars(
+        dancers = bar_figure(
             d, "windows_by_dancer", lambda n: n.contents.windows_by_dancer, "Windows by dancer", "", "dancer"
         )
         figures.insert(2, dancers)
     if contents.tempo_bpm.n:
         note = f"{contents.tempo_bpm.n} of {totals.clips} clips state one"
-        figures.append(_histogram(d, "tempo_bpm", lambda n: n.contents.tempo_bpm, "Tempo", note, "beats per minute"))
+        figures.append(
+            histogram_figure(d, "tempo_bpm", lambda n: n.contents.tempo_bpm, "Tempo", note, "beats per minute")
+        )
     gaps = contents.music_minus_motion_s
     if gaps.n:
         short = len(gaps.shorter)
         note = f"{short} of {gaps.n} clips have less music than motion" if short else "no clip outlasts its music"
         figures.append(
-            _histogram(d, "music_minus_motion_s", lambda n: n.contents.music_minus_motion_s,
-                       "Music that is left after the clip", note, "seconds")
+            histogram_figure(d, "music_minus_motion_s", lambda n: n.contents.music_minus_motion_s,
+                             "Music that is left after the clip", note, "seconds")
         )  # fmt: skip
     return figures
 
@@ -149,16 +164,16 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     low, high = number(floor.min), number(floor.max)
     heights = low if low == high else f"{low} to {high}"
     figures = [
-        _histogram(d, "speed_m_s", lambda n: n.movement.speed_m_s, "Speed of the body", note, "metres per second",
-                   marks),
+        histogram_figure(d, "speed_m_s", lambda n: n.movement.speed_m_s, "Speed of the body", note,
+                         "metres per second", marks),
         _joint_speed(d),
-        _histogram(d, "root_extent_m", lambda n: n.movement.root_extent_m, "Floor that a clip covers",
-                   "larger of the two horizontal extents of the root's path", "metres"),
+        histogram_figure(d, "root_extent_m", lambda n: n.movement.root_extent_m, "Floor that a clip covers",
+                         "larger of the two horizontal extents of the root's path", "metres"),
         _paths(d, chosen),
-        _histogram(d, "turns", lambda n: n.movement.turns, "Turn of the body",
-                   "largest turn of the hips within a clip", "full turns"),
-        _histogram(d, "floor_m", lambda n: n.movement.floor_m, "Height of the floor",
-                   f"2 % quantile of the feet's heights; {heights} m", "metres"),
+        histogram_figure(d, "turns", lambda n: n.movement.turns, "Turn of the body",
+                         "largest turn of the hips within a clip", "full turns"),
+        histogram_figure(d, "floor_m", lambda n: n.movement.floor_m, "Height of the floor",
+                         f"2 % quantile of the feet's heights; {heights} m", "metres"),
     ]  # fmt: skip
     if moves.contact:
         figures.append(_contacts(d))
@@ -169,8 +184,8 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
             f"{100 * sliding.share_above:.1f}\xa0% of them above {limit}"
         )
         figures.append(
-            _histogram(d, "sliding_m_s", lambda n: n.movement.sliding_m_s, "Sliding in contact", note,
-                       "metres per second", [(sliding.above_m_s, limit)])
+            histogram_figure(d, "sliding_m_s", lambda n: n.movement.sliding_m_s, "Sliding in contact", note,
+                             "metres per second", [(sliding.above_m_s, limit)])
         )  # fmt: skip
     return figures
 

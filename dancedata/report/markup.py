@@ -25,6 +25,11 @@ def number(value: Any) -> str:
     return text.replace("-", "−") if text != "-0" else "0"
 
 
+def percent(share: float | None) -> "Markup":
+    """Return a share as whole per cent; a dash for None."""
+    return Markup("–" if share is None else f"{100 * share:.0f}\xa0%")
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") -> str:
     """Return a table; cells that are `Markup` are kept, all others are escaped."""
     top = "".join(f'<th scope="col">{escaped(cell)}</th>' for cell in head)

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.bodies import BODY_JOINTS
-from dancedata.core.clip import Window
 from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.music import beats_after
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
+from dancedata.report.groups import MeasuredGroups
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.tally import Tally
 from dancedata.store import ClipView, Store
@@ -102,6 +102,8 @@ class Measured:
         Names of the foot joints with stored contacts.
     contact
         Frames in contact and all frames, by foot joint, (F, 2).
+    groups
+        The groups.
     """
 
     reader: ClipReader
@@ -115,6 +117,7 @@ class Measured:
     offset_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
     shifted_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
     contact: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    groups: MeasuredGroups = field(default_factory=MeasuredGroups)
 
     @property
     def store(self) -> Store:
@@ -134,15 +137,20 @@ def measure(store: Store) -> Measured:
     """
     windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
-    for clip in store.clips:
-        if not clip.source:
-            measured.clips[clip.id] = _clip(measured, clip, windows[clip.id])
+    for dancers in store.clips.units():
+        if dancers[0].source:
+            continue
+        pieces = [list(measured.reader.pieces(clip, windows[clip.id])) for clip in dancers]
+        for clip, of_clip in zip(dancers, pieces, strict=True):
+            measured.clips[clip.id] = _clip(measured, clip, of_clip)
+        if dancers[0].group:
+            measured.groups.add(store, dancers, pieces, len(windows[dancers[0].id]))
     return measured
 
 
-def _clip(measured: Measured, clip: ClipView, windows: Sequence[Window]) -> ClipNumbers:
+def _clip(measured: Measured, clip: ClipView, pieces: Sequence[Piece]) -> ClipNumbers:
     trim = measured.store.grid, clip.trim_start
-    parts = [_Part.of(piece, *trim) for piece in measured.reader.pieces(clip, windows)]
+    parts = [_Part.of(piece, *trim) for piece in pieces]
     parts = [part for part in parts if len(part.speed)]
     for part in parts:
         _count(measured, part)

@@ -31,6 +31,7 @@ from dancedata.report.document import (
     Tempo,
     Totals,
 )
+from dancedata.report.groups import groups_of
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, fine_edges, nice_edges
 from dancedata.store import ClipView, Store
@@ -42,6 +43,8 @@ UNKNOWN = "unknown"
 _CONSTANT = 1e-6
 #: Reasons for looking at a clip, in the order in which their lists take turns, and the value above which they hold.
 _WHY = {"flags": 0.0, "sliding": 0.05, "still": 0.3}
+#: Borders of the bins of angles, degrees.
+_FACING_DEG = tuple(float(angle) for angle in range(0, 181, 10))
 #: Half the range of offsets, milliseconds; bins are one frame wide, as key motions lie between frames.
 _OFFSET_MS = 400
 
@@ -65,6 +68,7 @@ class Scales:
     root_extent_m: tuple[float, ...]
     turns: tuple[float, ...]
     floor_m: tuple[float, ...]
+    distance_m: tuple[float, ...]
 
     @classmethod
     def of(cls, datasets: Sequence[Measured]) -> Scales:
@@ -86,6 +90,7 @@ class Scales:
             root_extent_m=_borders(of_clips(lambda n: n.root_extent_m), 0.05, low=0.0),
             turns=_borders(of_clips(lambda n: n.turns), 0.05, low=0.0),
             floor_m=_borders(of_clips(lambda n: n.floor_m), 0.01),
+            distance_m=fine_edges([m.groups.distance for m in datasets]),
         )
 
 
@@ -130,6 +135,7 @@ def document(measured: Measured, scales: Scales) -> Document:
         totals=_totals(measured),
         contents=_contents(measured, scales),
         movement=_movement(measured, scales),
+        groups=groups_of(store, measured.groups, scales.distance_m, _FACING_DEG),
         music=_music(measured, scales),
         splits=splits(store),
         fields={name: _field(store, name) for name in store.fields},
@@ -157,6 +163,7 @@ def _totals(measured: Measured) -> Totals:
     originals = [c for c in clips if not c.source]
     return Totals(
         clips=len(originals),
+        groups=len({c.group for c in originals if c.group}),
         copies=len(clips) - len(originals),
         windows=sum(measured.windows.values()),
         minutes=float(measured.store.grid.seconds(sum(c.n_frames for c in originals)) / 60),
@@ -389,6 +396,9 @@ def _row(measured: Measured, clip: ClipView) -> ClipRow:
         genre=clip.genre,
         song=clip.music,
         dancer=clip.dancer,
+        group=clip.group,
+        member=clip.member,
+        role=clip.role,
         frames=clip.n_frames,
         windows=measured.windows.get(clip.id, 0),
         flags=clip.n_flags,

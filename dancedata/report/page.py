@@ -14,7 +14,8 @@ from dancedata.report.figures import (
     music_figures,
     split_figures,
 )
-from dancedata.report.markup import Figure, Markup, escaped, number, table
+from dancedata.report.group_figures import group_figures
+from dancedata.report.markup import Figure, Markup, escaped, number, percent, table
 from dancedata.report.player import NO_PLAYER, Player
 from dancedata.report.svg import bars, strips
 from dancedata.viewer.payload import link
@@ -47,6 +48,7 @@ def sections(
         ("look", "Look at these first", _look(d)),
         ("contents", "What is in it", _grid(contents_figures(d))),
         ("movement", "How it moves", _grid(movement_figures(d, chosen))),
+        ("groups", "Dancers together", _grid(group_figures(d))),
         ("music", "Music and dance", _grid(music_figures(d))),
         ("splits", "Splits", _grid(split_figures(d))),
         ("columns", "Columns", _grid(_field_figures(d, columns, heat_maps))),
@@ -68,18 +70,14 @@ def _look(d: Drawing) -> str:
     for suspect in ranking:
         clip = clips[suspect.clip]
         n = clip.numbers
-        rows.append((d.link(clip.clip), Markup(_WHY[suspect.why]), clip.split, clip.flags, _percent(n.sliding),
-                     _percent(n.still), n.speed, n.seconds))  # fmt: skip
+        rows.append((d.link(clip.clip), Markup(_WHY[suspect.why]), clip.split, clip.flags, percent(n.sliding),
+                     percent(n.still), n.speed, n.seconds))  # fmt: skip
     head = ("clip", "because of", "split", "flags", "sliding", "still", "speed m/s", "seconds")
     left = len(d.numbers.ranking) - len(ranking)
     more = f"; {left:,} more in the numbers (--json)" if left > 0 else ""
     note = f"most flags per second, most sliding in contact, longest standing still take turns{more}"
     body = f'<div class="scroll">{table(head, rows, "list")}</div>'
     return Figure("look", "Clips in the order of suspicion", note, body, kind="wide").to_html()
-
-
-def _percent(share: float | None) -> Markup:
-    return Markup("–" if share is None else f"{100 * share:.0f}\xa0%")
 
 
 def _field_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
@@ -145,14 +143,14 @@ def _flags(d: Drawing, key: str, title: str, part: Callable[[Document], Mapping[
 
 def tiles(d: Drawing) -> str:
     """Return the numbers at the top of the page."""
-    names = {"clips": "clips", "copies": "copies", "windows": "windows", "minutes": "minutes", "songs": "songs",
-             "dancers": "dancers", "genres": "genres", "left_out": "left out",
+    names = {"clips": "clips", "groups": "groups", "copies": "copies", "windows": "windows", "minutes": "minutes",
+             "songs": "songs", "dancers": "dancers", "genres": "genres", "left_out": "left out",
              "flagged_clips": "flagged clips"}  # fmt: skip
     totals, beside_totals = vars(d.numbers.totals), {} if d.other is None else vars(d.other.totals)
     cells = ""
     for key, name in names.items():
         this, other = totals[key], beside_totals.get(key)
-        if key in ("copies", "dancers", "genres") and not this and not other:
+        if key in ("groups", "copies", "dancers", "genres") and not this and not other:
             continue
         show = "{:.1f}".format if key == "minutes" else number
         beside = "" if other is None else f" ({show(other)})"
@@ -218,10 +216,11 @@ def page(d: Drawing, parts: PageParts) -> str:
 
 
 def _play(player: Player) -> str:
-    """Return the link that opens the first clip."""
+    """Return the link that opens the first clip or group."""
     if not player.items:
         return ""
-    return f'<a class="play" href="{escaped(link(player.items[0]), 2000)}">▶ {counted(len(player.items), "clip")}</a>'
+    kind = "group" if all(item.members for item in player.items) else "clip"
+    return f'<a class="play" href="{escaped(link(player.items[0]), 2000)}">▶ {counted(len(player.items), kind)}</a>'
 
 
 def _header(d: Drawing) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
-from dancedata.report.markup import Markup, escaped
+from dancedata.report.markup import Markup
 from dancedata.store import Store
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Item, Scenes
@@ -62,8 +62,8 @@ class Player:
 
     Attributes
     ----------
-    links
-        HTML of the link of each clip.
+    links, group_links
+        Address of each clip and of each group, for HTML.
     css, body, scripts
         Texts for the page: style, HTML after the report, and the scripts that its policy allows.
     side
@@ -71,6 +71,7 @@ class Player:
     """
 
     links: Mapping[str, Markup] = field(default_factory=dict)
+    group_links: Mapping[str, Markup] = field(default_factory=dict)
     css: str = ""
     body: str = ""
     scripts: tuple[str, ...] = ()
@@ -96,12 +97,12 @@ NO_PLAYER = Player()
 
 
 def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
-    """Return the player of clips; in window scope of the first window of each.
+    """Return the player of clips, of whole groups for their dancers; in window scope of the first window of each.
 
     Parameters
     ----------
     clips
-        Ids; the first INLINE of them are inside the page.
+        Ids, one per group; the first INLINE of them are inside the page.
     folder
         Name of the folder with the others, next to the page.
     sound
@@ -110,7 +111,7 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSoun
     if not clips:
         return NO_PLAYER
     scenes = Scenes(store)
-    items = [scenes.find(clip) for clip in clips]
+    items = _entries(scenes, clips)
     inline = {k: _payload(scenes, item, k) for k, item in enumerate(items[:INLINE])}
     side = {f"clip-{k:05d}.js": k for k in range(INLINE, len(items))}
     addresses = {k: f"{quote(folder)}/{name}" for name, k in side.items()}
@@ -121,11 +122,15 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSoun
         f'<template id="r-clips">{parts.html}{data_script(document)}</template>'
         f'<script type="text/plain" id="r-script">{parts.script}</script><script>{script}</script>'
     )
-    links = {
-        item.clip.id: Markup(f'<a href="{escape(link(item), quote=True)}">{escaped(item.clip.id)}</a>')
-        for item in items
-    }
-    return Player(links, parts.css, body, (script, parts.script), side, scenes, items)
+    dancers = [dancer for item in items for dancer in item.members or (item,)]
+    links = {dancer.clip.id: Markup(escape(link(dancer), quote=True)) for dancer in dancers}
+    groups = {item.name: Markup(escape(link(item), quote=True)) for item in items if item.members}
+    return Player(links, groups, parts.css, body, (script, parts.script), side, scenes, items)
+
+
+def _entries(scenes: Scenes, clips: Sequence[str]) -> list[Item]:
+    """Return the entries of the viewer's list that have these clips: for a dancer the group."""
+    return [scenes.items[scenes.find(clip).number] for clip in clips]
 
 
 def _payload(scenes: Scenes, item: Item, number: int) -> dict[str, Any]:
@@ -147,7 +152,7 @@ def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, m
     if source is None:
         raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
     scenes, music = Scenes(store), ClipSource(store, source.expanduser())
-    sounds = {k: music.sound(scenes.find(clip)) for k, clip in enumerate(clips[:INLINE])}
+    sounds = {k: music.sound(item) for k, item in enumerate(_entries(scenes, clips[:INLINE]))}
     files_of = {k: _opus(sound.signal) for k, sound in sounds.items() if sound is not None}
     if clips and not files_of:
         raise UsageError("the source has no music of these clips", where=source)

@@ -116,8 +116,8 @@ def write_report(
     to
         HTML file to write; None: numbers alone.
     clips
-        Number of clips that the page plays, "all" or "none": half of them the most suspicious, the others spread over
-        the genres. The first 12 are inside the page, the others in a folder next to it.
+        Number of clips or groups that the page plays, "all" or "none": half of them the most suspicious, the others
+        spread over the genres. The first 12 are inside the page, the others in a folder next to it.
     audio
         "embed": with the music of the clips inside the page.
     source
@@ -188,7 +188,7 @@ def _report(
     player = _player(store, numbers, options)
     texts = [(d.kind, str(d).partition(": ")[2]) for d in differences]
     parts = PageParts(_spread(numbers, _PATHS), store.fields, _heat_maps(store, numbers), texts, player)
-    options.target.write(page(Drawing(numbers, other, player.links), parts).encode(), player)
+    options.target.write(page(Drawing(numbers, other, player.links, player.group_links), parts).encode(), player)
     return Report(numbers, other, differences, options.target.path)
 
 
@@ -202,11 +202,19 @@ def _player(store: Store, numbers: Document, options: _PageOptions) -> Player:
 
 
 def _spread(numbers: Document, n: int) -> list[str]:
-    """Return up to `n` clips to show: half of them the first of the ranking, the others spread over the genres."""
-    first = [suspect.clip for suspect in numbers.ranking[: (n + 1) // 2]]
+    """Return up to `n` clips to show: half of them the first of the ranking, the others spread over the genres.
+
+    Of each group there is one dancer.
+    """
+    unit = {row.clip: (row.group, "" if row.group else row.clip) for row in numbers.clips}
+    suspects = {unit[suspect.clip]: suspect.clip for suspect in reversed(numbers.ranking)}
+    ranked = list(dict.fromkeys(unit[suspect.clip] for suspect in numbers.ranking))[: (n + 1) // 2]
+    first = [suspects[key] for key in ranked]
     by_genre: dict[str, list[str]] = {}
+    seen = set(ranked)
     for row in numbers.clips:
-        if row.clip not in first:
+        if unit[row.clip] not in seen:
+            seen.add(unit[row.clip])
             by_genre.setdefault(row.genre, []).append(row.clip)
     turns = zip_longest(*(by_genre[genre] for genre in sorted(by_genre)))
     return [*first, *(clip for turn in turns for clip in turn if clip is not None)][:n]

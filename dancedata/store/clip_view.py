@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
-from itertools import accumulate
+from itertools import accumulate, groupby
 from typing import Any, Protocol, Self, overload
 
 import numpy.typing as npt
@@ -122,6 +122,11 @@ class Clips(Sequence[ClipView]):
         row = self._rows[item]
         part = bisect_right(self._begin, row) - 1
         return ClipView.of(self._store, self._tables[part].record(row - self._begin[part]))
+
+    def units(self) -> Iterator[tuple[ClipView, ...]]:
+        """Yield the clips of each group together, and each single dancer alone, in stored order."""
+        for _, unit in groupby(self, lambda clip: (clip.split, clip.group, "" if clip.group else clip.id)):
+            yield tuple(unit)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Clips):

@@ -2,6 +2,8 @@
 
 from typing import Literal
 
+from dancedata.viewer.scenes import Item
+
 Theme = Literal["dark", "light"]
 #: By theme, for each dancer: trunk and head, left limbs, right limbs. One hue each in three tones of OKLCH, left
 #: lighter than right; at least 3:1 against the background.
@@ -17,3 +19,9 @@ DANCERS: dict[Theme, tuple[tuple[str, str, str], ...]] = {
         ("#b64340", "#d8625c", "#861118"), ("#7d56b8", "#9b74d9", "#562c8b"),
     ),
 }  # fmt: skip
+
+
+def colours_of(item: Item, theme: Theme) -> tuple[str, str, str]:
+    """Return the colours of a dancer: by the number in the source, which stays where others are left out."""
+    palette = DANCERS[theme]
+    return palette[max(0, item.clip.member) % len(palette)]

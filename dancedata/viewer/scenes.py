@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -227,10 +226,9 @@ class Scenes:
     @cached_property
     def items(self) -> tuple[Item, ...]:
         """The groups and clips in stored order; in window scope the windows, clip by clip or group by group."""
-        records = [clip.record for clip in self.store.clips]
         items: list[Item] = []
-        for (_, group, _), unit in groupby(records, lambda c: (c.split, c.group, "" if c.group else c.id)):
-            dancers = list(unit)
+        for unit in self.store.clips.units():
+            dancers = [clip.record for clip in unit]
             windows = [self.store.windows_of(c.id) if self.store.scope == "window" else [None] for c in dancers]
             for of_dancers in zip(*windows, strict=True):
                 members = tuple(
@@ -239,7 +237,7 @@ class Scenes:
                     else Item(len(items), clip, window.start, window.length, window, source=clip.source)
                     for clip, window in zip(dancers, of_dancers, strict=True)
                 )
-                items.append(self._group(members) if group else members[0])
+                items.append(self._group(members) if dancers[0].group else members[0])
         return tuple(items)
 
     def items_of(self, name: str) -> list[Item]:

@@ -25,6 +25,7 @@ from PIL import Image
 from scipy.ndimage import uniform_filter1d
 
 import dancedata
+from dancedata.core.registry import DATASETS
 from dancedata.report import write_report
 from dancedata.viewer.view import ViewRequest, serve
 
@@ -48,6 +49,7 @@ class Data:
     real_source: Path
     demo: Path
     demo_source: Path
+    duets: Path
 
 
 def build(shared: Path, folder: Path) -> Data:
@@ -62,7 +64,9 @@ def build(shared: Path, folder: Path) -> Data:
     cache = folder / "cache"
     dancedata.build("aist++", source, folder / "aist++", jobs=1, cache=cache, progress=False)
     dancedata.build("demo", out=folder / "demo", jobs=1, cache=cache, progress=False)
-    return Data(folder / "aist++", source, folder / "demo", folder / "demo-source")
+    DATASETS.get("dd100")().make_example(folder / "dd100-source")
+    dancedata.build("dd100", folder / "dd100-source", folder / "dd100", jobs=1, cache=cache, progress=False)
+    return Data(folder / "aist++", source, folder / "demo", folder / "demo-source", folder / "dd100")
 
 
 class Camera:
@@ -144,6 +148,16 @@ def viewer(camera: Camera, data: Data, theme: str, clip: str, more: str = "", *,
         return camera.picture()
 
 
+def duet(camera: Camera, data: Data) -> Image.Image:
+    """Return a picture of a generated duet in the viewer."""
+    camera.size(1280, 800)
+    camera.theme("light")
+    with served(ViewRequest(data.duets, source=data.duets.with_name("dd100-source"))) as address:
+        camera.open(f"{address}#group=Waltz_5_0&theme=light&t=6.90", READY, True)
+        camera.driver.execute_script("document.activeElement.blur()")
+        return camera.picture()
+
+
 def report(camera: Camera, data: Data, theme: str, width: int, height: int, scroll: str = "") -> Image.Image:
     """Return a picture of the demo's report, from its top or from a section on."""
     page = data.demo.parent / "demo-report.html"
@@ -175,6 +189,7 @@ SHOTS: dict[str, Shot] = {
     "viewer-light": lambda camera, data: viewer(camera, data, "light", FLAGGED, "&t=5.80&mirror=1"),
     "viewer-narrow": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30", narrow=True),
     "viewer-compare": lambda camera, data: viewer(camera, data, "dark", FLAGGED, "&t=5.80&with=smoothed&over=1"),
+    "viewer-duet": duet,
     "report": lambda camera, data: report(camera, data, "light", 1280, 900),
     "report-music": lambda camera, data: report(camera, data, "dark", 1280, 900, "r-s-music"),
     "report-against": against,

@@ -1,5 +1,6 @@
 """Scores of groups: against the originals' outputs, a search over points, and planted cases."""
 
+import itertools
 from collections.abc import Mapping
 from itertools import permutations
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.dance import Undefined
+from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import groups
 from dancedata.synthetic import synthesise_motion
 from tests.conftest import DATA, unpack
@@ -101,3 +103,16 @@ def test_a_planted_contact() -> None:
 def test_one_dancer_has_no_correlation() -> None:
     with pytest.raises(Undefined, match="too few dancers"):
         groups.group_correlation(dancers(1), 30)
+
+
+def test_boxes_round_limbs_lose_no_collision() -> None:
+    rng = np.random.default_rng(5)
+    bodies = rng.normal(scale=0.25, size=(2, 300, 22, 3)) + rng.uniform(-0.9, 0.9, size=(2, 300, 1, 3))
+    radius = np.asarray(groups.LIMB_RADIUS_M)
+    limbs = [(SMPL24.parents[joint], joint) for joint in range(1, 22)]
+    near = np.zeros(300, dtype=bool)
+    for (p, j), (q, k) in itertools.product(limbs, limbs):
+        apart = groups._segment_distances(bodies[0, :, p], bodies[0, :, j], bodies[1, :, q], bodies[1, :, k])
+        near |= apart < radius[j] + radius[k]
+    assert 20 < near.sum() < 280
+    assert (groups.collisions(bodies)[0, 1] == near).all()

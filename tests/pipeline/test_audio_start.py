@@ -29,6 +29,7 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.readers import WindowDataset
 from dancedata.report import write_report
+from dancedata.report.pieces import ClipReader
 from dancedata.store import Store, verify_store
 from dancedata.store.songs import alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
@@ -144,6 +145,10 @@ def test_music_that_begins_later_is_drawn_and_reported(
     assert np.abs(rhythm.beats * 30 + 1 - beats).max() <= 0.5
     assert (rhythm.onset[:lead] == 0).all()
     assert len(rhythm.onset) == lead + len(rows) - 1
+    (piece,) = ClipReader.of(store).pieces(store.clips[0], ())
+    assert piece.beats is not None
+    assert (piece.beats.frames == beats).all()
+    assert piece.beats.seconds == pytest.approx(rhythm.beats)
     found = write_report(tmp_path / "out", tmp_path / "page.html")
     assert found.numbers.contents.music_minus_motion_s.min == pytest.approx(float(-Fraction(start)), abs=1 / 30)
     axes = plot.features(store, "a", "librosa35")

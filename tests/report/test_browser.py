@@ -1,9 +1,11 @@
 """A report in a browser: names lead to their clips and back, nothing runs that a dataset named, no requests."""
 
 from pathlib import Path
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 from dancedata.report import write_report
+from tests.report.conftest import HOSTILE
+from tests.viewer.conftest import duets  # noqa: F401 (the duets of the tests of the viewer)
 from tests.viewer.helpers import Browser
 
 LINKS = "[...document.querySelectorAll('#r-report .paths a')]"
@@ -49,3 +51,35 @@ def test_a_link_opens_its_clip_at_once(browser: Browser, demo: Path, tmp_path: P
     browser.driver.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
     browser.wait(SHOWN, clip)
     assert abs(browser.driver.execute_script("return window.dancedataViewer.state.t") - 2.5) < 0.01
+
+
+def test_a_group_is_opened_whole_and_a_dancer_alone(browser: Browser, duets: Path, tmp_path: Path) -> None:  # noqa: F811
+    write_report(duets, tmp_path / "page.html")
+    browser.driver.get((tmp_path / "page.html").as_uri())
+    browser.js("document.querySelector('a[href=\"#group=Waltz_5_0\"]').click()")
+    browser.wait("return window.dancedataViewer?.state.clip?.members?.length === 2")
+    assert browser.js("return dancedataViewer.state.dancer") is None
+    browser.js("document.getElementById('r-back').click()")
+    browser.wait("return document.body.dataset.page === 'report'")
+    assert browser.js("return location.hash") == "#r-groups_list"
+    browser.js("document.querySelector('a[href=\"#clip=Waltz_5_0_01\"]').click()")
+    browser.wait("return dancedataViewer.state.dancer === 1")
+    assert browser.log() == []
+
+
+def test_untrusted_names_of_groups_and_roles_run_nothing(browser: Browser, relabelled, tmp_path: Path) -> None:
+    names = [f"{name}{k}" for k, name in enumerate(HOSTILE)]
+    path = relabelled(lambda k: {"group": names[k % 6] + "-" * (k // 6), "member": 0, "role": names[k % 6]})
+    write_report(path, tmp_path / "page.html", clips=8)
+    for name in names:
+        browser.driver.get("about:blank")
+        browser.driver.get(f"{(tmp_path / 'page.html').as_uri()}#group={quote(name, safe='')}")
+        browser.wait("return window.dancedataViewer?.state.clip?.group === arguments[0]", name)
+        browser.key("d")
+        assert browser.js("return dancedataViewer.state.dancer") == 0
+        chips = browser.js("return document.querySelector('[data-dd=dancers]').textContent")
+        assert "\u202e" not in chips
+    assert browser.js("return window.PWN") is None
+    pictures = "return [...document.querySelectorAll('img, iframe')].map(e => e.closest('figure')?.id)"
+    assert all(place.startswith("r-heat_") for place in browser.js(pictures))
+    assert browser.log() == []

@@ -19,6 +19,7 @@ from dancedata.report.write import Target
 from dancedata.store import open_store
 from dancedata.viewer.page import source_hash
 from tests.messages import raises_message
+from tests.report.conftest import HOSTILE
 
 VOID = {"meta", "link", "img", "br", "input", "hr"}
 
@@ -150,6 +151,17 @@ def test_untrusted_names_stay_text(hostile: Path, tmp_path: Path) -> None:
     assert linked == ids
     data = next(text for about, text in page.scripts if about.get("id") == "dd-data")
     assert {clip[0] for clip in json.loads(data)["list"]["clips"]} == ids
+
+
+def test_untrusted_names_of_groups_stay_text(relabelled, tmp_path: Path) -> None:
+    names = [f"{HOSTILE[k % len(HOSTILE)]}{k}" for k in range(8)]
+    path = tmp_path / "hostile.html"
+    write_report(relabelled(lambda k: {"group": names[k], "member": 0, "role": names[k]}), path, clips=8)
+    page = Page(path)
+    check_safe(page)
+    assert "\u202e" not in page.text
+    hrefs = [a["href"] for tag, a in page.elements if a.get("href", "").startswith("#group=")]
+    assert {unquote(href[len("#group=") :]) for href in hrefs} == set(names)
 
 
 def test_against_another_dataset(demo: Path, hostile: Path, tmp_path: Path) -> None:

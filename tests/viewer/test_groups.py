@@ -10,7 +10,7 @@ import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import facing_angles
-from dancedata.viewer import Figure, Scenes
+from dancedata.viewer import Figure, Item, Scenes
 from dancedata.viewer.comparisons import comparison_of, comparison_payload, file_format
 from dancedata.viewer.page import clip_page
 from dancedata.viewer.palette import DANCERS
@@ -19,6 +19,7 @@ from dancedata.viewer.server import Site
 from dancedata.viewer.source import ClipSource
 from dancedata.viewer.together import Together
 from dancedata.viewer.view import ViewRequest, export_page
+from tests.viewer.helpers import serving
 from tests.viewer.test_scenes import unpacked
 
 TWO, SEVEN = "-Ab_cdEf123_01_0_180", "plainid0123_04_829_1009"
@@ -96,6 +97,33 @@ def test_duets_have_roles_distances_contacts_and_collisions(duets: Path) -> None
     assert payload["collisions"] == [list(span) for span in pair.collisions]
     assert payload["contacts"][0][:4] == list(pair.contacts[0][:4])
     assert payload["contacts"][0][4] == round(1000 * pair.contacts[0].distance_m)
+
+
+def test_a_request_begins_with_a_group_a_dancer_or_a_window(crowd: Path) -> None:
+    for name, window, place in ((TWO, None, "group"), (f"{TWO}_p1", None, "clip"), (TWO, 2, "group")):
+        with serving(ViewRequest(crowd, name, window=window)) as address:
+            loop = "&t=1.000&loop=30-90" if window else ""
+            assert address.partition("#")[2] == f"{place}={name}{loop}"
+    request = ViewRequest(crowd, TWO, window=99)
+    with pytest.raises(UsageError, match="the clip has no such window"):
+        request.first(request.scenes())
+    with pytest.raises(UsageError, match="a page of one clip does not show"):
+        export_page(ViewRequest(crowd, TWO, window=1), crowd.parent / "no.html")
+
+
+def test_a_group_of_which_a_dancer_cannot_be_drawn(groups: Scenes, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = groups._figure
+
+    def broken(item: Item, name: str) -> tuple[Figure | None, str]:
+        return (None, "no figure: broken") if item.clip.member == 1 else plain(item, name)
+
+    monkeypatch.setattr(groups, "_figure", broken)
+    scene = groups.scene(groups.find(TWO))
+    assert scene.together is None
+    assert "no figure: broken" in scene.notes
+    payload = scene_payload(scene)
+    assert (payload["pairs"], payload["members"][1]["figure"]) == ([], None)
+    assert len(scene.dancers) == 1
 
 
 def test_facing_is_the_angle_to_the_other() -> None:

@@ -219,7 +219,8 @@ export function showNow() {
       ')';
   if (together()) text += groupNow(clip);
   if (el('clock').textContent !== text) el('clock').textContent = text;
-  const said = near.slice(0, 2).map(flagText).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
+  const whose = f => (together() ? `${clip.members[f[5]].called}: ` : '') + flagText(f);
+  const said = near.slice(0, 2).map(whose).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
   if (el('toast').textContent !== said) el('toast').textContent = plain(said);
   let last = -9;
   for (const beat of clip.beats) if (beat <= state.t + 1e-6) last = beat;

@@ -1,0 +1,95 @@
+"""Groups in figures and videos: all dancers at their places, in colours of their own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata import plot
+from dancedata.core.errors import UsageError
+from dancedata.plot.group_frames import GroupFrames
+from dancedata.viewer import Scenes
+from dancedata.viewer.palette import DANCERS
+from tests.commands import run
+from tests.messages import raises_message
+from tests.viewer.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)
+
+SEVEN, DUET = "plainid0123_04_829_1009", "Waltz_5_0"
+
+
+def frames_of(path: Path, group: str, theme: str = "dark", size: tuple[int, int] = (640, 480)) -> GroupFrames:
+    scenes = Scenes(dancedata.open(path))
+    scene = scenes.scene(scenes.find(group))
+    return GroupFrames(scene, scene.dancers[0].figure, size, np.arange(90) / 30, theme)
+
+
+def pixels(picture: np.ndarray, colour: str) -> int:
+    rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return int((np.abs(picture.astype(int) - rgb).sum(axis=2) < 12).sum())
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_every_dancer_is_in_the_picture(crowd: Path, theme: str) -> None:  # noqa: F811
+    pytest.importorskip("PIL")
+    frames = frames_of(crowd, SEVEN, theme)
+    stage = np.asarray(frames.image(20))[: round(480 * (1 - frames._share))]
+    for tones in DANCERS[theme][:7]:
+        assert min(pixels(stage, tone) for tone in tones) > 15
+    assert pixels(stage, DANCERS[theme][7][0]) == 0
+    np.testing.assert_array_equal(np.asarray(frames.image(20)), np.asarray(frames.image(20)))
+
+
+def test_dancers_keep_their_colours_where_others_are_missing(lacking: Path) -> None:  # noqa: F811
+    pytest.importorskip("PIL")
+    picture = np.asarray(frames_of(lacking, SEVEN).image(0))
+    for k, tones in enumerate(DANCERS["dark"][:7]):
+        assert (pixels(picture, tones[0]) > 15) == (k not in (1, 4))
+
+
+def test_a_duet_has_lanes_of_both_and_of_collisions(duets: Path) -> None:  # noqa: F811
+    pytest.importorskip("PIL")
+    frames = frames_of(duets, DUET, "light")
+    below = np.asarray(frames.image(0))[round(480 * (1 - frames._share)) :]
+    for tones in DANCERS["light"][:2]:
+        assert min(pixels(below, tones[1]), pixels(below, tones[2])) > 200
+    (pair,) = frames.scene.together.pairs
+    assert pair.collides.any()
+    row = below[round(len(below) * 0.88)]
+    amber = np.abs(row.astype(int) - [0x8A, 0x5A, 0x00]).sum(axis=1) < 12
+    share = amber[round(640 * 0.085) :].mean()
+    assert share == pytest.approx(pair.collides.mean(), abs=0.06)
+
+
+def test_a_video_of_a_group_and_of_one_dancer(duets: Path, tmp_path: Path) -> None:  # noqa: F811
+    pytest.importorskip("PIL")
+    pytest.importorskip("imageio_ffmpeg")
+    for name in (DUET, f"{DUET}_01"):
+        written = plot.write_video(duets, name, tmp_path / f"{name}.mp4", length_s=0.2, size=(192, 160))
+        assert written.stat().st_size > 1000
+    assert "group.mp4" in run("view", duets, DUET, "--video", tmp_path / "group.mp4", "--at", 8).stdout
+
+
+def test_poses_of_a_group_stand_as_they_stand_together(duets: Path, tmp_path: Path) -> None:  # noqa: F811
+    pytest.importorskip("matplotlib")
+    scenes = Scenes(dancedata.open(duets))
+    members = scenes.scene(scenes.find(DUET)).members
+    axes = plot.motion(duets, DUET, times=[0, 4], turn_deg=0)
+    lines = [line for line in axes.lines if len(line.get_xdata()) == 2 and line.get_linestyle() == "-"]
+    assert len(lines) == 2 * 2 * 23 + 1
+    follower, leader = (lines[k * 23].get_xdata()[0] for k in (0, 1))
+    joints = [member.figure.joints for member in members]
+    assert follower - leader == pytest.approx(joints[0][0, 0, 0] - joints[1][0, 0, 0], abs=1e-6)
+    floor = min(member.figure.floor for member in members)
+    assert lines[23].get_ydata()[0] == pytest.approx(joints[1][0, 0, 1] - floor)
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["0 follower", "1 leader"]
+    axes.figure.savefig(tmp_path / "poses.png", dpi=40)
+    assert plot.motion(duets, f"{DUET}_01", poses=2).get_legend() is None
+
+
+def test_music_of_a_group_is_that_of_all_and_motion_is_of_one(duets: Path) -> None:  # noqa: F811
+    pytest.importorskip("matplotlib")
+    one, group = (plot.features(duets, name, "librosa35") for name in (f"{DUET}_00", DUET))
+    np.testing.assert_array_equal(one.get_images()[0].get_array(), group.get_images()[0].get_array())
+    with raises_message(UsageError):
+        plot.features(duets, DUET, "joints")
