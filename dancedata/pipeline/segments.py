@@ -5,7 +5,7 @@ import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, open_store
 from dancedata.store.schema import DATASET_FILE, segments_name
+from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.segments import layer_json, segment_rows
 from dancedata.store.table_file import SEGMENT_COLUMNS
 from dancedata.store.table_writer import write_segments
@@ -32,7 +33,7 @@ SUFFIXES = (".csv", ".jsonl")
 
 @dataclass(frozen=True)
 class SegmentsResult:
-    """Layers of a dataset with their numbers of segments and clips, and the file that was written."""
+    """Layers of a dataset with their numbers (`LayerNumbers`), and the file that was written."""
 
     path: Path
     layers: tuple[Mapping[str, Any], ...]
@@ -49,9 +50,14 @@ class SegmentsResult:
     def __str__(self) -> str:
         if not self.layers:
             return f"{self.path} has no segments"
-        names = ("name", "language", "author", "sided", "segments", "clips", "texts")
-        lines = table(("layer", *names[1:]), [[layer[name] for name in names] for layer in self.layers])
+        names = ("name", "language", "author", "sided", "segments", "clips", "median_s", "coverage", "texts", "words")
+        rows = [[_cell(layer[name]) for name in names] for layer in self.layers]
+        lines = table(("layer", *names[1:]), rows)
         return "\n".join([*lines, *([f"written to {self.file}"] if self.file else [])])
+
+
+def _cell(value: Any) -> Any:
+    return f"{value:.2f}" if isinstance(value, float) else "" if value is None else value
 
 
 class _Clip(NamedTuple):
@@ -95,22 +101,8 @@ def segments(
         file = None if to is None else Path(to).expanduser()
         if file is not None:
             _write(store, file, layer)
-        return SegmentsResult(
-            folder, tuple(_summary(store, known) for known in store.layers if layer in (None, known.name)), file
-        )
-
-
-def _summary(store: Store, layer: Layer) -> dict[str, Any]:
-    number, n, clips, texts = store.layers.index(layer), 0, 0, 0
-    for split in store.splits:
-        columns = store.segment_table(split)
-        rows = [] if columns is None else [k for k, of in enumerate(columns.columns["layer"]) if int(of) == number]
-        if columns is not None and rows:
-            n += len(rows)
-            clips += len({int(columns.columns["clip"][k]) for k in rows})
-            texts += sum(len(columns.columns["texts"][k]) for k in rows)
-    names = ("name", "kind", "language", "author", "licence", "sided")
-    return {name: getattr(layer, name) for name in names} | {"segments": n, "clips": clips, "texts": texts}
+        numbers = [asdict(known) for known in layer_numbers(store) if layer in (None, known.name)]
+        return SegmentsResult(folder, tuple(numbers), file)
 
 
 def _write(store: Store, file: Path, layer: str | None) -> None:
