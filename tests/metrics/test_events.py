@@ -110,8 +110,8 @@ def matched(planted: Sequence[Planted], found: Sequence[Event], fps: float, labe
     return len(wanted), len(events_), hits
 
 
-@pytest.mark.parametrize("fps", [30, 60, 120])
-def test_precision_and_recall_on_planted_events(fps: int) -> None:
+@pytest.mark.parametrize(("fps", "jitter_m"), [(30, 0), (60, 0), (120, 0), (30, 0.006), (120, 0.003)])
+def test_precision_and_recall_on_planted_events(fps: int, jitter_m: float) -> None:
     counts = {label: np.zeros(3, dtype=int) for label in ("turn", "jump", "travel", "floor work")}
     for seed in range(3):
         made = dance(fps, seed)
