@@ -141,3 +141,13 @@ def test_overlapping_segments_cover_a_frame_once(tmp_path: Path, built: Store) -
     (moves,) = (layer for layer in layer_numbers(store) if layer.segments == 4)
     total = sum(clip.n_frames for clip in store.clips if not clip.source)
     assert moves.coverage * total == pytest.approx(120)
+
+
+def test_what_mirrored_copies_go_without_is_noted(built: Store, tmp_path: Path) -> None:
+    (tmp_path / "fr.csv").write_text("clip,start,end,layer,language,text\nown,0,1,description,fr,à gauche\n")
+    result = segments(built.path, set_file=tmp_path / "fr.csv")
+    assert result.notes == ("mirrored copies go without 1 segment of description: no lexicon of the language",)
+    assert "note: mirrored copies" in str(result)
+    store = dancedata.open(built.path)
+    assert sorted(s.layer.language for s in store.segments("own", "description")) == ["en", "fr"]
+    assert [s.layer.language for s in store.segments("own__mirror", "description")] == ["en"]
