@@ -32,6 +32,8 @@ _OTHERS = ("label", "label_mirrored", "value", "unit", "other", "joint", "whole"
 COLUMNS = ("clip", *_TIMES, *_LAYER, *_OTHERS[:2], *_LISTS.values(), *_LISTS, *_OTHERS[2:])
 _CHOICES = {"kind": ("span", "instant"), "sided": ("no", "mirrored", "unknown")}
 _EMPTY: tuple[object, ...] = ("", None)
+#: Name, language, author and stated kind of a layer.
+_Key = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
@@ -183,9 +185,9 @@ class _Rows:
     def __init__(self, path: Path, language: str) -> None:
         self._path, self._language = path, language
         self._rows: list[tuple[int, str, Segment, str]] = []
-        self._layers: dict[tuple[str, str, str], tuple[int, Layer]] = {}
-        self._units: dict[tuple[str, str, str], dict[str, str]] = defaultdict(dict)
-        self._pairs: dict[tuple[str, str, str], dict[tuple[str, str], None]] = defaultdict(dict)
+        self._layers: dict[_Key, tuple[int, Layer]] = {}
+        self._units: dict[_Key, dict[str, str]] = defaultdict(dict)
+        self._pairs: dict[_Key, dict[tuple[str, str], None]] = defaultdict(dict)
 
     def add(self, line: int, row: Mapping[str, Any]) -> None:
         """Read one row."""
@@ -195,7 +197,7 @@ class _Rows:
                 raise self._bad(line, f"the segment has no {name}", fix=f"fill in the column {name}")
         start, end = self._times(line, row)
         layer = self._layer(line, stated, is_instant=end is None)
-        label, key = stated["label"], (layer.name, layer.language, layer.author)
+        label, key = stated["label"], (layer.name, layer.language, layer.author, stated["kind"])
         if stated["unit"]:
             self._units[key][label] = stated["unit"]
         if stated["label_mirrored"]:
@@ -257,7 +259,8 @@ class _Rows:
         kind = "instant" if is_instant else "span"
         values = {"language": self._language, "kind": kind, **values}
         layer = Layer(stated["layer"], **values)  # type: ignore[arg-type]
-        key = (layer.name, layer.language, layer.author)
+        # Spans and instants of one name, such as quality flags, where rows state which they are.
+        key = (layer.name, layer.language, layer.author, stated["kind"])
         first, known = self._layers.setdefault(key, (line, layer))
         if known != layer:
             wrong = next(name for name in _LAYER[1:] if getattr(known, name) != getattr(layer, name))

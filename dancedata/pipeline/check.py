@@ -22,6 +22,7 @@ from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
 from dancedata.pipeline.rejects import NOTED, attempt, implausible_problems
+from dancedata.pipeline.word_check import word_notes
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Problem, Store, open_store, verify_store
@@ -131,7 +132,7 @@ def _both(one: str, other: str) -> str:
 
 
 def _implausible(path: Path) -> list[Problem]:
-    """Return notes on implausible clips of a sound dataset, and on songs that could not be compared.
+    """Return notes on implausible clips of a sound dataset, songs that were not compared, and words without facts.
 
     Clips are judged by the dataset's flags, and by its motion under today's rules.
     """
@@ -144,7 +145,7 @@ def _implausible(path: Path) -> list[Problem]:
             why = f"{listed(audio)} has no MFCC and chroma, as librosa35 has"
             message = f"songs of splits were compared by name and samples, not by their sound: {why}"
             notes.append(Problem("note", str(path), message))
-        return notes
+        return [*notes, *word_notes(store)]
 
 
 def _side_rows(store: Store) -> Iterator[dict[str, Any]]:

@@ -1,21 +1,25 @@
 """The stages in their order."""
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any
 
-from dancedata.core.clip import Reject
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.segments import CLIP_END, Segment
 from dancedata.core.sided_words import with_mirrored_words
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.copies import CopySource, make_copies
 from dancedata.pipeline.encode import encode_clips
+from dancedata.pipeline.facts import compute_facts
 from dancedata.pipeline.features import extract_features, stored_clip
 from dancedata.pipeline.groups import sizes_of, whole_groups
 from dancedata.pipeline.sources import Sources
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import check_ids
 from dancedata.recipes.recipe import Recipe
+from dancedata.recipes.segments import GENRE
 from dancedata.store import StoredClip
 
 
@@ -47,8 +51,14 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
     extracted, incomplete = whole_groups(recipe, extracted, sources.scan.clips, lambda clip: clip.source.ref)
     sizes = sizes_of(sources.scan.clips)
     extracted = sorted(extracted, key=lambda clip: clip.source.ref.id)
-    stated = [
-        [s.within(recipe.grid.seconds(clip.motion.n_frames)) for s in recipe.dataset.segments(clip.source.ref)]
+    facts = compute_facts(
+        cache, recipe, [clip.source for clip in extracted], sources.content, jobs=jobs, progress=progress
+    )
+    segments_of = [
+        [
+            *(s.within(recipe.grid.seconds(clip.motion.n_frames)) for s in _stated(recipe, clip.source.ref)),
+            *facts.get(clip.source.ref.id, ()),
+        ]
         for clip in extracted
     ]
     clips = [
@@ -57,7 +67,7 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
             segments=segments,
             group_size=sizes.get(clip.source.ref.group, 0),
         )
-        for clip, segments in zip(extracted, with_mirrored_words(stated), strict=True)
+        for clip, segments in zip(extracted, with_mirrored_words(segments_of, recipe.segments.lexicons), strict=True)
     ]
     originals = [CopySource(c, e.source) for c, e in zip(clips, extracted, strict=True)]
     copies, not_copied = make_copies(cache, recipe, originals, sources.content, jobs=jobs, progress=progress)
@@ -66,3 +76,9 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
         rejects=(*sources.rejects, *unreadable, *without_windows, *without_features, *incomplete, *not_copied),
         quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.motion.flags),
     )
+
+
+def _stated(recipe: Recipe, ref: ClipRef) -> list[Segment]:
+    """Return the segments that a source states, and its genre if the recipe asks for it."""
+    genre = [Segment(GENRE, Fraction(0), CLIP_END, ref.genre)] if recipe.segments.genre and ref.genre else []
+    return [*recipe.dataset.segments(ref), *genre]

@@ -14,12 +14,13 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.segments import Segment
-from dancedata.core.sided_words import mirrored_segment
+from dancedata.core.sided_words import mirrored_segment, with_mirrored_words
 from dancedata.core.text import counted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.encode import EncodedClip, encode_sources
+from dancedata.pipeline.facts import compute_facts
 from dancedata.pipeline.features import extract_features, stored_clip
 from dancedata.pipeline.groups import require_acts_on
 from dancedata.pipeline.motion import MotionResult
@@ -75,15 +76,39 @@ def make_copies(
         rejects += _without_words(spec, [original.clip for original in originals])
         if any(original.clip.group for original in originals):
             require_acts_on(spec)
+        with_facts = _with_facts(context, originals)
         if spec.augmentation.changes == "rows":
             stored += [_copied(original.clip, spec, fields, joints) for original in originals]
         elif spec.augmentation.changes == "motion":
-            for original, result in _encoded(context, originals, rejects):
+            for original, result in _encoded(context, with_facts, rejects):
                 arrays = result.stored(recipe, original.clip.starts)
-                stored.append(_copied(replace(original.clip, height_m=result.height_m), spec, fields, joints, arrays))
+                clip = replace(original.clip, height_m=result.height_m)
+                stored.append(_copied(clip, spec, fields, joints, arrays))
         else:
-            stored += [_copied(clip, spec, fields, joints) for clip in _retimed(context, originals, rejects)]
+            stored += [_copied(clip, spec, fields, joints) for clip in _retimed(context, with_facts, rejects)]
     return stored, rejects
+
+
+def _with_facts(context: _Context, originals: Sequence[CopySource]) -> list[CopySource]:
+    """Return clips with the computed events of their copies' own motion, as if they were the clips'.
+
+    Rows that an augmentation changes are mirrored ones, whose events are those of the clip, mirrored.
+    """
+    c = context
+    if c.recipe.segments.facts is None or c.spec.augmentation.changes == "rows":
+        return list(originals)
+    sources = [original.source for original in originals]
+    facts = compute_facts(c.cache, c.recipe, sources, c.content, c.spec, jobs=c.jobs, progress=c.progress)
+    words = with_mirrored_words([facts[source.ref.id] for source in sources], c.recipe.segments.lexicons)
+    changed = []
+    for original, found in zip(originals, words, strict=True):
+        clip = original.clip
+        # In the time of the clip, as the other segments, which are then divided by the speed.
+        speed = c.spec.speed_of(clip.group or clip.id)
+        own = [replace(s, start=s.start * speed, end=s.end * speed) for s in found]
+        segments = (*(s for s in clip.segments if s.layer.name != "facts"), *own)
+        changed.append(replace(original, clip=replace(clip, segments=segments)))
+    return changed
 
 
 def _encoded(

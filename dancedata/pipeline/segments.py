@@ -5,14 +5,15 @@ import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.segments import Layer, Segment
-from dancedata.core.text import table
+from dancedata.core.sided_words import ENGLISH, Lexicon, with_mirrored_words
+from dancedata.core.text import counted, listed, table
 from dancedata.files.atomic import atomic_file, write_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.formats.segment_files import write_segment_file
@@ -20,8 +21,9 @@ from dancedata.pipeline.copies import segments_of_copy
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
-from dancedata.store import Store, open_store
+from dancedata.store import ClipView, Store, open_store
 from dancedata.store.schema import DATASET_FILE, segments_name
+from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.segments import layer_json, segment_rows
 from dancedata.store.table_file import SEGMENT_COLUMNS
 from dancedata.store.table_writer import write_segments
@@ -32,11 +34,12 @@ SUFFIXES = (".csv", ".jsonl")
 
 @dataclass(frozen=True)
 class SegmentsResult:
-    """Layers of a dataset with their numbers of segments and clips, and the file that was written."""
+    """Layers of a dataset with their numbers (`LayerNumbers`), the file that was written, and notes."""
 
     path: Path
     layers: tuple[Mapping[str, Any], ...]
     file: Path | None = None
+    notes: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
@@ -47,11 +50,17 @@ class SegmentsResult:
         }
 
     def __str__(self) -> str:
+        notes = [f"note: {note}" for note in self.notes]
         if not self.layers:
-            return f"{self.path} has no segments"
-        names = ("name", "language", "author", "sided", "segments", "clips", "texts")
-        lines = table(("layer", *names[1:]), [[layer[name] for name in names] for layer in self.layers])
-        return "\n".join([*lines, *([f"written to {self.file}"] if self.file else [])])
+            return "\n".join([f"{self.path} has no segments", *notes])
+        names = ("name", "language", "author", "sided", "segments", "clips", "median_s", "coverage", "texts", "words")
+        rows = [[_cell(layer[name]) for name in names] for layer in self.layers]
+        lines = table(("layer", *names[1:]), rows)
+        return "\n".join([*lines, *([f"written to {self.file}"] if self.file else []), *notes])
+
+
+def _cell(value: Any) -> Any:
+    return f"{value:.2f}" if isinstance(value, float) else "" if value is None else value
 
 
 class _Clip(NamedTuple):
@@ -87,30 +96,15 @@ def segments(
         If there is no dataset, or it cannot be written.
     """
     folder = Path(path).expanduser().absolute()
-    if set_file is not None:
-        _set(folder, Path(set_file).expanduser())
+    notes = () if set_file is None else _set(folder, Path(set_file).expanduser())
     with open_store(folder) as store:
         if layer is not None:
             store.require_layer(layer)
         file = None if to is None else Path(to).expanduser()
         if file is not None:
             _write(store, file, layer)
-        return SegmentsResult(
-            folder, tuple(_summary(store, known) for known in store.layers if layer in (None, known.name)), file
-        )
-
-
-def _summary(store: Store, layer: Layer) -> dict[str, Any]:
-    number, n, clips, texts = store.layers.index(layer), 0, 0, 0
-    for split in store.splits:
-        columns = store.segment_table(split)
-        rows = [] if columns is None else [k for k, of in enumerate(columns.columns["layer"]) if int(of) == number]
-        if columns is not None and rows:
-            n += len(rows)
-            clips += len({int(columns.columns["clip"][k]) for k in rows})
-            texts += sum(len(columns.columns["texts"][k]) for k in rows)
-    names = ("name", "kind", "language", "author", "licence", "sided")
-    return {name: getattr(layer, name) for name in names} | {"segments": n, "clips": clips, "texts": texts}
+        numbers = [asdict(known) for known in layer_numbers(store) if layer in (None, known.name)]
+        return SegmentsResult(folder, tuple(numbers), file, notes)
 
 
 def _write(store: Store, file: Path, layer: str | None) -> None:
@@ -129,20 +123,23 @@ def _write(store: Store, file: Path, layer: str | None) -> None:
         ) from error
 
 
-def _set(folder: Path, file: Path) -> None:
-    """Replace layers of a dataset; its other files become those of the new folder as they are."""
+def _set(folder: Path, file: Path) -> tuple[str, ...]:
+    """Replace layers of a dataset; its other files become those of the new folder as they are. Return notes."""
     with locked(folder):
         check_out(folder, overwrite=True)
         with open_store(folder, segments=file) as laid, open_store(folder) as store:
             if store.meta["format"] == 1:  # it has no table of them
                 problem, fix = "a dataset of format 1 has no segments", "build the dataset again with --overwrite"
                 raise StoreError(problem, where=folder, fix=fix)
-            new = {layer_id(layer) for layer in laid.overlay.layers}
+            augment, lexicons = _recipe(store)
+            of_file = laid.overlay.segments
+            stated = dict(zip(of_file, with_mirrored_words(list(of_file.values()), lexicons), strict=True))
+            new = {layer_id(s.layer) for segments in stated.values() for s in segments}
             clips = {
                 split: [
                     _Clip(clip.id, clip.n_frames, [
                         *(s for s in store.segments(clip.id) if layer_id(s.layer) not in new),
-                        *_stated(laid, store, clip),
+                        *_of_clip(stated, store, clip, augment),
                     ])
                     for clip in store.clips if clip.split == split
                 ]
@@ -151,6 +148,17 @@ def _set(folder: Path, file: Path) -> None:
             with new_dataset(folder) as out:
                 _link(folder, out, store)
                 _write_dataset(out, store, clips)
+            return (*laid.overlay.notes, *_lost(stated, store))
+
+
+def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
+    """Return a note on the segments that mirrored copies go without."""
+    copied = {clip.source for clip in store.clips if clip.id == f"{clip.source}__mirror" and clip.id not in stated}
+    lost = [s.layer.name for clip in copied for s in stated.get(clip, ()) if not s.can_be_mirrored]
+    if not lost:
+        return []
+    n = counted(len(lost), "segment")
+    return [f"mirrored copies go without {n} of {listed(sorted(set(lost)))}: no lexicon of the language"]
 
 
 def layer_id(layer: Layer) -> tuple[str, str, str]:
@@ -158,26 +166,29 @@ def layer_id(layer: Layer) -> tuple[str, str, str]:
     return layer.name, layer.language, layer.author
 
 
-def _stated(laid: Store, store: Store, clip: Any) -> Sequence[Segment]:
-    """Return the segments of the file for a clip; of a copy without rows those of its clip, changed like the copy."""
-    of_file = laid.overlay.segments
-    if clip.id in of_file or clip.source not in of_file:
-        return of_file.get(clip.id, ())
-    spec = _specs(store).get(clip.id.removeprefix(f"{clip.source}__"))
+def _of_clip(
+    stated: Mapping[str, Sequence[Segment]], store: Store, clip: ClipView, augment: Mapping[str, CopySpec]
+) -> Sequence[Segment]:
+    """Return the segments of a file for a clip; of a copy without rows those of its clip, changed like the copy."""
+    if clip.id in stated or clip.source not in stated:
+        return stated.get(clip.id, ())
+    spec = augment.get(clip.id.removeprefix(f"{clip.source}__"))
     if spec is None:
         raise UsageError(
             "the segments of a copy cannot be made: what made the copy is not known",
             where=f"clip {clip.id}", fix="add rows of the copy to the file",
         )  # fmt: skip
     group = store.clip(clip.source).group
-    return segments_of_copy(clip.source, group, of_file[clip.source], spec, store.skeleton.other_side)
+    return segments_of_copy(clip.source, group, stated[clip.source], spec, store.skeleton.other_side)
 
 
-def _specs(store: Store) -> Mapping[str, CopySpec]:
+def _recipe(store: Store) -> tuple[Mapping[str, CopySpec], Sequence[Lexicon]]:
+    """Return the augmentations and lexicons of a dataset's recipe; without them if a plug-in is not installed."""
     try:
-        return {spec.name: spec for spec in parse_recipe(store.meta.get("recipe", {})).augment}
-    except RecipeError:  # a plug-in is not installed
-        return {}
+        recipe = parse_recipe(store.meta.get("recipe", {}))
+    except RecipeError:
+        return {}, (ENGLISH,)
+    return {spec.name: spec for spec in recipe.augment}, recipe.segments.lexicons
 
 
 def _link(folder: Path, out: Path, store: Store) -> None:

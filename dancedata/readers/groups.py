@@ -236,9 +236,7 @@ class GroupDataset(WindowDataset):
         }
 
     @override
-    def _segment_values(
-        self, request: Request, windows: Sequence[Window], mirrored: Sequence[bool]
-    ) -> dict[str, list[Any]]:
+    def _segment_values(self, *of_windows: Any) -> dict[str, list[Any]]:
         return {}  # those of dancers, once they are chosen
 
     def _reader_of_groups(self) -> GroupReader:

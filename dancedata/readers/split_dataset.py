@@ -289,7 +289,6 @@ class SplitDataset(EpochDataset):
         clips_by_id = {clip: self.store.clip(clip) for clip in set(clips)}
         records = [clips_by_id[clip] for clip in clips]
         mirrored = [names.count("mirror") % 2 == 1 for names in copies]
-        read = [Window(*window) for window in zip(clips, starts, lengths, strict=True)]
         return {
             "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, marks, strict=True)],
             "clip": clips,
@@ -308,15 +307,21 @@ class SplitDataset(EpochDataset):
             "mirrored": mirrored,
             **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
             "index": [int(place) for place in request.places],
-            **self._segment_values(request, read, mirrored),
+            **self._segment_values(request, clips, starts, lengths, mirrored),
         }
 
     def _segment_values(
-        self, request: Request, windows: Sequence[Window], mirrored: Sequence[bool]
+        self,
+        request: Request,
+        clips: Sequence[str],
+        starts: Sequence[int],
+        lengths: Sequence[int],
+        mirrored: Sequence[bool],
     ) -> dict[str, list[Any]]:
         """Return the segments, or the text, of the windows that were read."""
         if self._words is None:
             return {}
+        windows = [Window(*window) for window in zip(clips, starts, lengths, strict=True)]
         return self._words.values(self.store, windows, mirrored, request.epoch, request.places)
 
     def _estimated_tempo(self, clip: str) -> float:

@@ -20,6 +20,7 @@ from dancedata.recipes.fields import WindowSpec
 from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, make_slots, slot_keys
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.retarget import parse_retarget
+from dancedata.recipes.segments import SegmentSpec, parse_segments
 from dancedata.recipes.yaml import load_yaml, read_yaml
 
 #: Characters shown of a PyYAML error, which has several lines.
@@ -166,6 +167,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         windows = problems.catch(partial(_windows, lengths, grid))
     by_window = document.get("scope") == "window"
     retarget = problems.catch(partial(parse_retarget, document.get("retarget")))
+    segments = problems.catch(partial(parse_segments, document.get("segments")))
     slots = make_slots(document, grid, windows, by_window=by_window, problems=problems)
     dataset, windows = slots.dataset, slots.windows
     if problems or not (top and store and groups) or grid is None or dataset is None or windows is None:
@@ -185,6 +187,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         shard_mb=store["shard_mb"],
         incomplete_groups=groups["incomplete"],
         retarget=retarget,
+        segments=segments or SegmentSpec(),
     )
 
 
@@ -272,6 +275,7 @@ _KEYS = {
         "windows": _Key(_MISSING),
         **dict.fromkeys(("motion", "audio", "keymotion", "augment"), _Key()),
         "retarget": _Key(),
+        "segments": _Key(),
         "store": _Key({}),
         "groups": _Key({}),
     },

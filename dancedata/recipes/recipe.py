@@ -17,6 +17,7 @@ from dancedata.recipes.copies import CopySpec, augment_document
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
 from dancedata.recipes.retarget import RetargetSpec
+from dancedata.recipes.segments import SegmentSpec
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Recipe:
     shard_mb: int
     incomplete_groups: Literal["set_aside", "keep"] = "set_aside"
     retarget: RetargetSpec | None = None
+    segments: SegmentSpec = SegmentSpec()  # noqa: RUF009 (frozen)
 
     def __repr__(self) -> str:
         fields = ", ".join(field.name for field in self.fields)
@@ -87,7 +89,8 @@ class Recipe:
             **({"groups": {"incomplete": "keep"}} if self.incomplete_groups == "keep" else {}),
         }
         # Absent by default, so that hashes of earlier recipes hold.
-        return document if self.retarget is None else {**document, "retarget": self.retarget.document()}
+        document |= {} if self.retarget is None else {"retarget": self.retarget.document()}
+        return document | ({"segments": segments} if (segments := self.segments.document()) else {})
 
     @cached_property
     def sha256(self) -> str:

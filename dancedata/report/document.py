@@ -11,6 +11,7 @@ from dancedata.report.groups import Groups, group_findings
 from dancedata.report.markup import number
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
+from dancedata.store.segment_numbers import LayerNumbers
 
 #: Raised whenever a key of the document is removed or means something else.
 SCHEMA = 1
@@ -257,6 +258,7 @@ class Document:
     fields: Mapping[str, FieldNumbers]
     left_out: Mapping[str, LeftOut]
     flags: Flags
+    segments: tuple[LayerNumbers, ...]
     ranking: tuple[Suspect, ...]
     clips: tuple[ClipRow, ...]
 

@@ -35,6 +35,7 @@ from dancedata.report.groups import groups_of
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, fine_edges, nice_edges
 from dancedata.store import ClipView, Store
+from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
 
 #: Stands for a genre, dancer or song that the dataset does not name.
@@ -141,6 +142,7 @@ def document(measured: Measured, scales: Scales) -> Document:
         fields={name: _field(store, name) for name in store.fields},
         left_out=_left_out(store.rejects),
         flags=_flags(store),
+        segments=layer_numbers(store),
         ranking=_ranking(measured),
         clips=tuple(_row(measured, clip) for clip in store.clips if not clip.source),
     )

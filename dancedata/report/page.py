@@ -50,6 +50,7 @@ def sections(
         ("movement", "How it moves", _grid(movement_figures(d, chosen))),
         ("groups", "Dancers together", _grid(group_figures(d))),
         ("music", "Music and dance", _grid(music_figures(d))),
+        ("segments", "Words and events", _grid(_segments(d))),
         ("splits", "Splits", _grid(split_figures(d))),
         ("columns", "Columns", _grid(_field_figures(d, columns, heat_maps))),
         ("left-out", "Left out and flagged", _grid(_left_out(d))),
@@ -122,6 +123,26 @@ def _left_out(d: Drawing) -> list[Figure]:
     by_kind = _flags(d, "flags", "Flags by kind", lambda n: n.flags.by_kind)
     by_joint = _flags(d, "flags_joint", "Flags by joint", lambda n: n.flags.by_joint)
     return [*figures, *by_kind, *by_joint]
+
+
+def _segments(d: Drawing) -> list[Figure]:
+    """Return the table of the layers of segments, without the quality flags, which are shown by themselves."""
+    layers = [layer for layer in d.numbers.segments if layer.name != "quality"]
+    if not layers:
+        return []
+    head = ("layer", "language", "author", "segments", "clips", "median s", "coverage", "texts", "words per text",
+            "left and right", "while still", "labels")  # fmt: skip
+    rows = [
+        (
+            layer.name, layer.language, layer.author, layer.segments, layer.clips, layer.median_s,
+            percent(layer.coverage), layer.texts, layer.words / layer.texts if layer.texts else None, layer.sided,
+            layer.still, _text(listed(f"{label} {n}" for label, n in layer.labels.items()), 300),
+        )
+        for layer in layers
+    ]  # fmt: skip
+    body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
+    note = "of clips that are not copies; coverage is the share of frames in a segment; while still: no motion in it"
+    return [Figure("segments", "Layers of segments", note, body, kind="wide")]
 
 
 def _text(text: str, limit: int) -> Markup:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import canonical_json
 from dancedata.core.segments import TICKS_PER_SECOND, Layer, Segment, ticks
@@ -155,14 +155,18 @@ def segments_of(
         if layer.sided == "mirrored":
             mirrored = mirrored or texts
         value = float(columns["value"][k])
-        segments.append(
-            Segment(
+        try:
+            segment = Segment(
                 layer, start, end, columns["label"][k], texts, mirrored, tokens,
                 value=math.nan if math.isnan(value) else value, other=ids[other] if other >= 0 else "",
                 joint=int(columns["joint"][k]), whole=bool(columns["whole"][k]),
                 data=json.loads(data) if data else {},
-            )
-        )  # fmt: skip
+            )  # fmt: skip
+        except (DataError, ValueError) as error:
+            raise StoreError(
+                "a segment of the dataset cannot be read", where=f"/segments, row {k}", found=shown(error)
+            ) from error
+        segments.append(segment)
     return segments
 
 

@@ -1,6 +1,6 @@
 """Checks of the tables and shards of a split whose bytes match dataset.json: layout, bounds, references, values."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -228,6 +228,10 @@ def _check_segments(store: Store, tables: Tables, description: Description) -> I
     bad = (start < 0) | (start >= end) | (end > tables.n_frames[clip])
     if bad.any():
         yield f"/segments: outside their clips, in rows {_places(bad)}"
+    unusable = list(_check_texts(columns))
+    yield from unusable
+    if unusable:
+        return
     for row in range(tables.n_clips):
         for k, segment in zip(table.rows_of(row), store.segments(tables.ids[row]), strict=True):
             if segment.frames(description.grid, int(tables.n_frames[row])) != (start[k], end[k]):
@@ -235,6 +239,19 @@ def _check_segments(store: Store, tables: Tables, description: Description) -> I
                 return
     if n and int(max(columns["other"])) >= tables.n_clips:
         yield "/segments/other: clips that do not exist"
+
+
+def _check_texts(columns: Mapping[str, Any]) -> Iterator[str]:
+    """Check that mirrored words and tokens are as many as the texts, and that no segment ends before it begins."""
+    n_texts = np.diff(columns["texts"].begin)
+    for name in ("texts_mirrored", "tokens"):
+        found = np.diff(columns[name].begin)
+        bad = (found != 0) & (found != n_texts)
+        if bad.any():
+            yield f"/segments/{name}: not as many as the texts, in rows {_places(bad)}"
+    bad = np.asarray(columns["end_t"]) < np.asarray(columns["start_t"])
+    if bad.any():
+        yield f"/segments/end_t: before start_t, in rows {_places(bad)}"
 
 
 def _check_spans(readers: Sequence[ShardReader], tables: Tables, description: Description) -> Iterator[str]:

@@ -148,3 +148,12 @@ def test_captions_are_written_as_the_loaders_split_them() -> None:
     caption, tokens, start, end = text.splitlines()[0].strip().split("#")
     assert (caption, tokens.split(" "), float(start), float(end)) == ("a b c", ["a/X", "b/X"], 0.0, 0.0)
     assert plain_tokens("The dancer's left arm.") == "the/OTHER dancer's/OTHER left/OTHER arm/OTHER"
+
+
+def test_spans_and_instants_of_one_name_where_rows_state_their_kind(tmp_path: Path) -> None:
+    flags = [
+        Segment(Layer("quality", kind="instant", sided="no"), Fraction(1), Fraction(1), "spike", value=0.5),
+        Segment(Layer("quality", sided="no"), Fraction(0), Fraction(4), "implausible_body"),
+    ]
+    write_segment_file(tmp_path / "q.csv", [("a", flags)])
+    assert [repr(row.segment) for row in read_segment_file(tmp_path / "q.csv")] == [repr(flag) for flag in flags]

@@ -12,8 +12,10 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.segments import segments
+from dancedata.report.write import write_report
 from dancedata.store import Store, verify_store
 from dancedata.store.schema import segments_name
+from dancedata.store.segment_numbers import layer_numbers
 from tests.messages import raises_message
 
 RECIPE = {
@@ -45,7 +47,7 @@ def described(store: Store) -> dict[str, list[str]]:
 def test_all_segments_as_a_file_and_back(built: Store, tmp_path: Path, name: str) -> None:
     before = hashes(built.path)
     result = segments(built.path, to=tmp_path / name)
-    assert {layer["name"]: layer["segments"] for layer in result.layers}["moves"] == 3
+    assert {layer["name"]: layer["segments"] for layer in result.layers}["moves"] == 1
     assert "written to" in str(result)
     with raises_message(UsageError):
         segments(built.path, to=tmp_path / name)
@@ -107,5 +109,45 @@ def test_the_command(built: Store, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["segments", str(built.path), "--layer", "moves", "--to", str(out), "--json"])
     assert result.exit_code == 0, result.output
     (layer,) = json.loads(result.output)["layers"]
-    assert (layer["name"], layer["clips"], layer["sided"]) == ("moves", 3, "mirrored")
+    assert (layer["name"], layer["clips"], layer["sided"]) == ("moves", 1, "mirrored")
     assert out.read_text().splitlines()[1].startswith("own,1/2,3/2,moves,span,")
+
+
+def test_numbers_of_layers(built: Store) -> None:
+    moves, words = sorted(layer_numbers(built), key=lambda layer: -ord(layer.name[0]))
+    frames = {clip.id: clip.n_frames for clip in built.clips if not clip.source}
+    assert (moves.segments, moves.clips, moves.median_s, moves.labels) == (1, 1, 1.0, {"left spin": 1})
+    assert moves.coverage == pytest.approx(30 / sum(frames.values()))
+    assert (words.texts, words.words, words.still) == (1, 3, None)
+    assert words.coverage == pytest.approx(frames["own"] / sum(frames.values()))
+    document = write_report(built.path).to_json()["report"]
+    assert [layer["name"] for layer in document["segments"]] == [layer.name for layer in built.layers]
+
+
+def test_the_report_has_a_table_of_layers(built: Store, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    write_report(built.path, to=page, clips="none")
+    text = page.read_text(encoding="utf-8")
+    assert "Layers of segments" in text
+    assert "left spin 1" in text
+
+
+def test_overlapping_segments_cover_a_frame_once(tmp_path: Path, built: Store) -> None:
+    rows = [("own", 0, 2), ("own", 1, 3), ("own", 1, 2), ("smpl", 0, 1)]
+    lines = "".join(f"{clip},{start},{end},moves\n" for clip, start, end in rows)
+    (tmp_path / "more.csv").write_text("clip,start,end,layer\n" + lines)
+    segments(built.path, set_file=tmp_path / "more.csv")
+    store = dancedata.open(built.path)
+    (moves,) = (layer for layer in layer_numbers(store) if layer.segments == 4)
+    total = sum(clip.n_frames for clip in store.clips if not clip.source)
+    assert moves.coverage * total == pytest.approx(120)
+
+
+def test_what_mirrored_copies_go_without_is_noted(built: Store, tmp_path: Path) -> None:
+    (tmp_path / "fr.csv").write_text("clip,start,end,layer,language,text\nown,0,1,description,fr,à gauche\n")
+    result = segments(built.path, set_file=tmp_path / "fr.csv")
+    assert result.notes == ("mirrored copies go without 1 segment of description: no lexicon of the language",)
+    assert "note: mirrored copies" in str(result)
+    store = dancedata.open(built.path)
+    assert sorted(s.layer.language for s in store.segments("own", "description")) == ["en", "fr"]
+    assert [s.layer.language for s in store.segments("own__mirror", "description")] == ["en"]

@@ -23,8 +23,7 @@ ON_OWN_BODY = [name for name in NAMES if not REPRESENTATIONS.get(name).positions
 #: Those whose joints are known: of others the mirror is proved by the reflected motion alone.
 WITH_JOINTS = [
     name
-    for name in NAMES
-    for made in [REPRESENTATIONS.get(name)()]
+    for name, made in ((name, REPRESENTATIONS.get(name)()) for name in NAMES)
     if made.decodes or "position" in made.columns.names
 ]
 FLIP = np.array([-1.0, 1.0, 1.0])

@@ -1,0 +1,204 @@
+"""The key `segments` of recipes: facts, genres, a lexicon; in builds, with copies, from the cache."""
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.clip import ClipRef, Scan, member_id
+from dancedata.core.errors import RecipeError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.core.segments import Layer, Segment
+from dancedata.core.skeleton import SMPL24
+from dancedata.pipeline import facts
+from dancedata.recipes.parse import parse_recipe
+from dancedata.store import Store, verify_store
+from tests.messages import raises_message
+from tests.metrics.test_events import Dance
+
+WORDS = Layer("description", language="de")
+
+
+@dataclass(frozen=True)
+class Planted(Dataset):
+    """A dancer who turns, jumps and walks; and a group of two who stand, one of whom jumps."""
+
+    name: ClassVar[str] = "planted"
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = "none"
+    citation: ClassVar[str] = "none"
+
+    def scan(self, source: Path) -> Scan:
+        words = (Segment(WORDS, Fraction(0), Fraction(1), texts=("dreht sich nach links",)),)
+        path = source / "any.txt"
+        single = ClipRef("single", path, None, "train", genre="house", segments=words)
+        pair = [
+            ClipRef(member_id("pair", k), path, None, "train", group="pair", member=k, declared=(("k", str(k)),))
+            for k in range(2)
+        ]
+        return Scan("planted", (*pair, single))
+
+    def load(self, ref: ClipRef) -> Motion:
+        dance = Dance(60, 7).wait()
+        if ref.id == "single":
+            dance.turn(360, 1.2).jump(0.4).walk(2, 0, 2, "")
+        elif ref.member == 1:
+            dance.wait(1.5).jump(0.5)
+        else:
+            dance.wait(3)
+        n = 400 if ref.id == "single" else 200
+        beside = np.array([1.5 * (ref.member == 1), 0, 0])
+        root = np.array(dance.root)[:n] + beside - SMPL24.offsets[0]
+        rotations = np.zeros((n, 24, 3))
+        rotations[:, 0, 1] = dance.yaw[:n]
+        return Motion(root, rotations, FrameGrid.of(60), SMPL24)
+
+    def make_example(self, folder: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        (folder / "any.txt").write_text("x")
+
+
+@pytest.fixture(autouse=True)
+def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    DATASETS.names()
+    monkeypatch.setitem(DATASETS._classes, "planted", Planted)
+
+
+def document(**keys: Any) -> dict[str, Any]:
+    return {
+        "recipe": 1, "name": "facts", "dataset": {"planted": {}}, "fps": 30,
+        "windows": {"length_s": 2, "stride_s": 1}, "motion": {"joints": {}}, "audio": {},
+    } | keys  # fmt: skip
+
+
+def build(tmp_path: Path, cache: Path, out: str = "out", **keys: Any) -> Store:
+    Planted().make_example(tmp_path)
+    return dancedata.build(document(**keys), tmp_path, tmp_path / out, jobs=1, cache=cache, progress=False).open()
+
+
+def labels(store: Store, clip: str) -> list[str]:
+    return [s.label for s in store.segments(clip, "facts") if s.label not in ("still", "high energy")]
+
+
+def test_facts_are_a_layer_of_clips_and_copies(tmp_path: Path, cache: Path) -> None:
+    augment = {"mirror": True, "tempo": {"speeds": [1.25]}, "yaw": {}}
+    store = build(tmp_path, cache, segments={"facts": True}, augment=augment)
+    assert verify_store(tmp_path / "out") == []
+    assert labels(store, "single") == ["turn left", "jump", "travel forward"]
+    assert labels(store, "single__mirror") == ["turn right", "jump", "travel forward"]
+    assert labels(store, "single__yaw") == labels(store, "single")
+    turn, mirrored = (store.segments(clip, "facts") for clip in ("single", "single__mirror"))
+    (left,) = (s for s in turn if s.label == "turn left")
+    (right,) = (s for s in mirrored if s.label == "turn right")
+    assert left.value == pytest.approx(360, abs=8)
+    assert (right.value, right.start) == (left.value, left.start)
+    assert right.texts == (left.texts[0].replace("left", "right"),)
+    # Computed from the copy's own motion: at 5/4 of the speed a fall of 9.81 is one of 15.3 m/s2, for less time.
+    jump, faster = (
+        next(s for s in store.segments(clip, "facts") if s.label == "jump") for clip in ("single", "single__tempo")
+    )
+    assert faster.value == pytest.approx(0.32, abs=0.05)
+    assert faster.start == pytest.approx(float(jump.start) / 1.25, abs=0.05)
+    assert (labels(store, "pair_p0"), labels(store, "pair_p1")) == ([], ["jump"])
+    layer = next(layer for layer in store.layers if layer.name == "facts")
+    assert dict(layer.units)["jump"] == "s"
+    assert layer.by.startswith("facts 1 {")
+
+
+def test_results_come_from_the_cache(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = build(tmp_path, cache, segments={"facts": {"kinds": ["jumps"]}})
+    assert labels(first, "single") == ["jump"]
+
+    def events(*args: Any) -> None:
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(facts, "events", events)
+    again = build(tmp_path, cache, "again", segments={"facts": {"kinds": ["jumps"]}})
+    assert [repr(s) for s in again.segments("single")] == [repr(s) for s in first.segments("single")]
+    with pytest.raises(AssertionError, match="computed again"):
+        build(tmp_path, cache, "other", segments={"facts": {"kinds": ["jumps"], "flight_s": 0.3}})
+
+
+def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:
+    lexicon = tmp_path / "german.yaml"
+    lexicon.write_text("language: de\npairs: [[links, rechts], [linke, rechte]]\n")
+    segments = {"genre": True, "lexicon": str(lexicon)}
+    store = build(tmp_path, cache, segments=segments, augment={"mirror": True})
+    (genre,) = store.segments("single", "genre")
+    assert (genre.label, genre.end) == ("house", store.grid.seconds(store.clip("single").n_frames))
+    assert store.segments("pair_p0") == []
+    assert store.segments("single__mirror", "description")[0].texts == ("dreht sich nach rechts",)
+    assert store.meta["recipe"]["segments"]["lexicon"]["pairs"] == [["links", "rechts"], ["linke", "rechte"]]
+    assert str(tmp_path) not in str(store.meta["recipe"])
+    again = parse_recipe(store.meta["recipe"])
+    assert again.sha256 == store.meta["recipe_sha256"]
+
+
+def test_recipes_without_the_key_keep_their_hash() -> None:
+    plain, empty = (parse_recipe(document(**keys)) for keys in ({}, {"segments": {"facts": False}}))
+    assert plain.sha256 == empty.sha256
+    assert "segments" not in plain.document
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        True,
+        {"fact": True},
+        {"facts": 3},
+        {"facts": {"turns": 90}},
+        {"facts": {"turn_degrees": -1}},
+        {"facts": {"kinds": ["turns", "spins"]}},
+        {"genre": "yes"},
+        {"lexicon": "nowhere.yaml"},
+        {"lexicon": {"language": "de"}},
+        {"lexicon": {"language": "de", "pairs": [["a"]]}},
+    ],
+)
+def test_wrong_values_are_named(value: Any) -> None:
+    with raises_message(RecipeError):
+        parse_recipe(document(segments=value))
+
+
+def test_check_names_words_that_facts_do_not_show(
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    english = Layer("description", language="en-GB")
+
+    def says(start: float, end: float, *texts: str, layer: Layer = english) -> Segment:
+        return Segment(layer, Fraction(start), Fraction(end), texts=texts)
+
+    words = (
+        says(0, 3, "spins around", "turns to the left", "turns right once"),
+        says(3, 4.5, "a jump", "spins twice"),
+        says(5, 7, "hops, then kneels"),
+        says(0, 1, "springt", layer=Layer("german", language="de")),
+    )
+    plain = Planted.scan
+
+    def scan(self: Planted, source: Path) -> Scan:
+        found = plain(self, source)
+        return replace(found, clips=tuple(replace(c, segments=words * (c.id == "single")) for c in found.clips))
+
+    monkeypatch.setattr(Planted, "scan", scan)
+    build(tmp_path, cache, "facts", segments={"facts": True}, augment={"mirror": True})
+    build(tmp_path, cache, "jumps", segments={"facts": {"kinds": ["jumps"]}})
+    build(tmp_path, cache, "none")
+
+    def notes(out: str) -> list[str]:
+        problems = dancedata.check(tmp_path / out, progress=False)
+        return [p.message.partition("says ")[2] for p in problems if "says" in p.message]
+
+    assert notes("facts") == [
+        "'turns right once', no turn to the right found", "'spins twice', no turn found",
+        "'hops, then kneels', no flight found",
+    ]  # fmt: skip
+    assert notes("jumps") == ["'hops, then kneels', no flight found"]
+    assert notes("none") == []

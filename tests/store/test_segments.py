@@ -1,0 +1,72 @@
+"""Segments in a store: columns of the table, and damage that check names."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import h5py
+import pytest
+
+from dancedata.core.errors import StoreError
+from dancedata.core.segments import Layer, Segment
+from dancedata.store import open_store, verify_store, write_store
+from dancedata.store.schema import segments_name
+from tests.groups_store import HEADER, stored
+from tests.store.test_verify import seal
+
+WORDS = Layer("words", language="en", sided="mirrored")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    words = [
+        Segment(WORDS, Fraction(0), Fraction(1), "a", ("one", "left"), ("one", "right"), ("one/NUM", "left/ADJ")),
+        Segment(WORDS, Fraction(1), Fraction(2), "b", ("same",), ("same",)),
+        Segment(WORDS, Fraction(9), Fraction(10), "no frame"),
+    ]
+    clips = [replace(clip, segments=tuple(words)) for clip in stored({"train": (2,)})]
+    write_store(tmp_path, HEADER, clips)
+    return tmp_path
+
+
+def test_equal_mirrored_words_are_not_stored_twice(folder: Path) -> None:
+    store = open_store(folder)
+    table = store.segment_table("train")
+    assert table is not None
+    assert list(table.columns["texts_mirrored"]) == [("one", "right"), ()] * 3
+    assert [s.texts_mirrored for s in store.segments("train0_p0")] == [("one", "right"), ("same",)]
+    assert store.meta["empty_segments"] == 3
+    assert verify_store(folder) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda table: table["tokens/list"].__setitem__(slice(1, None), [1, 2, 3, 4, 5, 6]), "tokens: not as many"),
+        (
+            lambda table: table["texts_mirrored/list"].__setitem__(slice(1, None), [3, 3, 4, 4, 6, 6]),
+            "mirrored: not as",
+        ),
+        (lambda table: table["end_t"].__setitem__(0, -5), "end_t: before start_t"),
+        (lambda table: table["end"].__setitem__(0, 29), "frames are not those of the times"),
+        (lambda table: table["layer"].__setitem__(0, 7), "of clips or layers that do not exist"),
+        (lambda table: table["data/offset"].__setitem__(slice(1, None), 0), ""),
+    ],
+)
+def test_damage_is_named(folder: Path, change: Callable[[Any], None], message: str) -> None:
+    with h5py.File(folder / segments_name("train"), "r+") as file:
+        change(file["segments"])
+    seal(folder)
+    problems = verify_store(folder)
+    assert (message in str(problems[0].message)) if message else problems == []
+
+
+def test_a_segment_that_cannot_be_read_is_an_error_of_the_store(folder: Path) -> None:
+    with h5py.File(folder / segments_name("train"), "r+") as file:
+        file["segments/end_t"][0] = -5
+    seal(folder)
+    store = open_store(folder)
+    with pytest.raises(StoreError, match="row 0"):
+        store.segments(store.tables("train").ids[0])
