@@ -24,6 +24,7 @@ from dancedata.exports.base.needs import (
     needs_feature,
     needs_field,
     needs_music,
+    needs_music_from_start,
     needs_names,
     needs_splits,
     needs_track_scope,
@@ -178,11 +179,7 @@ class Bailando(Export):
             missing.append(
                 Missing(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips")
             )
-        beside = [clip.id for clip in clips if clip.audio_start]
-        if beside:
-            problem = f"loaders begin each song with its motion, and that of {listed(beside)} begins elsewhere"
-            missing.append(Missing(problem, "a source whose music files begin with the motion"))
-        return missing + find_songs(job, clips)[1]
+        return missing + needs_music_from_start(clips, exactly=True) + find_songs(job, clips)[1]
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

@@ -18,7 +18,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.bailando import PARTS, is_ignored, needs_aist_names, note_ignored
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import needs_field, needs_splits, needs_track_scope
+from dancedata.exports.base.needs import needs_field, needs_music_from_start, needs_splits, needs_track_scope
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
@@ -176,9 +176,9 @@ class Fact(Export):
     def missing(self, job: ExportJob) -> list[Missing]:
         missing = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
         missing += needs_field(job, self.feature, kind="audio", width=35, rate=_RATE)
-        missing += needs_splits(job, "train", "test") + needs_aist_names(
-            job, _clips(job, "train") + _clips(job, "test")
-        )
+        clips = _clips(job, "train") + _clips(job, "test")
+        missing += needs_splits(job, "train", "test") + needs_aist_names(job, clips)
+        missing += needs_music_from_start(clips, exactly=True)
         if not missing:
             for part in PARTS:
                 if all(self._length(clip) < _LEAST for clip in _clips(job, part)):

@@ -12,7 +12,13 @@ from dancedata.core.typing import override
 from dancedata.datasets.finedance.facts import facts
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import needs_field, needs_fps, needs_names, needs_track_scope
+from dancedata.exports.base.needs import (
+    needs_field,
+    needs_fps,
+    needs_music_from_start,
+    needs_names,
+    needs_track_scope,
+)
 
 _MOTION, _FPS = "finedance319", 30
 _GUIDE = """## Train
@@ -37,6 +43,7 @@ def needs_tracks(job: ExportJob, motion: str, feature: str) -> list[Missing]:
     missing = needs_fps(job, _FPS) + needs_track_scope(job) + needs_field(job, motion, kind="motion", rate=_FPS)
     missing += needs_field(job, feature, kind="audio", width=35, rate=_FPS)
     form = "001 to 211, as FineDance does: dataset: {finedance: {}}; copies (augment) have other names"
+    missing += needs_music_from_start(job.clips())
     return missing + needs_names(job.clips(), lambda name: name in facts().ids, form)
 
 

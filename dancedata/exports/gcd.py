@@ -15,7 +15,7 @@ from dancedata.core.typing import override
 from dancedata.exports._motions import decoded, needs_motion
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import needs_field, needs_fps
+from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start
 
 if TYPE_CHECKING:
     from dancedata.store import ClipView
@@ -64,6 +64,7 @@ class Gcd(Export):
     def missing(self, job: ExportJob) -> list[Missing]:
         missing = needs_fps(job, _FPS) + needs_motion(job, self.field)
         missing += needs_field(job, self.feature, kind="audio", rate=_FPS)
+        missing += needs_music_from_start([clip for clip in job.clips() if clip.group])
         if not any(clip.group for clip in job.clips()):
             missing.append(Missing("the dataset has no groups", "dataset: {aioz-gdance: {}}, or another with groups"))
         return missing

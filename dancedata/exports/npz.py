@@ -11,7 +11,7 @@ import numpy as np
 
 from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing, field_json, record_json
-from dancedata.exports.base.needs import needs_fields, needs_music
+from dancedata.exports.base.needs import needs_fields, needs_music, needs_music_from_start
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -41,6 +41,8 @@ class Npz(Export):
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
         absent = needs_fields(job, self.fields)
+        if not absent and any(job.store.field(name).kind == "audio" for name in self._names(job)):
+            absent += needs_music_from_start(job.clips())
         return absent + (needs_music(job, job.clips()) if job.source is not None else [])
 
     @override

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dancedata.core.errors import UsageError
 from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing, field_json, record_json
-from dancedata.exports.base.needs import needs_fields, needs_names, needs_track_scope
+from dancedata.exports.base.needs import needs_fields, needs_music_from_start, needs_names, needs_track_scope
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -63,7 +63,8 @@ class WebDataset(Export):
         missing = needs_fields(job, self.fields)
         if len(set(self.fields)) < len(self.fields):
             missing.append(Missing("fields has a name twice", "name each once"))
-        missing += needs_track_scope(job) if self.samples == "clips" else []
+        if self.samples == "clips":
+            missing += needs_track_scope(job) + needs_music_from_start(job.clips())
         return missing + needs_names(
             job.clips(), lambda name: "." not in name, "without points: a key ends at the first"
         )

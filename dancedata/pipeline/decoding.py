@@ -211,6 +211,8 @@ def decode_file(
     from dancedata.datasets.folder import stated_grid
     from dancedata.store.scaling import stated_in
 
+    if path.is_dir():
+        raise UsageError("one file is decoded at a time", where=path, found="a folder", fix="call it for each file")
     with open_arrays(path) as arrays:
         array, file, grid = arrays.read(_key(arrays, plugin, key)), stated_in(arrays), stated_grid(arrays)
     if like is None and fps is None and plugin.rate is None and grid is None:

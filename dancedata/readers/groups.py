@@ -84,6 +84,8 @@ class GroupDataset(WindowDataset):
     torch.Size([3, 150, 151])
     """
 
+    _wider = "name a wider scaler with scaler="
+
     def __init__(
         self,
         store: str | Path | Store,

@@ -162,7 +162,8 @@ def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]
     if store.scope == "track":
         for clip in store.clips:
             first = store.grid.rows_down(clip.trim_start, of=store.field(name).grid) if trim else 0
-            yield clip.read(name)[first:]
+            lead, rows = store.rows_within(clip.id, name)
+            yield rows[max(0, first - lead) :]
 
 
 def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> MinMax:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from operator import index as as_int
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -88,6 +88,8 @@ class SplitDataset(EpochDataset):
 
     windows: WindowList
     rejects: tuple[Reject, ...]
+    #: How a reader gets a wider scaler.
+    _wider: ClassVar[str] = "name what the scaler has to cover with normalizer_covers="
 
     def __init__(
         self,
@@ -165,8 +167,8 @@ class SplitDataset(EpochDataset):
             if times.max() > _FAR:
                 label = self.store.fields[name].labels[int(times.argmax())]
                 _log.warning(
-                    "augment= takes normalised values of %s far beyond [-1, 1], those of %s furthest; name what the "
-                    "scaler has to cover with normalizer_covers=, or cut values with clip=True", name, label,
+                    "augment= takes normalised values of %s far beyond [-1, 1], those of %s furthest; %s, or cut "
+                    "values with clip=True", name, label, self._wider,
                 )  # fmt: skip
 
     @property

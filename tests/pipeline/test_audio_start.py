@@ -14,7 +14,7 @@ import dancedata
 from dancedata import plot
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Scan
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
@@ -253,3 +253,21 @@ def test_a_plan_counts_the_windows_of_a_build(
     assert plan["splits"]["train"] == {name: counts[name] for name in plan["splits"]["train"]}
     assert plan["left_out"] == store.meta["rejects"]
     assert all(units["cached"] == units["of"] > 0 for units in plan["cached"].values())
+
+
+@pytest.mark.parametrize(("target", "options"), [("npz", {}), ("webdataset", {"samples": "clips"})])
+def test_exports_of_whole_clips_name_music_that_begins_later(
+    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, target: str, options: dict[str, Any]
+) -> None:
+    store = build(tmp_path, cache, monkeypatch, "-1")
+    with raises_message(StoreError):
+        dancedata.export(store.path, target, out=tmp_path / "x", **options)
+
+
+def test_a_scaler_over_all_rows_takes_music_that_begins_later(
+    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray
+) -> None:
+    store = build(tmp_path, cache, monkeypatch, "-1")
+    scaler = WindowDataset(store, "train", normalize=("librosa35",), normalizer_over="all").normalizer("librosa35")
+    _, rows = store.rows_within("a", "librosa35")
+    np.testing.assert_array_equal(scaler.data_max, rows.max(axis=0).astype(np.float64))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -85,6 +85,16 @@ def needs_splits(job: ExportJob, *splits: str) -> list[Missing]:
     problem = f"the dataset has no clips in {' and '.join(absent)} (its splits: {', '.join(job.store.splits)})"
     fix = "a recipe whose dataset key has these splits, such as dataset: {aist++: {split: crossmodal}}"
     return [Missing(problem, fix)]
+
+
+def needs_music_from_start(clips: Sequence[ClipView], *, exactly: bool = False) -> list[Missing]:
+    """Check that music is there from each clip's first frame; with `exactly`, that its file begins there."""
+    beside = [clip.id for clip in clips if (clip.audio_start if exactly else clip.audio_start < 0)]
+    if not beside:
+        return []
+    where = "elsewhere" if exactly else "later"
+    problem = f"music has to begin with its motion, and that of {listed(beside)} begins {where}"
+    return [Missing(problem, "a source whose music files begin with the motion")]
 
 
 def needs_music(job: ExportJob, clips: list[ClipView]) -> list[Missing]:
