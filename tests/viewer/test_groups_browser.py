@@ -56,6 +56,8 @@ def test_a_group_plays_whole_and_a_dancer_alone(browser: Browser, served: str) -
     assert "m apart" in now["clock"]
     assert now["mirror"]
     browser.wait(TONES.replace("return page", "return 7 === page"))
+    browser.key("m")
+    assert "choose a dancer" in browser.js("return document.querySelector('[data-dd=toast]').textContent")
     browser.key("d")
     browser.key("d")
     alone = shown(browser)

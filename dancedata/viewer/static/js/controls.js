@@ -58,6 +58,11 @@ function setRate(value) {
   }
 }
 
+function mirrorKey() {
+  if (together()) el('toast').textContent = 'choose a dancer to see the mirrored copy';
+  else el('mirror').click();
+}
+
 const RATES = { 1: 0.25, 2: 0.5, 3: 1, 4: 1.5, 5: 2 };
 const KEYS = [
   [' ', 'space', 'play or pause', () => play(!state.playing)],
@@ -68,7 +73,7 @@ const KEYS = [
   ['[', '[', 'previous clip', () => step(-1)],
   [']', ']', 'next clip', () => step(1)],
   ['l', 'L', 'loop the window under the cursor', () => el('loop').click()],
-  ['m', 'M', 'mirrored copy', () => el('mirror').click()],
+  ['m', 'M', 'mirrored copy', mirrorKey],
   ['o', 'O', 'overlay, or side by side', () => el('over').click()],
   ['c', 'C', 'metronome', () => el('click').click()],
   ['u', 'U', 'mute the music', () => el('mute').click()],
