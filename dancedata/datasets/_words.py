@@ -64,7 +64,7 @@ def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> State
         rejects += captions.rejects
         for name, path in sorted(captions.files.items()):
             if name not in ids:
-                detail = f"no clip named {quoted(name)}; {did_you_mean(name, ids)}"
+                detail = f"no clip named {quoted(name)}; {did_you_mean(name, sorted(ids))}"
                 rejects.append(Reject("unused_segments", file=relative(path, source), detail=detail))
                 continue
             try:
@@ -83,5 +83,5 @@ def _require_partners(path: Path, rows: Sequence[SegmentRow], ids: set[str]) -> 
                 "segments: the partner of a segment is not a clip",
                 where=f"{path}, line {row.line}",
                 found=quoted(row.segment.other),
-                fix=did_you_mean(row.segment.other, ids),
+                fix=did_you_mean(row.segment.other, sorted(ids)),
             )

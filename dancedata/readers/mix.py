@@ -16,7 +16,8 @@ from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.readers.arguments import whole
 from dancedata.readers.batch_reader import Array, Layout, ReadBatch
-from dancedata.readers.epochs import EpochDataset, uniform
+from dancedata.readers.draws import uniform
+from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.sampler import permutation
 from dancedata.readers.split_dataset import SplitDataset
 from dancedata.readers.windows import WindowDataset
@@ -24,8 +25,8 @@ from dancedata.store.normalize import MinMax
 
 IntArray = npt.NDArray[np.int64]
 Normalizer = Literal["one", "each"]
-#: Stream of random numbers that choose samples of a source; 1 to 6 are those of orders and changes.
-_SOURCE_STREAM = 7
+#: Stream of random numbers that choose samples of a source; 1 to 9 are those of orders, changes and texts.
+_SOURCE_STREAM = 10
 
 
 class Mix(EpochDataset):
@@ -356,7 +357,7 @@ def _properties(dataset: SplitDataset) -> dict[str, str]:
         "fields": ", ".join(dataset.fields),
         "normalised": ", ".join(dataset.normalized) or "nothing",
         "clip": str(dataset.clip),
-        "dropped": ", ".join(dataset._augmenter.droppable) or "nothing",
+        "values": ", ".join(dataset.samples([0], 0)[0]),
         "frames per second": str(store.grid),
         "body": store.skeleton.name,
         "offsets of the body": str(store.skeleton.offsets.round(6).tolist()),

@@ -7,17 +7,20 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from dancedata.core.clip import Window
-from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.segments import Layer
+from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import mirrored_segment
 from dancedata.core.text import listed
 from dancedata.readers.arguments import probability
+from dancedata.readers.draws import uniform
 from dancedata.store.dataset import Store
-from dancedata.store.segments import PlacedSegment
+from dancedata.store.segments import PlacedRow, PlacedSegment
 
-#: Stream of random numbers that choose texts; 1 to 6 are those of orders, mirroring, primitives, crops, dancers.
-_TEXT_STREAM = 7
+#: Streams of random numbers: whether a text is empty, its segment, the text; 1 to 6 are those of orders, mirroring,
+#: primitives, augmentations, crops, dancers.
+_EMPTY_STREAM, _SEGMENT_STREAM, _TEXT_STREAM = 7, 8, 9
+#: Numbers of each stream for the dancers of a group and the group itself.
+_SLOTS = 1024
 MirrorWords = Literal["error", "keep"]
 
 
@@ -63,42 +66,47 @@ class SegmentReader:
         """Whether samples have a drawn text, and not all segments."""
         return self.layer is not None
 
-    def placed(self, store: Store, window: Window, mirrored: bool) -> list[PlacedSegment]:
-        """Return the segments that a window overlaps, in the words of a mirrored dancer where it is mirrored."""
-        placed = store.segments_in(window, self.layer)
-        if not mirrored:
-            return placed
-        return [
-            p._replace(segment=mirrored_segment(p.segment, self._joints)) if p.segment.can_be_mirrored else p
-            for p in placed
-        ]
+    def placed(self, rows: Iterable[PlacedRow], mirrored: bool) -> list[PlacedSegment]:
+        """Return segments, in the words of a mirrored dancer where the window is mirrored."""
+        return [PlacedSegment(self._said(row, mirrored), row.start, row.end, row.share) for row in rows]
 
-    def text(self, placed: Iterable[PlacedSegment], *key: int) -> str:
+    def text(self, rows: Iterable[PlacedRow], mirrored: bool, numbers: Sequence[float]) -> str:
         """Return one text of a window; "" without one, and for the share `empty` of windows.
 
         Drawn by their shares from the segments that cover at least `min_share` of the window, then from their texts.
-        `key` are epoch, index, and the dancer of a group.
+        `numbers` are those of `_drawn`.
         """
-        draw = Draw(self._seed, _TEXT_STREAM, *key)
-        is_empty = draw.uniform() < self._empty
-        candidates = [p for p in placed if p.segment.texts and p.share >= self._min_share]
-        if is_empty or not candidates:
+        candidates = [row for row in rows if row.n_texts and row.share >= self._min_share]
+        if numbers[0] < self._empty or not candidates:
             return ""
-        place = draw.uniform(0.0, sum(p.share for p in candidates))
+        place = numbers[1] * sum(row.share for row in candidates)
         for chosen in candidates:
             place -= chosen.share
             if place < 0:
                 break
-        return chosen.segment.texts[draw.below(len(chosen.segment.texts))]
+        return self._said(chosen, mirrored).texts[int(numbers[2] * chosen.n_texts)]
+
+    def _drawn(self, epoch: int, places: Sequence[int]) -> list[list[float]]:
+        """Return three numbers in [0, 1) for each of some places of the streams."""
+        streams = (_EMPTY_STREAM, _SEGMENT_STREAM, _TEXT_STREAM)
+        numbers = [uniform(self._seed, stream, epoch, places).tolist() for stream in streams]
+        return [list(of_place) for of_place in zip(*numbers, strict=True)]
+
+    def _said(self, row: PlacedRow, mirrored: bool) -> Segment:
+        segment = row.load()
+        return mirrored_segment(segment, self._joints) if mirrored and segment.can_be_mirrored else segment
 
     def values(
         self, store: Store, windows: Sequence[Window], mirrored: Sequence[bool], epoch: int, places: Sequence[int]
     ) -> dict[str, list[Any]]:
         """Return ``{"text": ...}`` or ``{"segments": ...}`` of the samples at `places`, (B,)."""
-        placed = [self.placed(store, *sample) for sample in zip(windows, mirrored, strict=True)]
+        samples = [
+            (store.segment_rows_in(window, self.layer), flag) for window, flag in zip(windows, mirrored, strict=True)
+        ]
         if not self.draws:
-            return {"segments": placed}
-        return {"text": [self.text(p, epoch, place) for p, place in zip(placed, places, strict=True)]}
+            return {"segments": [self.placed(*sample) for sample in samples]}
+        drawn = self._drawn(epoch, places)
+        return {"text": [self.text(*sample, numbers) for sample, numbers in zip(samples, drawn, strict=True)]}
 
     def group_values(
         self,
@@ -113,16 +121,17 @@ class SegmentReader:
         own: list[list[Any]] = []
         whole: list[Any] = []
         for windows, flag, place in zip(groups, mirrored, places, strict=True):
-            of_dancers = [self.placed(store, window, flag) for window in windows]
-            of_group = [p for p in of_dancers[0] if p.segment.whole]
-            of_dancers = [[p for p in placed if not p.segment.whole] for placed in of_dancers]
+            of_dancers = [store.segment_rows_in(window, self.layer) for window in windows]
+            of_group = [row for row in of_dancers[0] if row.whole]
+            of_dancers = [[row for row in rows if not row.whole] for rows in of_dancers]
             of_dancers += [[] for _ in range(persons - len(windows))]
             if self.draws:
-                own.append([self.text(p, epoch, place, 1 + k) for k, p in enumerate(of_dancers)])
-                whole.append(self.text(of_group, epoch, place, 0))
+                drawn = self._drawn(epoch, [place * _SLOTS + slot for slot in range(persons + 1)])
+                own.append([self.text(rows, flag, n) for rows, n in zip(of_dancers, drawn[1:], strict=True)])
+                whole.append(self.text(of_group, flag, drawn[0]))
             else:
-                own.append(of_dancers)
-                whole.append(of_group)
+                own.append([self.placed(rows, flag) for rows in of_dancers])
+                whole.append(self.placed(of_group, flag))
         name = "text" if self.draws else "segments"
         return {name: own, f"{name}_group": whole}
 

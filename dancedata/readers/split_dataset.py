@@ -20,7 +20,8 @@ from dancedata.core.typing import override
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request
-from dancedata.readers.epochs import EpochDataset, uniform
+from dancedata.readers.draws import uniform
+from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.music_beats import StartAt, estimated_tempo
 from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of

@@ -26,7 +26,7 @@ from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_w
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, Kind, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
-from dancedata.store.segments import PlacedSegment, layer_of, quality_rows, segments_of
+from dancedata.store.segments import PlacedRow, PlacedSegment, layer_of, quality_rows, segments_of
 from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.shard_tables import read_shard_tables
 from dancedata.store.table_file import SegmentTable, read_segments, read_tables
@@ -554,11 +554,15 @@ class Store:
             For an unknown clip or layer.
         """
         self.require_layer(layer)
+        return [placed.loaded() for placed in self.segment_rows_in(window, layer)]
+
+    def segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
+        """Return the same as `segments_in`, except that each segment is read when it is asked for."""
         tables, row = self._place(window.clip)
         first = self._first_of_group(tables, row)
         segments = self._placed(tables, row, window, layer)
         if first != row:
-            segments += [p for p in self._placed(tables, first, window, layer) if p.segment.whole]
+            segments += [placed for placed in self._placed(tables, first, window, layer) if placed.whole]
         return sorted(segments, key=lambda placed: (placed.start, placed.end))
 
     def mask(self, window: Window, layer: str) -> npt.NDArray[np.bool_]:
@@ -570,7 +574,8 @@ class Store:
             For an unknown clip or layer.
         """
         mask = np.zeros(window.length, dtype=np.bool_)
-        for placed in self.segments_in(window, layer):
+        self.require_layer(layer)
+        for placed in self.segment_rows_in(window, layer):
             mask[placed.start : placed.end] = True
         return mask
 
@@ -579,21 +584,19 @@ class Store:
         rows = ((self.tables(split), self.tables(split).find(clip_id)) for split in self.splits)
         return next((self.grid.seconds(int(t.n_frames[row])) for t, row in rows if row is not None), None)
 
-    def _placed(self, tables: Tables, row: int, window: Window, layer: str | None) -> list[PlacedSegment]:
-        clip, table, spans = tables.ids[row], self.segment_table(tables.split), (window.start, window.length)
+    def _placed(self, tables: Tables, row: int, window: Window, layer: str | None) -> list[PlacedRow]:
+        clip, table = tables.ids[row], self.segment_table(tables.split)
         if clip in self.overlay.segments:
-            placed = [(s, *s.frames(self.grid, int(tables.n_frames[row]))) for s in self.segments(clip, layer)]
-            in_window = [PlacedSegment.of(s, begin, end, *spans) for s, begin, end in placed]
-            return [segment for segment in in_window if segment.start < segment.end]
+            n_frames = int(tables.n_frames[row])
+            in_window = [
+                PlacedRow.of_segment(s, *s.frames(self.grid, n_frames), window) for s in self.segments(clip, layer)
+            ]
+            return [placed for placed in in_window if placed.start < placed.end]
         if table is None:
             return []
-        numbers = [k for k, stored in enumerate(self.layers) if layer in (None, stored.name)]
-        rows = table.overlapping(row, *spans, numbers)
-        segments = segments_of(table, rows, self.layers, tables.ids)
-        starts, ends = table.columns["start"], table.columns["end"]
-        return [
-            PlacedSegment.of(s, int(starts[k]), int(ends[k]), *spans) for s, k in zip(segments, rows, strict=True)
-        ]
+        chosen = np.array([layer in (None, stored.name) for stored in self.layers], dtype=np.bool_)
+        rows = table.overlapping(row, window.start, window.length, chosen)
+        return [PlacedRow.of_table(table, k, self.layers, tables.ids, window) for k in rows]
 
     def _first_of_group(self, tables: Tables, row: int) -> int:
         group = int(tables.columns["group"][row]) if "group" in tables.columns else -1

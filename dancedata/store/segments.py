@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import canonical_json
@@ -139,6 +140,41 @@ class PlacedSegment(NamedTuple):
         """Place frames [begin, end) of a clip in the window of `length` frames from `start`."""
         first, last = max(begin - start, 0), min(end - start, length)
         return cls(segment, first, last, (last - first) / length)
+
+
+class PlacedRow(NamedTuple):
+    """A segment that a window overlaps, as `PlacedSegment`, which `load` reads: a text needs one of many."""
+
+    start: int
+    end: int
+    share: float
+    whole: bool
+    n_texts: int
+    load: Callable[[], Segment]
+
+    @classmethod
+    def of_segment(cls, segment: Segment, begin: int, end: int, window: Window) -> PlacedRow:
+        """Place frames [begin, end) of a clip in a window."""
+        placed = PlacedSegment.of(segment, begin, end, window.start, window.length)
+        return cls(*placed[1:], segment.whole, len(segment.texts), lambda: segment)
+
+    @classmethod
+    def of_table(
+        cls, table: SegmentTable, k: int, layers: Sequence[Layer], ids: Sequence[str], window: Window
+    ) -> PlacedRow:
+        """Place row k of a table in a window."""
+        columns = table.columns
+        begin, end = max(int(columns["start"][k]) - window.start, 0), int(columns["end"][k]) - window.start
+        end = min(end, window.length)
+        texts = columns["texts"].begin
+        n_texts, share = int(texts[k + 1]) - int(texts[k]), (end - begin) / window.length
+        return cls(
+            begin, end, share, bool(columns["whole"][k]), n_texts, lambda: segments_of(table, [k], layers, ids)[0]
+        )
+
+    def loaded(self) -> PlacedSegment:
+        """Read the segment."""
+        return PlacedSegment(self.load(), self.start, self.end, self.share)
 
 
 def segments_of(

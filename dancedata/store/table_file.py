@@ -166,11 +166,11 @@ class SegmentTable:
         """Return the rows of a clip."""
         return range(int(self.first[clip]), int(self.first[clip + 1]))
 
-    def overlapping(self, clip: int, start: int, length: int, layers: Sequence[int]) -> list[int]:
-        """Return the rows of a clip, of some layers, that cover a frame of [start, start + length)."""
+    def overlapping(self, clip: int, start: int, length: int, layers: npt.NDArray[np.bool_]) -> list[int]:
+        """Return the rows of a clip, of the layers that are chosen, that cover a frame of [start, start + length)."""
         rows = slice(int(self.first[clip]), int(self.first[clip + 1]))
         begins, ends, layer = (np.asarray(self.columns[name][rows]) for name in ("start", "end", "layer"))
-        found = (begins < start + length) & (ends > start) & np.isin(layer, layers)
+        found = (begins < start + length) & (ends > start) & layers[layer]
         return (np.flatnonzero(found) + rows.start).tolist()
 
 
