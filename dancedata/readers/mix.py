@@ -357,7 +357,7 @@ def _properties(dataset: SplitDataset) -> dict[str, str]:
         "fields": ", ".join(dataset.fields),
         "normalised": ", ".join(dataset.normalized) or "nothing",
         "clip": str(dataset.clip),
-        "values": ", ".join(dataset.samples([0], 0)[0]),
+        "values beside the fields": ", ".join(n for n in dataset.samples([0], 0)[0] if n not in dataset.fields),
         "frames per second": str(store.grid),
         "body": store.skeleton.name,
         "offsets of the body": str(store.skeleton.offsets.round(6).tolist()),

@@ -107,7 +107,7 @@ def test_decoding_every_representation(name: str, device: str) -> None:
 
 
 def test_every_representation_has_joints() -> None:
-    for name in REPRESENTATIONS.names():
+    for name in (name for name in REPRESENTATIONS.names() if name != "root_place"):  # a place, without a body
         made = REPRESENTATIONS.get(name)()
         found = joints(batched(columns_of(name)), name)
         assert found.shape == (3, 4, made.skeleton.n_joints, 3)
