@@ -206,6 +206,8 @@ def decode_file(
     path, out = Path(path).expanduser(), Path(out).expanduser()
     if to not in MOTION_FILES:
         raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
+    if path.is_dir():
+        raise UsageError("a folder cannot be decoded", where=path, allowed="one file", fix="call it for each file")
     name, _ = REPRESENTATIONS.split(representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
     from dancedata.datasets.folder import stated_grid

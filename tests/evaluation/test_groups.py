@@ -14,6 +14,8 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
+from dancedata.evaluation.inputs.store import store_clips
+from dancedata.evaluation.protocol import protocol_named
 from dancedata.store import Store
 from dancedata.synthetic import synthesise_motion
 from tests.conftest import DATA, unpack
@@ -169,6 +171,8 @@ def test_a_dataset_of_duets(duets: Store) -> None:
     assert set(report.clips) == {clip.group for clip in duets.clips}
     for name in ("gmc", "root_distance", "tif", "bed", "bas"):
         assert report[name] is not None, name
+    first = [group.clips[0] for group in store_clips(duets, protocol_named("groups"))]
+    assert first == [f"{name}_00" for name in report.clips]  # the follower
     by_hand = {}
     for name in report.clips:
         pair = sorted((c for c in duets.clips if c.group == name), key=lambda c: c.role)

@@ -239,3 +239,8 @@ def test_contacts_are_not_part_of_a_motion() -> None:
     array[:, :4] = np.nan  # as networks give them: any number
     found = dancedata.decode(array, "edge151")
     np.testing.assert_allclose(found.joints(), motion.joints(), rtol=0, atol=1e-5)
+
+
+def test_a_folder_is_not_decoded(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"[Cc]all it for each file"):
+        dancedata.decode_file(tmp_path, "edge151", to="bvh", fps=30, normalized=False, out=tmp_path / "x")
