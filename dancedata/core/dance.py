@@ -26,6 +26,7 @@ OUTCOMES = {
     "no_contact": "a foot never touches the ground",
     "few_clips": "the set has too few clips",
     "few_dancers": "the group has too few dancers",
+    "no_duet": "the group is not of two dancers",
 }
 
 
@@ -70,6 +71,26 @@ def checked_joints(joints: npt.ArrayLike) -> Float64Array:
             found=f"{int(bad.sum())} of {len(array)} frames, the first at frame {int(np.argmax(bad))}",
         )
     return array
+
+
+def checked_group(joints: npt.ArrayLike, least: int = 1) -> Float64Array:
+    """Return positions (P, T, J, 3) as float64.
+
+    Raises
+    ------
+    DataError
+        "bad_shape", "empty" or "nan".
+    Undefined
+        "few_dancers": fewer than `least`.
+    """
+    array = np.asarray(joints, dtype=np.float64)
+    if array.ndim != 4:
+        raise DataError(
+            "invalid shape of a group's joints", reason="bad_shape", found=f"{array.shape}", allowed="(P, T, J, 3)"
+        )
+    if len(array) < least:
+        raise Undefined("few_dancers", found=f"{len(array)}", allowed=f"at least {least}")
+    return np.stack([checked_joints(dancer) for dancer in array])
 
 
 def peak_offsets(curve: npt.ArrayLike, at: IntArray) -> Float64Array:
@@ -138,12 +159,12 @@ class MusicBeats:
 
 @dataclass(frozen=True, eq=False)
 class Dance:
-    """Joint positions of one clip, and the beats of its music.
+    """Joint positions of one clip, or of the dancers of a group, and the beats of its music.
 
     Attributes
     ----------
     joints
-        (T, J, 3) float64, metres; checked and made read-only.
+        (T, J, 3) float64, metres; of a group (P, T, J, 3), in one world. Checked and made read-only.
     grid
         Rate of the frames.
     music
@@ -155,14 +176,15 @@ class Dance:
     music: MusicBeats | None = None
 
     def __post_init__(self) -> None:
-        joints = checked_joints(self.joints).view()
+        check = checked_group if np.ndim(self.joints) == 4 else checked_joints
+        joints = check(self.joints).view()
         joints.setflags(write=False)
         object.__setattr__(self, "joints", joints)
 
     @property
     def n_frames(self) -> int:
         """Number of frames T."""
-        return len(self.joints)
+        return int(self.joints.shape[-3])
 
     @property
     def fps(self) -> float:
@@ -171,4 +193,4 @@ class Dance:
 
     def __repr__(self) -> str:
         beats = "no music" if self.music is None else f"{len(self.music.frames)} beats of music"
-        return f"Dance({self.n_frames} frames at {self.grid} per second, {self.joints.shape[1]} joints, {beats})"
+        return f"Dance({self.n_frames} frames at {self.grid} per second, {self.joints.shape[-2]} joints, {beats})"

@@ -44,6 +44,17 @@ _WINDOW = re.compile(r"@\d+\+\d+(:.*)?$", re.DOTALL)
 _ROWS = 2
 
 
+def _of_dancers(protocol: str | Protocol) -> Protocol:
+    """Return a protocol; UsageError for one of groups."""
+    named = protocol_named(protocol)
+    if named.of_groups:
+        raise UsageError(
+            f"{named.name} measures groups, and an Evaluator single dancers",
+            fix="save the samples, a group in each file, and give them to dancedata.evaluate",
+        )
+    return named
+
+
 class Evaluator:
     """Collects the numbers of generated samples over an epoch, and compares them with a pool at its end.
 
@@ -81,7 +92,7 @@ class Evaluator:
         *,
         music_field: Field | None = None,
     ) -> None:
-        self.protocol = protocol_named(protocol)
+        self.protocol = _of_dancers(protocol)
         self.reader = reader
         self.pool = pool
         self._music_field = music_field
@@ -141,7 +152,7 @@ class Evaluator:
             If the field does not have the protocol's joints, the pool is of another protocol, version, rate or
             scaler, or nothing states whether samples are normalised.
         """
-        rules = protocol_named(protocol)
+        rules = _of_dancers(protocol)
         like = opened(store)
         dataset = store_of(like)
         name, reader = reader_for(dataset, rules.motion, field)

@@ -5,7 +5,7 @@ Numbers are cached by metric, for all protocols that share them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -101,19 +101,27 @@ class MeasuredClip:
 
 
 def measure_pose(
-    protocol: Protocol, role: Role, numbers: Sequence[int], pose: Pose, music: ClipMusic | None
+    protocol: Protocol,
+    role: Role,
+    numbers: Sequence[int],
+    pose: Pose | tuple[Pose, ...],
+    music: ClipMusic | None,
 ) -> dict[int, Measurement | None]:
-    """Measure a pose; return the result by the number of the measure, None if it needs music and there is none.
+    """Measure a pose, or those of a group's dancers; return the result by the number of the measure.
 
-    DataError if the protocol cannot measure this motion: other joints, another rate.
+    None if it needs music and there is none. DataError if the protocol cannot measure this motion: other joints,
+    another rate.
     """
-    placed, notes = conformed(pose, protocol.motion)
-    joints = in_axes(placed.joints, protocol.motion)
-    cuts = protocol.pieces(role).of(len(joints), placed.grid)
+    if isinstance(pose, tuple):
+        placed, joints, notes = _group(pose, protocol.motion)
+    else:
+        placed, notes = conformed(pose, protocol.motion)
+        joints = in_axes(placed.joints, protocol.motion)
+    cuts = protocol.pieces(role).of(joints.shape[-3], placed.grid)
     computable = [n for n in numbers if music is not None or not protocol.measures[n].metric.needs_music]
     outcomes: dict[int, list[list[float] | str]] = {number: [] for number in computable}
     for start, length in cuts:
-        piece = _Piece(joints[start : start + length], placed.grid)
+        piece = _Piece(joints[..., start : start + length, :, :], placed.grid)
         beats = None if music is None else music.after(start, placed.grid)
         for number in computable:
             outcomes[number].append(_outcome(protocol.measures[number], role, piece, beats))
@@ -121,16 +129,30 @@ def measure_pose(
     return {n: measured._replace(outcomes=outcomes[n]) if n in outcomes else None for n in numbers}
 
 
+def _group(poses: tuple[Pose, ...], rule: MotionRule) -> tuple[Pose, Float64Array, tuple[str, ...]]:
+    """Return the first dancer, the joints (P, T, J, 3) of all in a protocol's axes, and notes on what was changed."""
+    dancers, notes = zip(*(conformed(pose, rule) for pose in poses), strict=True)
+    rates = sorted({str(dancer.grid) for dancer in dancers})
+    if len(rates) > 1:
+        raise DataError("the dancers of a group have different rates", reason="other_rate", found=listed(rates))
+    sizes = [len(dancer.joints) for dancer in dancers]
+    changed = dict.fromkeys(note for of_dancer in notes for note in of_dancer)
+    if min(sizes) < max(sizes):
+        changed["groups are cut to the shortest of their dancers"] = None
+    joints = np.stack([in_axes(dancer.joints[: min(sizes)], rule) for dancer in dancers])
+    return dancers[0], joints, tuple(changed)
+
+
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Joints (T, J, 3) of a piece at a rate, and its steady positions, which several measures share."""
+    """Joints (T, J, 3), or (P, T, J, 3), of a piece at a rate, and its steady positions, which measures share."""
 
     joints: Float64Array
     grid: FrameGrid
 
     @cached_property
     def steady(self) -> Float64Array:
-        return steady(self.joints, float(self.grid.rate))
+        return _each(lambda joints: steady(joints, float(self.grid.rate)), self.joints)
 
 
 def _outcome(measure: Measure, role: Role, piece: _Piece, beats: MusicBeats | None) -> list[float] | str:
@@ -139,13 +161,25 @@ def _outcome(measure: Measure, role: Role, piece: _Piece, beats: MusicBeats | No
         joints, grid = piece.steady, FrameGrid.of(STEADY_FPS)
     elif measure.fps is not None:
         target = FrameGrid.of(measure.fps)
-        joints, grid = interpolated(joints, grid, target), target
+        joints, grid = _each(lambda each: interpolated(each, piece.grid, target), joints), target
     music = beats if measure.metric.needs_music else None
-    try:
-        numbers = measure.metric.measure(Dance(joints[: measure.frames(role)], grid, music))
-    except Undefined as error:
-        return error.reason
+    joints = joints[..., : measure.frames(role), :, :]
+    dances = [joints] if joints.ndim == 3 or measure.metric.of_groups else list(joints)
+    rows, outcome = [], ""
+    for dance in dances:
+        try:
+            rows.append(measure.metric.measure(Dance(dance, grid, music)))
+        except Undefined as error:
+            outcome = outcome or error.reason
+    if not rows:
+        return outcome
+    numbers = np.mean(rows, axis=0)  # of one, or of the dancers that have a value
     return [float(number) for number in numbers] if np.isfinite(numbers).all() else "not_finite"
+
+
+def _each(of: Callable[[Float64Array], Float64Array], joints: Float64Array) -> Float64Array:
+    """Apply a function of positions (T, J, 3) to them, or to those of each dancer of a group."""
+    return of(joints) if joints.ndim == 3 else np.stack([of(dancer) for dancer in joints])
 
 
 def measure_clips(
@@ -161,7 +195,8 @@ def measure_clips(
     """
     cache, role = resources.cache, clip_set.role
     if clip_set.store is not None:
-        clip_set.store.require_intact({clip.clip for clip in clip_set.clips}, sha256=cache.file_sha256)
+        read = {clip_id for clip in clip_set.clips for clip_id in clip.clips}
+        clip_set.store.require_intact(read, sha256=cache.file_sha256)
     common = {number: _common_key(protocol, role, protocol.measures[number]) for number in numbers}
     readable, rejects, calls, cached = [], [], [], []
     for clip in clip_set.clips:
@@ -224,7 +259,7 @@ def _keys(
 ) -> dict[int, str]:
     """Return the cache keys of a clip by measure; a measure that needs music has none without it."""
     identity = clip.identity(cache)
-    target = {"smpl24": SMPL24, "smplx24": SMPLX55}.get(protocol.motion.body)
+    target = {"smpl24": SMPL24, "smplx24": SMPLX55, "smplx55": SMPLX55}.get(protocol.motion.body)
     crossing = {"crossing": CROSSING} if target is not None and clip.crosses(target) else {}
     keys = {}
     for number, shared in common.items():
@@ -236,7 +271,12 @@ def _keys(
     return keys
 
 
-_JOINTS = {"smpl24": SMPL24.joints, "smplx24": SMPLX55.joints[:24], "body22": BODY_JOINTS}
+_JOINTS = {
+    "smpl24": SMPL24.joints,
+    "smplx24": SMPLX55.joints[:24],
+    "smplx55": SMPLX55.joints,
+    "body22": BODY_JOINTS,
+}
 
 
 def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
@@ -275,8 +315,8 @@ def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
 
 def _on(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
     joints = _JOINTS[rule.body]
-    if rule.body == "smplx24" and pose.motion is not None:
-        return _on_smplx(pose)
+    if rule.body in ("smplx24", "smplx55") and pose.motion is not None:
+        return _on_smplx(pose, rule)
     if rule.body == "smpl24" and pose.motion is not None and has_body(pose.motion.skeleton):
         placed = carried_over(pose.motion, SMPL24)
         note = () if placed is pose.motion else (f"{pose.motion.skeleton.name}: carried over to SMPL's 24 joints",)
@@ -286,13 +326,13 @@ def _on(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
     return replace(pose, joints=pose.joints[:, : len(joints)], names=joints, motion=None), ()
 
 
-def _on_smplx(pose: Pose) -> tuple[Pose, tuple[str, ...]]:
-    """Return SMPL-X's first 24 joints; a motion without face joints has them at rest, as in Lodge."""
+def _on_smplx(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
+    """Return SMPL-X's joints, all or the first 24; a motion without face joints has them at rest, as in Lodge."""
     motion = pose.motion
     if motion is None or motion.skeleton.joints == SMPL24.joints or not has_body(motion.skeleton):
-        raise _missing(pose, MotionRule("smplx24", None))
-    placed = carried_over(motion, SMPLX55)
-    return Pose(placed.joints()[:, :24], placed.skeleton.joints[:24], placed.grid), ()
+        raise _missing(pose, rule)
+    placed, names = carried_over(motion, SMPLX55), _JOINTS[rule.body]
+    return Pose(placed.joints()[:, : len(names)], names, placed.grid), ()
 
 
 def _missing(pose: Pose, rule: MotionRule) -> DataError:

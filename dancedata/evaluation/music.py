@@ -37,7 +37,7 @@ from dancedata.pipeline.audio import (
 )
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
-from dancedata.store import Store
+from dancedata.store import ClipView, Store
 from dancedata.store.listed_file import FileHash
 from dancedata.store.schema import Field
 
@@ -305,9 +305,11 @@ def stored_beats(
     if name is None:
         return {}
     field = store.field(name)
-    records = {c.id: c for c in store.clips if not c.source}
+    records = _records(store)
     # A clip that only names a song begins with it: the rows of a clip that begins elsewhere are not its.
-    whole = sorted((c for c in records.values() if c.music and not c.audio_start), key=lambda c: (c.n_frames, c.id))
+    whole = sorted(
+        (c for c in store.clips if c.music and not c.source and not c.audio_start), key=lambda c: (c.n_frames, c.id)
+    )
     longest = {c.music: c.id for c in whole}
     sources: dict[str, str | Window] = {}
     for clip in clips:
@@ -316,7 +318,7 @@ def stored_beats(
         if same_song and isinstance(clip, StoreClip) and clip.window and clip.reference == store.reference:
             sources[clip.id] = clip.window
             continue
-        source = clip.clip if same_song else longest.get(clip.music)
+        source = record.id if record is not None and same_song else longest.get(clip.music)
         if source is not None and store.scope == "track":
             sources[clip.id] = source
     store.require_intact({s.clip if isinstance(s, Window) else s for s in sources.values()}, sha256=sha256)
@@ -325,6 +327,12 @@ def stored_beats(
         for c, s in sources.items()
     }
     return {clip: ClipMusic.of_rows(rows, field).from_row(-first, field.grid) for clip, (first, rows) in read.items()}
+
+
+def _records(store: Store, *, copies: bool = False) -> dict[str, ClipView]:
+    """Return the clips of a store by id, and of each group the first one by the group's."""
+    clips = [c for c in store.clips if copies or not c.source]
+    return {c.group: c for c in reversed(clips) if c.group} | {c.id: c for c in clips}
 
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
@@ -354,7 +362,7 @@ def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Stor
     The name is from `songs`, the clip itself, the clip of that id in a store, or AIST++'s name of a sequence;
     otherwise it is the clip's id. The tempo is of this song, where the clip, a clip of the store or AIST++ states it.
     """
-    records = {} if like is None else {c.id: c for c in like.clips}
+    records = {} if like is None else _records(like, copies=True)
     tempos = {c.music: c.tempo_bpm for c in records.values() if c.music and c.tempo_bpm}
     named = []
     for clip in clips:

@@ -17,8 +17,8 @@ from dancedata.core.registry import Registry
 #: Clips are ground truth or come from a model: some protocols cut the two differently.
 Role = Literal["truth", "generated"]
 ROLES: tuple[Role, ...] = ("truth", "generated")
-#: Bodies that a protocol may require: SMPL's 24 joints, the first 24 of SMPL-X, or the 22 that both share.
-Body = Literal["smpl24", "smplx24", "body22"]
+#: Bodies that a protocol may require: SMPL's 24 joints, the first 24 of SMPL-X or all 55, the 22 that both share.
+Body = Literal["smpl24", "smplx24", "smplx55", "body22"]
 
 _MS = FrameGrid.of(1000)
 
@@ -31,6 +31,7 @@ class MotionRule:
     ----------
     body
         "smpl24": SMPL's joints. "smplx24": the first 24 joints of SMPL-X, whose last two are jaw and left eye.
+        "smplx55": all joints of SMPL-X.
         "body22": the 22 joints that both share, on the dancer's own bones.
     fps
         Frames per second. Motion at a whole multiple is decimated, other rates are refused. None: any rate, but one
@@ -227,6 +228,8 @@ class Published:
 class Protocol(Plugin):
     """Base of protocols: everything that a number depends on, except the motion.
 
+    A protocol with a metric of groups measures groups; its other metrics are means over the dancers of a group.
+
     Attributes
     ----------
     citation
@@ -271,6 +274,11 @@ class Protocol(Plugin):
     def pieces(self, role: Role) -> Pieces:
         """Return how clips of a role are cut."""
         return self.truth if role == "truth" else self.generated
+
+    @property
+    def of_groups(self) -> bool:
+        """Whether groups are measured, not single dancers."""
+        return any(measure.metric.of_groups for measure in self.measures)
 
     @property
     def label(self) -> str:

@@ -21,6 +21,8 @@ from dancedata.recipes.documents import document_of
 LABELS = {
     "fid_k": "FID_k", "fid_g": "FID_g", "div_k": "Div_k", "div_g": "Div_g", "bas": "BAS", "pfc": "PFC", "pbc": "PBC",
     "skating": "FSR", "skating_left": "FSR left", "skating_right": "FSR right",
+    "fid_group": "GMR", "div_group": "Div group", "gmc": "GMC", "tif": "TIF", "bed": "BED",
+    "fid_cd": "FID_cd", "div_cd": "Div_cd",
 }  # fmt: skip
 _ARROWS = {"higher": "up", "lower": "down", "closer": "truth"}
 _NAMED = 3

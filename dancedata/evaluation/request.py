@@ -15,7 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
-from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, MemoryClip
+from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, GroupClip, MemoryClip
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
 from dancedata.evaluation.inputs.songs import MusicSources, song_files
 from dancedata.evaluation.inputs.store import named_reader, store_clips
@@ -161,12 +161,13 @@ class Request:
             raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
         role = role or "generated"
         if isinstance(what, Mapping):
-            clips = _in_memory(what, self._grid(), self.body)
+            of = _groups_in_memory if self.protocol.of_groups else _in_memory
+            clips = of(what, self._grid(), self.body)
             return ClipSet(clips, "clips in memory", role, scaler_sha256=self.scaler_sha256)
         path = Path(what).expanduser() if isinstance(what, str | Path) else what.path
         form = FileFormat(
             fps=None if self._grid() is None else str(self._grid()), up=self.up, unit=self.unit, body=self.body,
-            columns=self._columns(),
+            columns=self._columns(), groups=self.protocol.of_groups,
         )  # fmt: skip
         if path.is_dir():
             return ClipSet(folder_clips(path, form), str(path), role, scaler_sha256=self.scaler_sha256)
@@ -248,6 +249,21 @@ def _in_memory(motions: Motions, grid: FrameGrid | None, body: str | None) -> tu
         else:
             clips.append(MemoryClip(id=name, joints=_positions(motion, name), grid=grid, body=body))
     return tuple(clips)
+
+
+def _groups_in_memory(motions: Motions, grid: FrameGrid | None, body: str | None) -> tuple[ClipInput, ...]:
+    """Return groups, each positions (P, T, J, 3) or a sequence of motions."""
+    groups = []
+    for name, group in motions.items():
+        if isinstance(group, Motion) or (isinstance(group, np.ndarray) and group.ndim != 4):
+            raise UsageError(
+                "this is not a group", where=f"group {shown(name)}",
+                found=f"shape {group.shape}" if isinstance(group, np.ndarray) else "a motion",
+                allowed="positions (P, T, J, 3), or a list of motions",
+            )  # fmt: skip
+        dancers: Motions = {f"{name}, dancer {k}": dancer for k, dancer in enumerate(group)}  # type: ignore[arg-type]
+        groups.append(GroupClip(id=name, members=_in_memory(dancers, grid, body)))
+    return tuple(groups)
 
 
 def _positions(joints: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:

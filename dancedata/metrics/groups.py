@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.dance import Undefined, checked_joints
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.dance import Undefined, checked_group, checked_joints
+from dancedata.core.errors import UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.metrics.arguments import IntArray, Up, axis_of, first_joints
@@ -33,26 +33,6 @@ LIMB_RADIUS_M = (
     0.045, 0.045, 0.035, 0.035,
 )  # fmt: skip
 _WRISTS = (20, 21)
-
-
-def checked_group(joints: npt.ArrayLike, least: int = 1) -> Float64Array:
-    """Return positions (P, T, J, 3) as float64.
-
-    Raises
-    ------
-    DataError
-        "bad_shape", "empty" or "nan".
-    Undefined
-        "few_dancers": fewer than `least`.
-    """
-    array = np.asarray(joints, dtype=np.float64)
-    if array.ndim != 4:
-        raise DataError(
-            "invalid shape of a group's joints", reason="bad_shape", found=f"{array.shape}", allowed="(P, T, J, 3)"
-        )
-    if len(array) < least:
-        raise Undefined("few_dancers", found=f"{len(array)}", allowed=f"at least {least}")
-    return np.stack([checked_joints(dancer) for dancer in array])
 
 
 def group_kinetic(joints: Float64Array, fps: float, *, up: Up = "y") -> Float64Array:

@@ -206,13 +206,13 @@ def decode_file(
     path, out = Path(path).expanduser(), Path(out).expanduser()
     if to not in MOTION_FILES:
         raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
+    if path.is_dir():
+        raise UsageError("a folder cannot be decoded", where=path, allowed="one file", fix="call it for each file")
     name, _ = REPRESENTATIONS.split(representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
     from dancedata.datasets.folder import stated_grid
     from dancedata.store.scaling import stated_in
 
-    if path.is_dir():
-        raise UsageError("one file is decoded at a time", where=path, found="a folder", fix="call it for each file")
     with open_arrays(path) as arrays:
         array, file, grid = arrays.read(_key(arrays, plugin, key)), stated_in(arrays), stated_grid(arrays)
     if like is None and fps is None and plugin.rate is None and grid is None:

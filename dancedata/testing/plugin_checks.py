@@ -87,7 +87,11 @@ def check_metric(cls: type[Metric]) -> None:
     width = len(metric.columns)
     require(bool(cls.source), "source names the origin of the definition")
     require(width > 0 and len(set(metric.columns)) == width, "every number of a clip has a unique name")
-    rows = [row for row in (_measured(metric, dance) for dance in example_dances()) if row is not None]
+    dances = example_dances()
+    if cls.of_groups:  # a duet of each dance with its mirror image, two metres away
+        pairs = [np.stack([dance.joints, dance.joints * (-1, 1, 1) + (2, 0, 0)]) for dance in dances]
+        dances = [dataclasses.replace(dance, joints=pair) for dance, pair in zip(dances, pairs, strict=True)]
+    rows = [row for row in (_measured(metric, dance) for dance in dances) if row is not None]
     require(len(rows) >= 2, "ordinary dances have values")
     table = np.array(rows)
     before = table.copy()

@@ -93,7 +93,7 @@ class FilesComparison(Comparison):
         path = path_of_item or self.paths.get(item.clip.id) or self.any_clip
         if path is None:
             raise DataError(f"{self.name} has no file for this clip", reason="missing_file")
-        pose = FileClip(id=item.id, path=path, format=self.form).load()
+        pose = FileClip(id=item.id, path=path, format=self.form).pose()
         if not np.abs(pose.joints).max() <= _FARTHEST:
             raise DataError(
                 "joint positions are too far away to be drawn",
@@ -192,7 +192,7 @@ def _require_stated(path: Path, form: FileFormat) -> None:
     """Raise UsageError if the scaling of a file's columns is not stated, or they clearly have another one."""
     if form.columns is not None:
         with suppress(DataError):  # which is a note on the page
-            FileClip(id=path.stem, path=path, format=form).load()
+            FileClip(id=path.stem, path=path, format=form).pose()
 
 
 def comparison_payload(comparison: Comparison, scene: Scene) -> Json:

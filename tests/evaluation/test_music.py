@@ -138,7 +138,7 @@ def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> 
         named = named_songs(clips, other_songs, like)
         assert [clip.tempo_bpm for clip in named] == [tempos[other_songs[clip.id]] for clip in named]
     # Songs whose names say nothing have the tempo that the dataset states.
-    stated = [SimpleNamespace(id="a", music="waltz", tempo_bpm=87.5)]
+    stated = [SimpleNamespace(id="a", music="waltz", tempo_bpm=87.5, group="")]
     (named_clip,) = named_songs([MemoryClip(id="new")], {"new": "waltz"}, SimpleNamespace(clips=stated))  # type: ignore[arg-type]
     assert named_clip.tempo_bpm == 87.5
     (other,) = named_songs([MemoryClip(id="a", tempo_bpm=90.0)], {"a": "polka"}, None)

@@ -255,8 +255,8 @@ def test_a_protocol_needs_its_members() -> None:
 
 def test_protocols_are_complete() -> None:
     assert PROTOCOLS.names() == (
-        "bailando-aistpp", "dancedata", "dgsdp", "edge-aistpp", "fact-aistpp", "flowerdance-code", "gcd",
-        "lodge-finedance", "megadance-finedance", "motius-aistpp", "popdg",
+        "bailando-aistpp", "dancedata", "dgsdp", "duolando", "edge-aistpp", "fact-aistpp", "flowerdance-code", "gcd",
+        "gcd-groups", "groups", "lodge-finedance", "megadance-finedance", "motius-aistpp", "popdg",
     )  # fmt: skip
     for name in PROTOCOLS.names():
         protocol = PROTOCOLS.get(name)()

@@ -25,6 +25,8 @@ class Metric(Plugin):
     needs_instants
         Whether `measure` reads the instants of beats, `MusicBeats.seconds`, not their frames alone; cache keys then
         hold them.
+    of_groups
+        Whether `measure` takes a group, whose joints are (P, T, J, 3).
     needs_pool
         Whether `summarise` compares the set with a pool of other clips, such as all ground truth.
     better
@@ -37,6 +39,7 @@ class Metric(Plugin):
     source: ClassVar[str]
     needs_music: ClassVar[bool] = False
     needs_pool: ClassVar[bool] = False
+    of_groups: ClassVar[bool] = False
     better: ClassVar[Mapping[str, Better]] = {}
     bounds: ClassVar[tuple[float, float]] = (-inf, inf)
 

@@ -79,17 +79,22 @@ def load_motion(path: Path, reading: Reading) -> Motion:
     DataError
         If the file is unusable, or contradicts its declarations.
     """
-    from scipy.spatial.transform import Rotation
-
     if path.suffix.lower() == ".bvh":
         return _load_bvh(path, reading)
     with open_person(path, reading.manifest.person) as arrays:
-        layout = recognised(arrays, reading)
-        facts = array_facts(arrays, layout, reading)
-        translation, rotations, first = on_video_frames(arrays, *read_motion(arrays, layout))
-        skeleton = layout.skeleton
-        if reading.body_model is not None:
-            skeleton = _body(arrays, layout, reading, reading.body_model)
+        return motion_of(arrays, reading)
+
+
+def motion_of(arrays: ArrayFile, reading: Reading) -> Motion:
+    """Return the motion of the arrays of a file, or of one dancer in it; errors as `load_motion`."""
+    from scipy.spatial.transform import Rotation
+
+    layout = recognised(arrays, reading)
+    facts = array_facts(arrays, layout, reading)
+    translation, rotations, first = on_video_frames(arrays, *read_motion(arrays, layout))
+    skeleton = layout.skeleton
+    if reading.body_model is not None:
+        skeleton = _body(arrays, layout, reading, reading.body_model)
     root = skeleton.offsets[0]
     translation = translation * facts.metres
     if facts.up.value != "y":
@@ -100,7 +105,7 @@ def load_motion(path: Path, reading: Reading) -> Motion:
         rotations[:, 0] = (Rotation.from_matrix(upright) * rotation(rotations[:, 0])).as_rotvec()
     motion = Motion(translation, rotations, FrameGrid(facts.rate.value), skeleton, first)
     if facts.up.where != IN_MANIFEST:  # the manifest's declaration is not questioned
-        _check_up(path, motion.joints(), facts.up)
+        _check_up(arrays.path, motion.joints(), facts.up)
     return motion
 
 

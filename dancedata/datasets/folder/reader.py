@@ -22,9 +22,18 @@ from dancedata.datasets._words import stated_words
 from dancedata.datasets.files import relative, require_folder
 from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, Declared, drift_note
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
-from dancedata.datasets.folder.load import FileFacts, Reading, array_facts, bvh_facts, load_motion, recognised
+from dancedata.datasets.folder.load import (
+    FileFacts,
+    Reading,
+    array_facts,
+    bvh_facts,
+    load_motion,
+    motion_of,
+    recognised,
+)
 from dancedata.datasets.folder.manifest import MANIFESTS, Row, check_row, clip_id, id_problem, inside, read_manifest
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
+from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 
 #: Most kinds of files that the notes distinguish.
@@ -182,6 +191,10 @@ class Folder(Dataset):
             If the file is unusable, or a declaration is missing or wrong.
         """
         return load_motion(ref.motion_path, self._reading(ref))
+
+    def of_arrays(self, arrays: ArrayFile, ref: ClipRef) -> Motion:
+        """Return the motion of arrays that are part of a file, as `load` does of a whole one."""
+        return motion_of(arrays, self._reading(ref))
 
     @override
     def make_example(self, folder: Path) -> None:

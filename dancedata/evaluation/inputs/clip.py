@@ -53,6 +53,11 @@ class ClipInput(ABC):
         return self.id
 
     @property
+    def clips(self) -> tuple[str, ...]:
+        """Ids of the clips that are read: of a group those of its dancers."""
+        return (self.clip,)
+
+    @property
     def file(self) -> Path | None:
         """File or folder that is read, which workers of a cluster have to see; None if the clip is in memory."""
         return None
@@ -66,8 +71,8 @@ class ClipInput(ABC):
         """Return JSON data that changes when the motion does: a part of cache keys."""
 
     @abstractmethod
-    def load(self) -> Pose:
-        """Load the motion; DataError if it cannot be used."""
+    def load(self) -> Pose | tuple[Pose, ...]:
+        """Load the motion, of a group that of each dancer; DataError if it cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,6 +134,36 @@ class DatasetClip(ClipInput):
     @override
     def load(self) -> Pose:
         return Pose.of_motion(self.dataset.load(self.ref))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GroupClip(ClipInput):
+    """A group of dancers, each a clip; of a duet the follower first."""
+
+    members: tuple[ClipInput, ...]
+
+    @property
+    @override
+    def clips(self) -> tuple[str, ...]:
+        return tuple(member.clip for member in self.members)
+
+    @property
+    @override
+    def file(self) -> Path | None:
+        return self.members[0].file
+
+    @override
+    def crosses(self, target: Skeleton) -> bool:
+        return any(member.crosses(target) for member in self.members)
+
+    @override
+    def identity(self, cache: Cache) -> Any:
+        return ["group", [member.identity(cache) for member in self.members]]
+
+    @override
+    def load(self) -> tuple[Pose, ...]:
+        loaded = (member.load() for member in self.members)
+        return tuple(pose for pose in loaded if isinstance(pose, Pose))
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,9 @@ from dancedata.store.scaling import stated_in
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
 _COLUMNS = ("columns", "motion", "")
+_LEAST_JOINTS = 22
+#: Entry of a group's file: which of its dancers there are.
+_MASK = "person_mask"
 #: Fixes for files with rotations, by reason, as options of the command.
 _REMEDIES = {
     "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
@@ -46,6 +49,8 @@ class FileFormat:
         Body of positions (T, J, 3), a key of `BODIES`.
     columns
         Reader of two-dimensional arrays; None: they are refused.
+    groups
+        Whether a file is a group of dancers: the arrays have an axis P more, the first.
     """
 
     fps: str | None = None
@@ -53,6 +58,7 @@ class FileFormat:
     unit: str | None = None
     body: str | None = None
     columns: ColumnsReader | None = None
+    groups: bool = False
 
     def __post_init__(self) -> None:
         if self.up not in (None, *UPRIGHT):
@@ -67,7 +73,7 @@ class FileFormat:
     def identity(self) -> list[Any]:
         """Return JSON data for cache keys."""
         columns = None if self.columns is None else columns_identity(self.columns)
-        return [self.fps, self.up, self.unit, self.body, columns]
+        return [self.fps, self.up, self.unit, self.body, columns, *["groups"] * self.groups]
 
     @property
     def folder(self) -> Folder:
@@ -101,7 +107,11 @@ class FileClip(ClipInput):
         return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path)]
 
     @override
-    def load(self) -> Pose:
+    def load(self) -> Pose | tuple[Pose, ...]:
+        return self._dancers() if self.format.groups else self.pose()
+
+    def pose(self) -> Pose:
+        """Load a file of one dancer."""
         if self.path.suffix.lower() != ".bvh":
             with open_arrays(self.path) as arrays:
                 pose = self._columns(arrays) or self._positions(arrays)
@@ -112,6 +122,30 @@ class FileClip(ClipInput):
         except DataError as error:  # the folder's remedies are keys of a recipe
             error.fix = _REMEDIES.get(error.reason, error.fix)
             raise
+
+    def _dancers(self) -> tuple[Pose, ...]:
+        """Return each dancer of a group's file that its `person_mask`, if it has one, does not leave out."""
+        if self.path.suffix.lower() == ".bvh":
+            raise _no_group(self.path, "a BVH file")
+        folder, ref = self.format.folder, ClipRef(self.id, self.path, None, "test")
+        poses = []
+        with open_arrays(self.path) as arrays:
+            n = _n_dancers(arrays)
+            present = arrays.read(_MASK).ravel() if _MASK in arrays.names else np.ones(n)
+            if len(present) != n:
+                raise DataError(
+                    f"{_MASK} is not of the dancers of the file", reason="bad_shape", where=str(self.path),
+                    found=f"{len(present)} entries", allowed=f"{n}",
+                )  # fmt: skip
+            for number in np.flatnonzero(present):
+                dancer = _Dancer(arrays, int(number))
+                pose = self._columns(dancer) or self._positions(dancer)
+                try:
+                    poses.append(pose or Pose.of_motion(folder.of_arrays(dancer, ref)))
+                except DataError as error:
+                    error.fix = _REMEDIES.get(error.reason, error.fix)
+                    raise
+        return tuple(poses)
 
     def _positions(self, arrays: ArrayFile) -> Pose | None:
         name = next((n for n in _JOINTS if n in arrays.names and _is_positions(arrays, n)), None)
@@ -163,6 +197,46 @@ class FileClip(ClipInput):
         )
 
 
+class _Dancer(ArrayFile):
+    """The arrays of one dancer of a group's file."""
+
+    def __init__(self, arrays: ArrayFile, number: int) -> None:
+        super().__init__(arrays.path, tuple(name for name in arrays.names if name != _MASK))
+        self._arrays, self._number = arrays, number
+
+    @override
+    def shape(self, name: str) -> tuple[int, ...]:
+        shape = self._arrays.shape(name)
+        return shape[1:] if len(shape) > 2 else shape
+
+    @override
+    def read(self, name: str) -> Float64Array:
+        array = self._arrays.read(name)
+        return array[self._number] if array.ndim > 2 else array
+
+    @override
+    def text(self, name: str) -> str:
+        return self._arrays.text(name)
+
+
+def _n_dancers(arrays: ArrayFile) -> int:
+    """Return P of a group's file; DataError "bad_shape" for a file of one dancer."""
+    shapes = {name: _shape(arrays, name) for name in arrays.names}
+    of_group = {shape[0] for shape in shapes.values() if len(shape) > 2}
+    one = any(name in _JOINTS and len(s) == 3 and s[1] >= _LEAST_JOINTS and s[2] == 3 for name, s in shapes.items())
+    if one or len(of_group) != 1:
+        raise _no_group(arrays.path, "; ".join(f"{name or 'the array'} {shape}" for name, shape in shapes.items()))
+    return of_group.pop()
+
+
+def _no_group(path: Path, found: str) -> DataError:
+    return DataError(
+        "the file is not of a group", reason="bad_shape", where=str(path), found=found,
+        allowed="positions (P, T, J, 3), columns (P, T, D), or transl (P, T, 3), global_orient and body_pose",
+        fix="save all dancers of a group in one file, or take a protocol of single dancers",
+    )  # fmt: skip
+
+
 def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
     try:
         return arrays.shape(name)
@@ -174,7 +248,7 @@ def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
 
 def _is_positions(arrays: ArrayFile, name: str) -> bool:
     shape = _shape(arrays, name)
-    return len(shape) == 3 and shape[1] >= 22 and shape[2] == 3
+    return len(shape) == 3 and shape[1] >= _LEAST_JOINTS and shape[2] == 3
 
 
 def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:

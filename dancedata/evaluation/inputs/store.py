@@ -15,7 +15,7 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
-from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.inputs.clip import ClipInput, GroupClip
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
 from dancedata.execution.cache import Cache
 from dancedata.recipes.documents import document_of
@@ -100,15 +100,38 @@ def store_clips(
     name, reader = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
     if store.scope == "window":
+        if protocol.of_groups:
+            raise UsageError("a dataset of window scope has no groups", where=str(store.path))
         return _windows(store, protocol, splits, name, reader, role)
-    return tuple(
+    records = [c for c in store.clips if c.split in splits and not c.source]
+    clips = tuple(
         StoreClip(
             id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start,
             reference=store.reference, field=name, reader=reader,
         )
-        for c in store.clips
-        if c.split in splits and not c.source
+        for c in records
     )  # fmt: skip
+    if not protocol.of_groups:
+        return clips
+    groups: dict[str, list[tuple[bool, int, StoreClip]]] = {}
+    for record, clip in zip(records, clips, strict=True):
+        if record.group:
+            groups.setdefault(record.group, []).append((record.role == "leader", record.member, clip))
+    if not groups:
+        raise UsageError(
+            f"{protocol.name} measures groups, and the dataset has none", where=str(store.path),
+            fix="take a protocol of single dancers, such as dancedata",
+        )  # fmt: skip
+    return tuple(_group_of(group, groups[group]) for group in sorted(groups))
+
+
+def _group_of(group: str, members: list[tuple[bool, int, StoreClip]]) -> GroupClip:
+    """Return a group of a store; its music is that of its dancers."""
+    clips = tuple(clip for *_, clip in sorted(members, key=lambda member: member[:2]))
+    first = clips[0]
+    return GroupClip(
+        id=group, music=first.music, tempo_bpm=first.tempo_bpm, audio_start=first.audio_start, members=clips
+    )
 
 
 def _windows(
@@ -143,7 +166,8 @@ def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:
     is_smpl = joints == SMPL24.joints
     if not plugin.decodes and "position" not in plugin.columns.names:
         return "they hold neither rotations nor positions"
-    if rule.body == "smplx24" and (is_smpl or (not plugin.decodes and joints[:24] != BODIES["smplx24"][0])):
+    of_smplx = BODIES[rule.body][0] if rule.body in ("smplx24", "smplx55") else ()
+    if of_smplx and (is_smpl or (not plugin.decodes and joints[: len(of_smplx)] != of_smplx)):
         return "they are not on SMPL-X with jaw and eyes, or rotations of it"
     if rule.body == "smpl24" and not plugin.decodes and not is_smpl:
         return "they are positions of a body other than SMPL's 24 joints"

@@ -10,7 +10,7 @@ from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pbc, Pfc
 
 _CLASSIFIER = "needs the weights of MEGADance's own classifier"
-_GROUPS = "a metric of groups; here dancers are measured one by one"
+_GROUPS = "a metric of groups, which the protocol gcd-groups has; here dancers are measured one by one"
 
 
 @PROTOCOLS.register("lodge-finedance")
@@ -104,7 +104,7 @@ class FlowerdanceCode(Protocol):
 
 @PROTOCOLS.register("gcd")
 class Gcd(Protocol):
-    """GCD, each dancer alone: absolute positions at 30 frames per second, FACT's beats with another order."""
+    """GCD, dancers one by one, not groups: absolute positions at 30 frames per second, FACT's beats reordered."""
 
     version = 1
     citation = "Le et al., Controllable Group Choreography Using Contrastive Diffusion, SIGGRAPH Asia 2023."
