@@ -261,13 +261,13 @@ class _Rows:
         layer = Layer(stated["layer"], **values)  # type: ignore[arg-type]
         # Spans and instants of one name, such as quality flags, where rows state which they are.
         key = (layer.name, layer.language, layer.author, stated["kind"])
-        first, known = self._layers.setdefault(key, (line, layer))
-        if known != layer:
-            wrong = next(name for name in _LAYER[1:] if getattr(known, name) != getattr(layer, name))
-            found = f"{quoted(getattr(layer, wrong), 40)}, and {quoted(getattr(known, wrong), 40)} in line {first}"
+        first, earlier = self._layers.setdefault(key, (line, layer))
+        if earlier != layer:
+            wrong = next(name for name in _LAYER[1:] if getattr(earlier, name) != getattr(layer, name))
+            found = f"{quoted(getattr(layer, wrong), 40)}, and {quoted(getattr(earlier, wrong), 40)} in line {first}"
             fix = "an instant has no end, or kind: instant" if wrong == "kind" else f"write one {wrong} for the layer"
             raise self._bad(line, f"rows of layer {quoted(layer.name, 40)} differ in {wrong}", found, fix=fix)
-        return known
+        return earlier
 
     def _list(self, line: int, row: Mapping[str, Any], many: str, one: str) -> tuple[str, ...]:
         values = row.get(many, [])

@@ -301,10 +301,10 @@ def events(
     """
     floor = min(lowest_often(joints) for joints in dancers)
     bodies = [MovingBody.of(joints, fps, skeleton, floor) for joints in dancers]
-    found = [
+    of_dancers = [
         [event for kind in kinds if kind in _OF_ONE for event in _OF_ONE[kind](body, limits, len(bodies) > 1)]
         for body in bodies
     ]
     if "contacts" in kinds and len(bodies) > 1:
-        found = [[*own, *more] for own, more in zip(found, contacts(bodies), strict=True)]
-    return [sorted(own, key=lambda event: (event.start, event.end, event.label, event.other)) for own in found]
+        of_dancers = [[*alone, *both] for alone, both in zip(of_dancers, contacts(bodies), strict=True)]
+    return [sorted(rows, key=lambda event: (event.start, event.end, event.label, event.other)) for rows in of_dancers]

@@ -101,12 +101,12 @@ def _with_facts(context: _Context, originals: Sequence[CopySource]) -> list[Copy
     facts = compute_facts(c.cache, c.recipe, sources, c.content, c.spec, jobs=c.jobs, progress=c.progress)
     words = with_mirrored_words([facts[source.ref.id] for source in sources], c.recipe.segments.lexicons)
     changed = []
-    for original, found in zip(originals, words, strict=True):
+    for original, of_copy in zip(originals, words, strict=True):
         clip = original.clip
         # In the time of the clip, as the other segments, which are then divided by the speed.
         speed = c.spec.speed_of(clip.group or clip.id)
-        own = [replace(s, start=s.start * speed, end=s.end * speed) for s in found]
-        segments = (*(s for s in clip.segments if s.layer.name != "facts"), *own)
+        retimed = [replace(s, start=s.start * speed, end=s.end * speed) for s in of_copy]
+        segments = (*(s for s in clip.segments if s.layer.name != "facts"), *retimed)
         changed.append(replace(original, clip=replace(clip, segments=segments)))
     return changed
 

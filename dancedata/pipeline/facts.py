@@ -55,11 +55,11 @@ def compute_facts(
         (cache, recipe.without_audio, [(c.ref, c.motion_sha256) for c in unit], key, copies)
         for unit, key in zip(members, keys, strict=True)
     ]
-    known = [cache.json("facts", key) for key in keys]
+    cached = [cache.json("facts", key) for key in keys]
     label = "finding facts" if copies is None else f"finding facts ({copies.name})"
-    found = run_units(find_facts, calls, cached=known, jobs=jobs, label=label, progress=progress)
+    computed = run_units(find_facts, calls, cached=cached, jobs=jobs, label=label, progress=progress)
     facts: dict[str, list[Segment]] = {}
-    for unit, of_members in zip(members, found, strict=True):
+    for unit, of_members in zip(members, computed, strict=True):
         ids = [clip.ref.id for clip in unit]
         for name, rows in zip(ids, of_members, strict=True):
             facts[name] = [_segment(row, spec.layer, ids) for row in rows]
@@ -77,8 +77,8 @@ def find_facts(
             raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
     grid = motions[0].grid
     joints = [motion.joints() for motion in motions]
-    found = events(joints, float(grid.rate), motions[0].skeleton, spec.kinds, spec.document())
-    rows = [[_row(event, str(grid.rate)) for event in of_dancer] for of_dancer in found]
+    of_dancers = events(joints, float(grid.rate), motions[0].skeleton, spec.kinds, spec.document())
+    rows = [[_row(event, str(grid.rate)) for event in of_dancer] for of_dancer in of_dancers]
     cache.put_json("facts", key, rows)
     return rows
 

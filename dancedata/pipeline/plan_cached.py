@@ -83,10 +83,10 @@ def _motion(cache: Cache, recipe: Recipe, scanned: Sequence[ClipRef], refs: Sequ
 def _fields_held(cache: Cache, motion_keys: MotionKeys, ref: ClipRef, group: Sequence[ClipRef]) -> list[str]:
     """Return the fields of a clip that a build would not compute; `group` are the dancers of its group."""
     hashes = {path: cache.known_sha256(path) for path in {ref.motion_path, *(other.motion_path for other in group)}}
-    known = {path: sha256 for path, sha256 in hashes.items() if sha256 is not None}
-    if len(known) < len(hashes):
+    read = {path: sha256 for path, sha256 in hashes.items() if sha256 is not None}
+    if len(read) < len(hashes):
         return []
-    keys = motion_keys.of(ref, known[ref.motion_path], [(other, known[other.motion_path]) for other in group])
+    keys = motion_keys.of(ref, read[ref.motion_path], [(other, read[other.motion_path]) for other in group])
     if not cache.contains("clips", keys.info, "json"):
         return []
     return [name for name, key in keys.fields.items() if cache.contains("motion", key)]

@@ -103,7 +103,7 @@ def segments(
         file = None if to is None else Path(to).expanduser()
         if file is not None:
             _write(store, file, layer)
-        numbers = [asdict(known) for known in layer_numbers(store) if layer in (None, known.name)]
+        numbers = [asdict(row) for row in layer_numbers(store) if layer in (None, row.name)]
         return SegmentsResult(folder, tuple(numbers), file, notes)
 
 

@@ -52,10 +52,10 @@ def word_notes(store: Store) -> list[Problem]:
     kinds = _kinds(store)
     if not kinds:
         return []
-    found = list(_findings(store, kinds))
-    notes = [Problem("note", clip, message) for clip, message in found[:_MAX_NOTES]]
-    if len(found) > _MAX_NOTES:
-        message = f"{counted(len(found) - _MAX_NOTES, 'more text')} that facts do not show"
+    findings = list(_findings(store, kinds))
+    notes = [Problem("note", clip, message) for clip, message in findings[:_MAX_NOTES]]
+    if len(findings) > _MAX_NOTES:
+        message = f"{counted(len(findings) - _MAX_NOTES, 'more text')} that facts do not show"
         notes.append(Problem("note", str(store.path), message))
     return notes
 

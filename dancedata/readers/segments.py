@@ -118,7 +118,7 @@ class SegmentReader:
         places: Sequence[int],
     ) -> dict[str, list[Any]]:
         """Return the values of each dancer of groups, lists of `persons`, and of the whole groups; see `values`."""
-        own: list[list[Any]] = []
+        alone: list[list[Any]] = []
         whole: list[Any] = []
         for windows, flag, place in zip(groups, mirrored, places, strict=True):
             of_dancers = [store.segment_rows_in(window, self.layer) for window in windows]
@@ -127,13 +127,13 @@ class SegmentReader:
             of_dancers += [[] for _ in range(persons - len(windows))]
             if self.draws:
                 drawn = self._drawn(epoch, [place * _SLOTS + slot for slot in range(persons + 1)])
-                own.append([self.text(rows, flag, n) for rows, n in zip(of_dancers, drawn[1:], strict=True)])
+                alone.append([self.text(rows, flag, n) for rows, n in zip(of_dancers, drawn[1:], strict=True)])
                 whole.append(self.text(of_group, flag, drawn[0]))
             else:
-                own.append([self.placed(rows, flag) for rows in of_dancers])
+                alone.append([self.placed(rows, flag) for rows in of_dancers])
                 whole.append(self.placed(of_group, flag))
         name = "text" if self.draws else "segments"
-        return {name: own, f"{name}_group": whole}
+        return {name: alone, f"{name}_group": whole}
 
 
 def _unmirrored(store: Store, layers: Sequence[Layer]) -> UsageError:

@@ -91,10 +91,10 @@ def _facts(value: Any) -> FactsSpec | None:
         return FactsSpec() if value else None
     if not isinstance(value, Mapping):
         raise UsageError("segments.facts: must be true or a mapping of keys", found=shown(repr(value)))
-    known = [f.name for f in fields(FactsSpec)]
+    keys = [f.name for f in fields(FactsSpec)]
     for key, number in value.items():
-        if key not in known:
-            raise UsageError(f"segments.facts.{shown(str(key))}: unknown key", fix=did_you_mean(str(key), known))
+        if key not in keys:
+            raise UsageError(f"segments.facts.{shown(str(key))}: unknown key", fix=did_you_mean(str(key), keys))
         is_number = isinstance(number, int | float) and not isinstance(number, bool)
         if key != "kinds" and not (is_number and 0 < number < 1e6):
             raise UsageError(f"segments.facts.{key}: must be a number above 0", found=shown(repr(number)))
@@ -117,13 +117,13 @@ def _lexicon(value: Any) -> Lexicon:
         except (OSError, ValueError, UnicodeDecodeError) as error:
             raise UsageError("segments.lexicon: the file cannot be read", where=where, found=shown(error)) from error
     allowed = "{language: de, pairs: [[links, rechts]], exact: [...], same: [...], whole_words: true}"
-    known = {f.name for f in fields(Lexicon)}
+    keys = {f.name for f in fields(Lexicon)}
     try:
         language, whole = value["language"], value.get("whole_words", True)
         pairs, exact = (tuple((a, b) for a, b in value.get(name) or ()) for name in ("pairs", "exact"))
         same = tuple(value.get("same") or ())
         words = [language, *same, *(word for pair in (*pairs, *exact) for word in pair)]
-        valid = set(value) <= known and all(isinstance(word, str) and word for word in words) and (pairs or exact)
+        valid = set(value) <= keys and all(isinstance(word, str) and word for word in words) and (pairs or exact)
         if not valid or not isinstance(whole, bool):
             raise ValueError("not texts")
     except (KeyError, TypeError, ValueError, AttributeError) as error:

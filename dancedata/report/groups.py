@@ -135,7 +135,7 @@ def _with_pairs(row: GroupRow, parts: Sequence[Together]) -> GroupRow:
     collides = np.concatenate([np.stack([p.collides for p in part.pairs]) for part in parts], axis=1)
     touches = np.concatenate([_touches(part) for part in parts])
     names = [(row.clips[p.first], row.clips[p.second]) for p in parts[0].pairs]
-    known = np.asarray(np.isfinite(facing).all(axis=1))
+    upright = np.asarray(np.isfinite(facing).all(axis=1))
     looks = np.asarray((facing <= FACING_DEG).all(axis=1))
     row = replace(
         row,
@@ -143,7 +143,7 @@ def _with_pairs(row: GroupRow, parts: Sequence[Together]) -> GroupRow:
         distance_p50_m=float(np.median(distance)),
         distance_max_m=float(distance.max()),
         nearest=names[int(distance.min(axis=1).argmin())],
-        facing_share=float(looks[known].mean()) if known.any() else None,
+        facing_share=float(looks[upright].mean()) if upright.any() else None,
     )
     if not parts[0].touch:
         return row
@@ -207,25 +207,25 @@ def groups_of(
 
 def group_findings(groups: Groups) -> list[tuple[str, str]]:
     """Return sentences on groups, each with its kind: "look" or "note"."""
-    rows, found = groups.groups, []
+    rows, findings = groups.groups, []
     colliding = sorted(
         (row for row in rows if (row.collision_share or 0) > COLLIDING), key=lambda r: -(r.collision_share or 0)
     )
     if colliding:
         names = [f"{r.group} in {100 * (r.collision_share or 0):.0f} % of its frames" for r in colliding]
         text = f"bodies intersect in {len(colliding):,} of {counted(len(rows), 'group')}: {listed(names, 3)}"
-        found.append(("look", text))
+        findings.append(("look", text))
     near = [r.group for r in rows if r.distance_min_m is not None and r.distance_min_m < NEAR_M]
     if near:
         text = (
             f"two dancers are in one place, less than {100 * NEAR_M:.0f} cm apart, in {counted(len(near), 'group')}"
         )
-        found.append(("look", f"{text}: {listed(near, 4)}"))
+        findings.append(("look", f"{text}: {listed(near, 4)}"))
     far = [r.group for r in rows if r.distance_max_m is not None and r.distance_max_m > FAR_M]
     if far:
         text = f"dancers are more than {FAR_M:.0f} m apart in {counted(len(far), 'group')}"
-        found.append(("look", f"{text}: {listed(far, 4)}"))
+        findings.append(("look", f"{text}: {listed(far, 4)}"))
     lacking = [f"{r.group} ({len(r.clips)} of {r.n_source})" for r in rows if len(r.clips) < r.n_source]
     if lacking:
-        found.append(("note", f"{counted(len(lacking), 'group')} without all dancers: {listed(lacking, 4)}"))
-    return found
+        findings.append(("note", f"{counted(len(lacking), 'group')} without all dancers: {listed(lacking, 4)}"))
+    return findings

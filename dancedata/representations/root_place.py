@@ -119,8 +119,8 @@ def facing(joints: Float64Array, skeleton: Skeleton) -> Float64Array:
     across = np.sum([left - right for left, right in pairs], axis=0)
     forward = np.stack([-across[:, 2], np.zeros(len(across)), across[:, 0]], axis=1)
     length = np.linalg.norm(forward, axis=1)
-    known = np.flatnonzero(length > _LEAST_M)
-    if not len(known):
+    directed = np.flatnonzero(length > _LEAST_M)
+    if not len(directed):
         return np.tile([0.0, 0.0, 1.0], (len(forward), 1))
-    last = known[np.maximum(np.searchsorted(known, np.arange(len(forward)), side="right") - 1, 0)]
+    last = directed[np.maximum(np.searchsorted(directed, np.arange(len(forward)), side="right") - 1, 0)]
     return np.asarray(forward[last] / length[last, None])

@@ -16,7 +16,6 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.grid import WindowGrid
-from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_view import Clips, ClipView
@@ -26,10 +25,11 @@ from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_w
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, Kind, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
-from dancedata.store.segments import PlacedRow, PlacedSegment, layer_of, quality_rows, segments_of
+from dancedata.store.segment_queries import SegmentQueries
+from dancedata.store.segments import quality_rows
 from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.shard_tables import read_shard_tables
-from dancedata.store.table_file import SegmentTable, read_segments, read_tables
+from dancedata.store.table_file import SegmentTable, read_tables
 from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, Whole, WindowList
 from dancedata.store.windowing import (
@@ -83,7 +83,7 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     return store
 
 
-class Store:
+class Store(SegmentQueries):
     """A built dataset.
 
     Safe to pickle, to fork and to read from several threads: tables are read once, rows straight from the
@@ -513,100 +513,6 @@ class Store:
         if self._description.format == 1:
             return self._side_files.quality
         return quality_rows(self)
-
-    @cached_property
-    def layers(self) -> tuple[Layer, ...]:
-        """Layers of segments, by their numbers; those of laid-over files are the last."""
-        return tuple(layer_of(entry) for entry in self.meta.get("layers", ())) + self.overlay.layers
-
-    def segment_table(self, split: str) -> SegmentTable | None:
-        """Return the columns of a split's segments, read on first use; None where it has none."""
-        if split not in self._segments:
-            entry = self._description.splits.get(split)
-            stated = entry is not None and entry.segments
-            table = read_segments(self._files[stated.file], self._description, split) if stated else None
-            self._segments[split] = table
-        return self._segments[split]
-
-    def segments(self, clip_id: str, layer: str | None = None) -> list[Segment]:
-        """Return the segments of a clip by their first frames; with `layer` those of the layers of this name.
-
-        Raises
-        ------
-        UsageError
-            For an unknown clip or layer.
-        """
-        self.require_layer(layer)
-        tables, row = self._place(clip_id)
-        table = self.segment_table(tables.split)
-        stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, tables.ids)
-        segments = self.overlay.over(clip_id, stored)
-        return [segment for segment in segments if layer in (None, segment.layer.name)]
-
-    def segments_in(self, window: Window, layer: str | None = None) -> list[PlacedSegment]:
-        """Return the segments that a window overlaps, with the frames of the window that they cover.
-
-        Segments of the whole group are among those of each of its dancers.
-
-        Raises
-        ------
-        UsageError
-            For an unknown clip or layer.
-        """
-        self.require_layer(layer)
-        return [placed.loaded() for placed in self.segment_rows_in(window, layer)]
-
-    def segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
-        """Return the same as `segments_in`, except that each segment is read when it is asked for."""
-        tables, row = self._place(window.clip)
-        first = self._first_of_group(tables, row)
-        segments = self._placed(tables, row, window, layer)
-        if first != row:
-            segments += [placed for placed in self._placed(tables, first, window, layer) if placed.whole]
-        return sorted(segments, key=lambda placed: (placed.start, placed.end))
-
-    def mask(self, window: Window, layer: str) -> npt.NDArray[np.bool_]:
-        """Return which frames of a window segments of a layer cover, (length,).
-
-        Raises
-        ------
-        UsageError
-            For an unknown clip or layer.
-        """
-        mask = np.zeros(window.length, dtype=np.bool_)
-        self.require_layer(layer)
-        for placed in self.segment_rows_in(window, layer):
-            mask[placed.start : placed.end] = True
-        return mask
-
-    def seconds_of(self, clip_id: str) -> Fraction | None:
-        """Return the length of a clip in seconds; None if there is no such clip."""
-        rows = ((self.tables(split), self.tables(split).find(clip_id)) for split in self.splits)
-        return next((self.grid.seconds(int(t.n_frames[row])) for t, row in rows if row is not None), None)
-
-    def _placed(self, tables: Tables, row: int, window: Window, layer: str | None) -> list[PlacedRow]:
-        clip, table = tables.ids[row], self.segment_table(tables.split)
-        if clip in self.overlay.segments:
-            n_frames = int(tables.n_frames[row])
-            in_window = [
-                PlacedRow.of_segment(s, *s.frames(self.grid, n_frames), window) for s in self.segments(clip, layer)
-            ]
-            return [placed for placed in in_window if placed.start < placed.end]
-        if table is None:
-            return []
-        chosen = np.array([layer in (None, stored.name) for stored in self.layers], dtype=np.bool_)
-        rows = table.overlapping(row, window.start, window.length, chosen)
-        return [PlacedRow.of_table(table, k, self.layers, tables.ids, window) for k in rows]
-
-    def _first_of_group(self, tables: Tables, row: int) -> int:
-        group = int(tables.columns["group"][row]) if "group" in tables.columns else -1
-        return int(tables.groups["first"][group]) if group >= 0 else row
-
-    def require_layer(self, layer: str | None) -> None:
-        """Raise UsageError, with the closest name, if there is no layer of this name."""
-        names = sorted({stored.name for stored in self.layers})
-        if layer is not None and layer not in names:
-            raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.

@@ -170,8 +170,8 @@ class SegmentTable:
         """Return the rows of a clip, of the layers that are chosen, that cover a frame of [start, start + length)."""
         rows = slice(int(self.first[clip]), int(self.first[clip + 1]))
         begins, ends, layer = (np.asarray(self.columns[name][rows]) for name in ("start", "end", "layer"))
-        found = (begins < start + length) & (ends > start) & layers[layer]
-        return (np.flatnonzero(found) + rows.start).tolist()
+        covers = (begins < start + length) & (ends > start) & layers[layer]
+        return (np.flatnonzero(covers) + rows.start).tolist()
 
 
 def read_segments(listed: ListedFile, description: Description, split: str) -> SegmentTable:

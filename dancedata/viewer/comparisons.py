@@ -211,9 +211,9 @@ def comparison_payload(comparison: Comparison, scene: Scene) -> Json:
     texts = [f"{note} (dancers {', '.join(dancers)})" for note, dancers in notes.items()]
     payload = {"members": [payload for payload, _ in compared], "note": "; ".join(texts)}
     if distances and scene.dancers[0].figure is not None:
-        known = np.isfinite(distances)
-        sums = np.where(known, distances, 0).sum(axis=0)
-        mean = np.divide(sums, known.sum(axis=0), out=np.full(sums.shape, np.nan), where=known.any(axis=0))
+        finite = np.isfinite(distances)
+        sums = np.where(finite, distances, 0).sum(axis=0)
+        mean = np.divide(sums, finite.sum(axis=0), out=np.full(sums.shape, np.nan), where=finite.any(axis=0))
         payload |= _distance(mean, scene.dancers[0].figure)
     return payload
 
