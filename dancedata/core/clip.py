@@ -55,6 +55,8 @@ class ClipRef:
         Second of the audio file at frame 0, exact; negative where the music begins later.
     source_start, source_end
         Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
+    feature_paths
+        File of each audio field whose rows come from files: (field, path). A build fills it in from the recipe.
     """
 
     id: str
@@ -78,6 +80,7 @@ class ClipRef:
     audio_start: Fraction = Fraction(0)
     source_start: Fraction | None = None
     source_end: Fraction | None = None
+    feature_paths: tuple[tuple[str, Path], ...] = ()
 
 
 def member_id(group: str, member: int) -> str:

@@ -17,6 +17,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.build import header_of
 from dancedata.pipeline.describe import scope_text, windows_text
+from dancedata.pipeline.feature_files import FeatureFile, length_of, place, starts_within
 from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import (
@@ -187,7 +188,8 @@ class Plan:
             else:
                 index = [f.name for f in self.recipe.audio].index(field.name)
                 clips: list[tuple[str, Path | None, str, ClipPlan | Retimed]] = []
-                clips += [(c.ref.split, c.ref.audio_path, "", c) for c in kept]
+                path_of = {c.ref.id: dict(c.ref.feature_paths).get(field.name, c.ref.audio_path) for c in kept}
+                clips += [(c.ref.split, path_of[c.ref.id], "", c) for c in kept]
                 clips += [(c.ref.split, c.ref.audio_path, copy.music, copy) for c, copy in retimed]
                 songs = {(split, path, music): c.audio_rows[index] for split, path, music, c in clips}
                 windows = dict.fromkeys(songs, 0)
@@ -208,15 +210,14 @@ def make_plan(
     scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {}
-    if recipe.audio:
+    if recipe.signal_jobs:
         paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
         lengths = run_units(
             _length, [(path,) for path in paths], jobs=jobs, label="lengths of music", progress=progress
         )
         songs.update(zip(paths, lengths, strict=True))
-    calls = [
-        (recipe, ref, songs.get(ref.audio_path, missing_music(ref)) if recipe.audio else None) for ref in scan.clips
-    ]
+    decodes = bool(recipe.signal_jobs)
+    calls = [(recipe, ref, songs.get(ref.audio_path, missing_music(ref)) if decodes else None) for ref in scan.clips]
     clips = run_units(_clip_plan, calls, jobs=jobs, label="lengths of motion", progress=progress)
     kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
     retimed = [(clip.ref, copy.n_windows, copy.speed) for clip in clips for copy in clip.retimed]
@@ -228,8 +229,11 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     """Plan a clip; `samples` is its music's length and sample rate, a reject, or None without features."""
     # Motion and music are both examined, as in a build, so that all problems are named.
     motion = attempt(lambda: recipe.dataset.load(ref), ref.motion_path)
-    problems = tuple(replace(reject, clip=ref.id) for reject in (motion, samples) if isinstance(reject, Reject))
-    if isinstance(motion, Reject) or isinstance(samples, Reject):
+    lengths = {job.name: length_of(job, ref) for job in recipe.file_jobs}
+    files = {name: file for name, file in lengths.items() if isinstance(file, FeatureFile)}
+    results = (motion, samples, *lengths.values())
+    problems = tuple(replace(reject, clip=ref.id) for reject in results if isinstance(reject, Reject))
+    if isinstance(motion, Reject) or isinstance(samples, Reject) or problems:
         return ClipPlan(ref, problems=problems)
     implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = motion.grid.resampled_length(motion.n_frames, recipe.grid)
@@ -240,7 +244,17 @@ def _clip_plan(recipe: Recipe, ref: ClipRef, samples: tuple[int, int] | Reject |
     if samples is not None and not kept:
         audio_s = round(samples[0] / samples[1], 3)
         return ClipPlan(ref, problems=(short_audio(recipe, ref, ref.audio_path or ref.motion_path, audio_s),))
-    rows = () if samples is None else tuple(job.feature.n_rows(*samples, job.grid) for job in recipe.audio)
+    of_motion = motion.n_frames, motion.grid.rate
+    starts, left_out = starts_within(recipe, ref, files, recipe.windows.starts(kept), of_motion)
+    if not starts:
+        return ClipPlan(ref, n_frames, problems=tuple(left_out))
+    kept = len(starts)
+    rows = tuple(
+        place(job, ref, files[job.name].n_rows).n_rows
+        if samples is None or job.feature.from_files
+        else job.feature.n_rows(*samples, job.grid)
+        for job in recipe.audio
+    )
     retimed = _retimed(recipe, ref, motion, samples) if is_copied(ref.split) else ()
     return ClipPlan(ref, n_frames, kept, count - kept, rows, retimed, implausible=implausible)
 

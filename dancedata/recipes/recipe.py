@@ -51,6 +51,16 @@ class Recipe:
         """The fields that follow from a clip's motion."""
         return (*self.motion, *self.keymotion)
 
+    @property
+    def signal_jobs(self) -> tuple[FeatureJob, ...]:
+        """The audio fields that are computed of decoded music."""
+        return tuple(job for job in self.audio if not job.feature.from_files)
+
+    @property
+    def file_jobs(self) -> tuple[FeatureJob, ...]:
+        """The audio fields whose rows come from files."""
+        return tuple(job for job in self.audio if job.feature.from_files)
+
     @cached_property
     def without_audio(self) -> Recipe:
         """The recipe without audio fields: all that encoding depends on, so that workers load no feature for it."""
