@@ -60,6 +60,8 @@ class ClipRef:
         Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
     segments
         Spans and instants of the clip that the source states.
+    feature_paths
+        File of each audio field whose rows come from files: (field, path). A build fills it in from the recipe.
     """
 
     id: str
@@ -85,6 +87,7 @@ class ClipRef:
     source_start: Fraction | None = None
     source_end: Fraction | None = None
     segments: tuple[Segment, ...] = field(default=(), compare=False, repr=False)
+    feature_paths: tuple[tuple[str, Path], ...] = ()
 
 
 def member_id(group: str, member: int) -> str:

@@ -176,6 +176,22 @@ class _Npy(ArrayFile):
         return _numeric_header(self.path, "", file, size, size)
 
 
+def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Return shape and dtype of an .npy file of numbers; DataError as `open_arrays`."""
+    with _named(path), open_regular(path) as file:
+        header = _numeric_header(path, "", file, size := os.fstat(file.fileno()).st_size, size)
+        return header.shape, header.dtype
+
+
+def read_npy(path: Path) -> Array:
+    """Return an .npy file of numbers in its own dtype; DataError as `open_arrays`."""
+    with _named(path), open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        _numeric_header(path, "", file, size, size)
+        file.seek(0)
+        return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+
+
 class _Npz(ArrayFile):
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]

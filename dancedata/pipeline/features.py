@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dancedata.audio.file import Placed
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
@@ -24,6 +25,7 @@ from dancedata.pipeline.audio import (
     timeline_of,
     window_units,
 )
+from dancedata.pipeline.feature_files import FeatureFile, extract_file, file_key, place
 from dancedata.pipeline.motion import MotionResult
 from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import WindowedClip
@@ -52,7 +54,10 @@ def extract_features(
     left, rejects = list(clips), []
     for job in recipe.audio:
         extraction = _Extraction(cache, recipe, job, left, jobs, progress)
-        extracted, failed = extraction.tracks() if recipe.scope == "track" else extraction.windows()
+        if job.feature.from_files:
+            extracted, failed = extraction.files()
+        else:
+            extracted, failed = extraction.tracks() if recipe.scope == "track" else extraction.windows()
         for clip, blocks in extracted.items():
             audio[clip][job.name] = blocks
         rejects += [replace(reject, clip=clip) for clip, reject in failed.items()]
@@ -161,6 +166,39 @@ class _Extraction:
                 failed[clip_id] = broken[missing[0].song[0]]
             else:
                 blocks[clip_id] = tuple(AudioBlock(window.key, arrays[window.key]) for window in windows)
+        return blocks, failed
+
+    def files(self) -> tuple[dict[str, Blocks], dict[str, Reject]]:
+        """Return blocks of each clip's file, one in track scope, one per window; equal files share their rows."""
+        job = self.job
+        units: dict[str, tuple[FeatureFile, Placed]] = {}
+        by_clip: dict[str, tuple[str, int]] = {}
+        for clip in self.clips:
+            file = clip.source.files[job.name]
+            placed = place(job, clip.source.ref, file.n_rows)
+            key = file_key(job, file.sha256, placed)
+            units.setdefault(key, (file, placed))
+            by_clip[clip.source.ref.id] = key, -placed.first
+        results = run_units(
+            extract_file,
+            [(self.cache, job, *unit, key) for key, unit in units.items()],
+            cached=[self.cache.array("features", key) for key in units],
+            jobs=self.jobs,
+            label=job.name,
+            progress=self.progress,
+        )
+        found = dict(zip(units, results, strict=True))
+        blocks: dict[str, Blocks] = {}
+        failed: dict[str, Reject] = {}
+        for clip in self.clips:
+            key, offset = by_clip[clip.source.ref.id]
+            result = found[key]
+            if isinstance(result, Reject):
+                failed[clip.source.ref.id] = result
+                continue
+            firsts = [0] if self.recipe.scope == "track" else clip.starts
+            rows = [self.recipe.grid.rows(first, of=job.grid) for first in firsts]
+            blocks[clip.source.ref.id] = tuple(AudioBlock(key, result, offset + row) for row in rows)
         return blocks, failed
 
     def _compute_windows(self, units: Sequence[_Unit]) -> tuple[dict[str, CachedArray], dict[SignalId, Reject]]:

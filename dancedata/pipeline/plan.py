@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from dancedata.core.clip import ClipRef, Reject, Scan
@@ -18,6 +19,7 @@ from dancedata.execution.units import run_units
 from dancedata.pipeline.audio import row_at
 from dancedata.pipeline.build import header_of
 from dancedata.pipeline.describe import scope_text, windows_text
+from dancedata.pipeline.feature_files import FeatureFile, length_of, place, starts_within
 from dancedata.pipeline.groups import group_motions, groups_of, require_places, unusable_dancers, whole_groups
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
 from dancedata.pipeline.rejects import (
@@ -191,7 +193,8 @@ class Plan:
             else:
                 index = [f.name for f in self.recipe.audio].index(field.name)
                 clips: list[tuple[str, Path | None, str, ClipPlan | Retimed]] = []
-                clips += [(c.ref.split, c.ref.audio_path, "", c) for c in kept]
+                path_of = {c.ref.id: dict(c.ref.feature_paths).get(field.name, c.ref.audio_path) for c in kept}
+                clips += [(c.ref.split, path_of[c.ref.id], "", c) for c in kept]
                 clips += [(c.ref.split, c.ref.audio_path, copy.music, copy) for c, copy in retimed]
                 songs = {(split, path, music): c.audio_rows[index] for split, path, music, c in clips}
                 windows = dict.fromkeys(songs, 0)
@@ -212,7 +215,7 @@ def make_plan(
     scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
     songs: dict[Path | None, Any] = {}
-    if recipe.audio:
+    if recipe.signal_jobs:
         paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
         lengths = run_units(
             _length, [(path,) for path in paths], jobs=jobs, label="lengths of music", progress=progress
@@ -221,9 +224,10 @@ def make_plan(
     groups = groups_of(scan.clips, lambda ref: ref)
     if groups:
         require_places(recipe)
+    decodes = bool(recipe.signal_jobs)
     units = [[ref] for ref in scan.clips if not ref.group] + list(groups.values())
     calls = [
-        (recipe, [(ref, songs.get(ref.audio_path, missing_music(ref)) if recipe.audio else None) for ref in unit])
+        (recipe, [(ref, songs.get(ref.audio_path, missing_music(ref)) if decodes else None) for ref in unit])
         for unit in units
     ]
     planned = run_units(_unit_plans, calls, jobs=jobs, label="lengths of motion", progress=progress)
@@ -270,30 +274,41 @@ def _motions(recipe: Recipe, refs: Sequence[ClipRef]) -> Sequence[Motion | Rejec
 
 def _clip_plan(recipe: Recipe, ref: ClipRef, samples: _Music, motion: Motion | Reject) -> ClipPlan:
     """Plan a clip."""
-    problems = tuple(replace(reject, clip=ref.id) for reject in (motion, samples) if isinstance(reject, Reject))
-    if isinstance(motion, Reject) or isinstance(samples, Reject):
+    lengths = {job.name: length_of(job, ref) for job in recipe.file_jobs}
+    files = {name: file for name, file in lengths.items() if isinstance(file, FeatureFile)}
+    results = (motion, samples, *lengths.values())
+    problems = tuple(replace(reject, clip=ref.id) for reject in results if isinstance(reject, Reject))
+    if isinstance(motion, Reject) or isinstance(samples, Reject) or problems:
         return ClipPlan(ref, problems=problems)
     implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     n_frames = motion.grid.resampled_length(motion.n_frames, recipe.grid)
     starts, left_out = window_starts(recipe, ref, motion.n_frames, motion.grid.rate, samples)
+    starts, beyond = starts_within(recipe, ref, files, starts, (motion.n_frames, motion.grid.rate))
+    left_out = [*left_out, *beyond]
     if not starts:
         return ClipPlan(ref, n_frames, problems=tuple(reject for reject in left_out if reject.window is None))
     without_music = sum(reject.reason == "no_audio" for reject in left_out)
     retimed = _retimed(recipe, ref, motion, samples) if is_copied(ref.split) else ()
-    rows = _audio_rows(recipe, ref.audio_start, samples)
+    rows = _audio_rows(recipe, ref, ref.audio_start, samples, files)
     return ClipPlan(ref, n_frames, len(starts), without_music, rows, retimed, implausible=implausible)
 
 
-def _audio_rows(recipe: Recipe, start: Fraction, samples: tuple[int, int] | None) -> tuple[int, ...]:
-    """Return the rows of a song in each audio field, where a clip begins at second `start` of it."""
-    if samples is None:
-        return ()
-    n_samples, rate = samples
-    skipped = [row_at(start, rate, job.grid)[1] for job in recipe.audio]
-    return tuple(
-        job.feature.n_rows(max(n_samples - n, 0), rate, job.grid)
-        for job, n in zip(recipe.audio, skipped, strict=True)
-    )
+def _audio_rows(
+    recipe: Recipe,
+    ref: ClipRef,
+    start: Fraction,
+    samples: tuple[int, int] | None,
+    files: Mapping[str, FeatureFile] = MappingProxyType({}),
+) -> tuple[int, ...]:
+    """Return the rows of each audio field, of a file or of a song where a clip begins at second `start` of it."""
+    rows = []
+    for job in recipe.audio:
+        if job.feature.from_files or samples is None:
+            rows.append(place(job, ref, files[job.name].n_rows).n_rows if job.name in files else 0)
+        else:
+            skipped = row_at(start, samples[1], job.grid)[1]
+            rows.append(job.feature.n_rows(max(samples[0] - skipped, 0), samples[1], job.grid))
+    return tuple(rows)
 
 
 def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, int] | None) -> tuple[Retimed, ...]:
@@ -314,7 +329,7 @@ def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, i
         starts, left_out = window_starts(recipe, copied, motion.n_frames, grid.rate, stretched)
         if starts:
             n_frames = grid.resampled_length(motion.n_frames, recipe.grid)
-            rows = _audio_rows(recipe, start, stretched)
+            rows = _audio_rows(recipe, ref, start, stretched)
             without_music = sum(reject.reason == "no_audio" for reject in left_out)
             copies.append(Retimed(speed, n_frames, len(starts), without_music, rows, spec.music_of(ref.music, unit)))
     return tuple(copies)

@@ -7,10 +7,11 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.clip import ClipRef
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import FeatureKeys, known_signal, timeline_of
+from dancedata.pipeline.feature_files import file_key, length_of, place
 from dancedata.pipeline.groups import groups_of
 from dancedata.pipeline.motion import MotionKeys, content_hashes
 from dancedata.recipes.copies import is_copied
@@ -54,7 +55,9 @@ def cached_units(
     """
     units = _motion(cache, recipe, scanned, [ref for ref, _ in clips])
     signals = {path: known_signal(cache, path) for path in {r.audio_path for r, _ in clips} if path is not None}
-    for job in recipe.audio:
+    for job in recipe.file_jobs:
+        units[job.name] = _files(cache, job, [ref for ref, _ in clips])
+    for job in recipe.signal_jobs:
         units[job.name] = _audio(cache, job, [*((ref, n, Fraction(1)) for ref, n in clips), *retimed], signals)
     return units
 
@@ -115,6 +118,21 @@ def _audio(
         else:
             counted.update(keys.window(bpm, signal.at_speed(speed), number) for number in numbers)
     return Cached(unit, sum(cache.contains("features", key) for key in counted), len(counted) + len(unknown))
+
+
+def _files(cache: Cache, job: FeatureJob, refs: Sequence[ClipRef]) -> Cached:
+    keys: set[str] = set()
+    unknown: set[Path] = set()
+    for ref in refs:
+        file = length_of(job, ref)
+        if isinstance(file, Reject):
+            continue
+        sha256 = cache.known_sha256(file.path)
+        if sha256 is None:
+            unknown.add(file.path)
+        else:
+            keys.add(file_key(job, sha256, place(job, ref, file.n_rows)))
+    return Cached("files", sum(cache.contains("features", key) for key in keys), len(keys) + len(unknown))
 
 
 def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob | None:

@@ -1,7 +1,7 @@
 """Stage 1, scanned clips -> identified clips: hash motion files, decode and hash music."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
+from dancedata.pipeline.feature_files import FeatureFile, identify_files, with_feature_paths
 from dancedata.pipeline.motion import content_hashes
 from dancedata.pipeline.rejects import missing_music
 from dancedata.recipes.documents import document_of
@@ -33,13 +34,16 @@ class SourceClip:
         Signal of its music; None without music.
     music_problem
         Reject of unusable music. Its motion is examined nevertheless, so that a build names all problems; then the
-        clip is left out.
+        clip is left out. The same of files of features.
+    files
+        Files of the audio fields whose rows come from files, by field.
     """
 
     ref: ClipRef
     motion_sha256: str
     signal: SignalId | None = None
     music_problem: Reject | None = None
+    files: Mapping[str, FeatureFile] = field(default_factory=dict)
 
     def inputs(self) -> tuple[list[Any], str, str | None]:
         """Return the clip's metadata, and the hashes of its motion and music."""
@@ -54,6 +58,7 @@ class SourceClip:
             if ref.source_end or ref.source_start
             else None,
             "segments": json_sha256([repr(s) for s in ref.segments]) if ref.segments else None,
+            "files": sorted((name, file.sha256) for name, file in self.files.items()),
         }
         stated = {name: value for name, value in further.items() if value}
         return (
@@ -113,18 +118,20 @@ def scan_source(recipe: Recipe, source: Path) -> Scan:
                 fix="rename one of them; clips of a dataset have different ids",
             )
     _require_music(recipe, scan)
+    if recipe.file_jobs:
+        return replace(scan, clips=tuple(with_feature_paths(recipe, ref, source) for ref in scan.clips))
     return scan
 
 
 def _require_music(recipe: Recipe, scan: Scan) -> None:
     """Raise SourceError for clips that ``music: optional`` keeps, where the recipe has audio features."""
     without = [ref.id for ref in scan.clips if ref.audio_path is None]
-    if recipe.audio and without and document_of(recipe.dataset).get("music") == "optional":
+    if recipe.signal_jobs and without and document_of(recipe.dataset).get("music") == "optional":
         raise SourceError(
             "music: optional keeps clips without music, but audio features need the music of every clip",
             where=f"dataset {recipe.dataset.name}",
             found=f"{len(without)} of {counted(len(scan.clips), 'clip')} without music: {listed(without)}; "
-            f"audio features {listed(job.name for job in recipe.audio)}",
+            f"audio features {listed(job.name for job in recipe.signal_jobs)}",
             fix="build motion alone: --set 'audio={}'; or leave these clips out: "
             f"--set dataset.{recipe.dataset.name}.music=required",
         )
@@ -137,11 +144,14 @@ def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: 
     hashes = _hash_motion(cache, named, progress)
     rejects += [replace(sha, clip=ref.id) for ref in named if isinstance(sha := hashes[ref.motion_path], Reject)]
     refs = [(ref, sha) for ref in named if isinstance(sha := hashes[ref.motion_path], str)]
-    if not recipe.audio:
+    if not recipe.signal_jobs:
         clips = [SourceClip(ref, sha) for ref, sha in refs]
     else:
         signals = _identify_music(cache, [ref for ref, _ in refs], jobs, progress)
         clips = [_with_music(ref, sha, signals) for ref, sha in refs]
+    if recipe.file_jobs:
+        with progress.stage("hashing features", len(clips)) as advance:
+            clips = [_with_files(cache, recipe, clip, advance) for clip in clips]
     rejects += [clip.music_problem for clip in clips if clip.music_problem is not None]
     return Sources(scan, tuple(clips), (*scan.rejects, *rejects), content)
 
@@ -194,6 +204,14 @@ def _identify_music(
     calls = [(cache, path) for path in paths]
     signals = run_units(identify_audio, calls, cached=cached, jobs=jobs, label="decoding music", progress=progress)
     return dict(zip(paths, signals, strict=True))
+
+
+def _with_files(cache: Cache, recipe: Recipe, clip: SourceClip, advance: Callable[[int], object]) -> SourceClip:
+    files = identify_files(cache, recipe, clip.ref)
+    advance(1)
+    if isinstance(files, Reject):
+        return replace(clip, music_problem=clip.music_problem or files)
+    return replace(clip, files=files)
 
 
 def _with_music(ref: ClipRef, sha256: str, signals: Mapping[Path, SignalId | Reject]) -> SourceClip:

@@ -11,6 +11,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.audio import row_at, window_samples
 from dancedata.pipeline.encode import EncodedClip
+from dancedata.pipeline.feature_files import starts_within
 from dancedata.pipeline.groups import groups_of
 from dancedata.pipeline.motion import MotionResult, motion_window_count
 from dancedata.pipeline.rejects import short_audio, too_short
@@ -37,6 +38,9 @@ def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[Wind
         signal, motion = clip.source.signal, clip.motion
         music = None if signal is None else (signal.n_samples, signal.sample_rate)
         starts, problems = window_starts(recipe, ref, motion.n_source, motion.source_rate, music)
+        rejects += problems
+        of_motion = clip.motion.n_source, clip.motion.source_rate
+        starts, problems = starts_within(recipe, ref, clip.source.files, starts, of_motion)
         rejects += problems
         cut[ref.id], filtered[ref.id] = _filtered(recipe, ref, clip.motion, starts)
     for members in groups_of(clips, lambda clip: clip.source.ref).values():
@@ -89,9 +93,9 @@ def _filtered(
 def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
     """Return how many windows a signal has: whole windows of samples, or of every feature's rows (track scope)."""
     if recipe.scope == "window":
-        return len(window_samples(recipe.audio[0], n_samples, sample_rate)[0])
+        return len(window_samples(recipe.signal_jobs[0], n_samples, sample_rate)[0])
     counts = []
-    for job in recipe.audio:
+    for job in recipe.signal_jobs:
         rows = job.feature.n_rows(n_samples, sample_rate, job.grid)
         counts.append(recipe.windows.count(job.grid.rows_down(rows, of=recipe.grid)))
     return min(counts)
@@ -140,7 +144,7 @@ def _starts_beside(
             fix="build with scope: track",
         )
     first, end = 0, n_frames
-    for job in recipe.audio:
+    for job in recipe.signal_jobs:
         offset, skipped = row_at(ref.audio_start, sample_rate, job.grid)
         rows = job.feature.n_rows(max(n_samples - skipped, 0), sample_rate, job.grid)
         first = max(first, job.grid.rows_up(-offset, of=recipe.grid))

@@ -105,6 +105,13 @@ def make_slots(
     if windows is not None:
         for field in (*motion, *audio):
             problems.catch(partial(field.require_whole, windows))
+    timed = [spec.name for spec in augment if spec.augmentation.changes == "time"]
+    for job in audio:
+        if timed and job.feature.from_files:
+            problems.append(
+                f"audio.{job.name}: rows from files have no copies at another speed; "
+                f"fix: leave out augment.{timed[0]}, or the field"
+            )
     for job in audio if grid is not None else ():
         # A rate that a feature cannot compute at is an error now, not after all music was decoded.
         problems.catch(partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")

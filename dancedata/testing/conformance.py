@@ -208,6 +208,10 @@ def _check_audio_feature(feature: Any) -> None:
     _check_columns(feature.columns)
     require(bool(feature.packages), "packages names what the numbers depend on")
     require(feature.dtype in ("float32", "float16"), f"dtype on disk is float32 or float16, not {feature.dtype}")
+    if feature.from_files:
+        refused = "a signal, of which there is no file, is an error"
+        raises(DanceDataError, lambda: feature.extract(random_signal(2.0, 44100), feature.grid), refused)
+        return
     for seconds, rate in ((0.1, 22050), (2.0, 44100), (3.33, 48000)):
         for signal in (random_signal(seconds, rate), AudioSignal(np.zeros(int(seconds * rate), np.float32), rate)):
             _check_rows(feature, signal, feature.extract(signal, FPS, start_bpm=110.0), FPS)

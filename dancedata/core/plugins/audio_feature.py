@@ -32,12 +32,15 @@ class AudioFeature(Plugin):
         Whether `start_bpm` has an effect; if not, it is not part of the cache key.
     beat_rows_late
         Delay of the group "beat", rows: subtract it to get the instant of a beat.
+    from_files
+        Whether rows come from files beside the motion, not from a signal: `dancedata.audio.file`.
     """
 
     packages: ClassVar[tuple[str, ...]]
     exact: ClassVar[bool] = True
     uses_tempo: ClassVar[bool] = True
     beat_rows_late: ClassVar[int] = 0
+    from_files: ClassVar[bool] = False
 
     @property
     @abstractmethod

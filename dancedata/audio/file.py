@@ -1,0 +1,290 @@
+"""Rows of music that were computed elsewhere, from an .npy file of each clip or song."""
+
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path, PurePosixPath
+from string import Formatter
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import ClipRef
+from dancedata.core.columns import Columns, Group
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid, Number, as_fraction, as_rate
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.registry import FEATURES
+from dancedata.core.text import quoted
+from dancedata.core.typing import override
+from dancedata.formats.arrays import npy_header, read_npy
+
+#: What a pattern may name, and must name one of.
+_NAMES = ("clip", "music", "group", "split")
+#: Jukebox has 4,800 columns.
+_MAX_COLUMNS = 1 << 16
+#: A name that is a folder, or leaves the source, is not a name.
+_NAME = re.compile(r"[^/\\\0]+")
+
+
+@FEATURES.register("file")
+@dataclass(frozen=True)
+class FileRows(AudioFeature):
+    """Rows from files below the source, cut and resampled to the clip; needs no music.
+
+    Row k of a file lasts from k / rate to (k + 1) / rate seconds after row 0. Nothing is padded: a window that
+    reaches beyond the rows is left out.
+
+    Attributes
+    ----------
+    path
+        Pattern of the .npy files below the source: "music/muq/{clip}.npy". {clip}, {music}, {group} and {split} are
+        the clip's.
+    rate
+        Rows per second of the files, exactly, such as 25 or "15/2"; a recipe must state it.
+    columns_per_row
+        Width of the files; a recipe must state it.
+    tolerance_s
+        Most seconds by which a file may be longer or shorter than its clip's motion. Others set the clip aside. None:
+        lengths are not compared, for files of whole songs.
+    dtype
+        Type on disk. Files have numbers with a point, of any size.
+    begins
+        What `origin_s` counts from: "music", its second 0, which is frame 0 unless a clip states another
+        `audio_start`; or "clip", frame 0.
+    origin_s
+        Second at which row 0 begins.
+    resample
+        How rows get the field's rate: "none", they have it; "nearest", the row nearest in time, of two the later;
+        "linear", between rows.
+    """
+
+    version: ClassVar[int] = 1
+    packages: ClassVar[tuple[str, ...]] = ("numpy",)
+    uses_tempo: ClassVar[bool] = False
+    from_files: ClassVar[bool] = True
+
+    path: str = "features/{clip}.npy"
+    rate: Number = 0
+    columns_per_row: int = 0
+    tolerance_s: Number | None = "1/10"
+    dtype: Literal["float32", "float16"] = "float32"
+    begins: Literal["music", "clip"] = "music"
+    origin_s: Number = 0
+    resample: Literal["none", "nearest", "linear"] = "none"
+
+    def __post_init__(self) -> None:
+        # As text, so that 25, 25.0 and "25" are one recipe.
+        object.__setattr__(self, "rate", str(as_rate(self.rate) if self.rate not in (0, "0") else 0))
+        object.__setattr__(self, "origin_s", str(as_fraction(self.origin_s, "origin_s")))
+        if self.tolerance_s is not None:
+            tolerance = as_fraction(self.tolerance_s, "tolerance_s")
+            if tolerance < 0:
+                raise UsageError("file: tolerance_s is below 0", found=str(self.tolerance_s))
+            object.__setattr__(self, "tolerance_s", str(tolerance))
+        if not 0 <= self.columns_per_row <= _MAX_COLUMNS:
+            allowed = f"1 to {_MAX_COLUMNS:,}"
+            raise UsageError("file: columns_per_row is out of range", found=self.columns_per_row, allowed=allowed)
+        for name, values in (
+            ("dtype", ("float32", "float16")),
+            ("begins", ("music", "clip")),
+            ("resample", ("none", "nearest", "linear")),
+        ):
+            if getattr(self, name) not in values:
+                raise UsageError(
+                    f"file: invalid {name}", found=quoted(getattr(self, name)), allowed=" or ".join(values)
+                )
+        self._check_pattern()
+
+    def _check_pattern(self) -> None:
+        try:
+            parts = list(Formatter().parse(self.path))
+        except ValueError:
+            parts = [("", "?", None, None)]
+        fields = [field for _, field, *_ in parts if field is not None]
+        plain = all(not spec and not conversion for _, _, spec, conversion in parts)
+        place = PurePosixPath(self.path)
+        if (
+            not plain
+            or not {"clip", "music", "group"} & set(fields)
+            or not set(fields) <= set(_NAMES)
+            or place.is_absolute()
+            or ".." in place.parts
+            or place.suffix.lower() != ".npy"
+        ):
+            raise UsageError(
+                "file: path is not a pattern of files below the source",
+                found=quoted(self.path),
+                allowed="a path below the source that ends in .npy and names {clip}, {music} or {group}; "
+                "{split} beside it",
+                fix='such as path: "music/muq/{clip}.npy"',
+            )
+
+    @property
+    @override
+    def columns(self) -> Columns:
+        return Columns((Group("features", self.columns_per_row, "1"),))
+
+    @override
+    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
+        """Return the rows of a file that is as long as a signal."""
+        self.require_grid(grid)
+        return FrameGrid.of(sample_rate).rows_down(n_samples, of=grid)
+
+    def require_grid(self, grid: FrameGrid) -> None:
+        """Raise UsageError if rate or width are not stated, or not how rows are resampled to a grid."""
+        missing = [name for name in ("rate", "columns_per_row") if getattr(self, name) in (0, "0")]
+        if missing:
+            raise UsageError(
+                f"file: {' and '.join(missing)} of the files must be stated",
+                where=self.path,
+                fix="neither is guessed: numpy.load(FILE).shape has the rows and columns of a file",
+            )
+        if self.resample == "none" and grid != self.grid:
+            raise UsageError(
+                "the files have another rate than the field",
+                found=f"rows at {self.rate} per second, the field at {grid}",
+                fix=f'set fps: "{self.rate}" for this field, or resample: nearest or linear',
+            )
+
+    @property
+    def grid(self) -> FrameGrid:
+        """The grid of the files' rows."""
+        return FrameGrid.of(self.rate)
+
+    @override
+    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[Any]:
+        """Raise UsageError: a signal has no file."""
+        raise UsageError(
+            "the feature file takes rows from files: it computes nothing of a song",
+            where=self.path,
+            fix="name a feature that computes, or compute the rows with the program that wrote the files",
+        )
+
+    @classmethod
+    @override
+    def make_example(cls, folder: Path) -> Self:
+        """Return the feature on a file that is written into the folder: clip "example", 50 rows of 3 columns."""
+        np.save(folder / "example.npy", np.arange(150, dtype=np.float32).reshape(50, 3))
+        return cls("{clip}.npy", 25, 3, None)
+
+    def file_of(self, ref: ClipRef, source: Path) -> Path | None:
+        """Return the file of a clip; None if the clip lacks a name in the pattern, or its name is no file's."""
+        names = {"clip": ref.id, "music": ref.music, "group": ref.group, "split": ref.split}
+        used = {field for _, field, *_ in Formatter().parse(self.path) if field is not None}
+        if any(not _NAME.fullmatch(names[name]) or names[name] in (".", "..") for name in used):
+            return None
+        return source / self.path.format(**names)
+
+    def length(self, path: Path) -> int:
+        """Return the number of rows of a file of stated rate and width, from its header.
+
+        Raises
+        ------
+        DataError
+            As `open_arrays`; ``bad_shape`` for another width, ``bad_dtype`` for whole numbers, ``empty``.
+        """
+        shape, dtype = npy_header(path)
+        if len(shape) != 2 or shape[1] != self.columns_per_row:
+            raise DataError(
+                "the file of features has the wrong shape",
+                reason="bad_shape",
+                where=str(path),
+                found=str(shape),
+                allowed=f"(rows, {self.columns_per_row}), as columns_per_row says",
+            )
+        if dtype.kind != "f":
+            raise DataError(
+                "the file of features holds whole numbers",
+                reason="bad_dtype",
+                where=str(path),
+                found=str(dtype),
+                allowed="float16, float32 or float64: codes are no measurements",
+            )
+        if not shape[0]:
+            raise DataError("the file of features has no rows", reason="empty", where=str(path))
+        return shape[0]
+
+    def begin_s(self, audio_start: Fraction) -> Fraction:
+        """Return the second of row 0, counted from frame 0 of a clip whose frame 0 is that second of its music."""
+        origin = as_fraction(self.origin_s, "origin_s")
+        return origin - audio_start if self.begins == "music" else origin
+
+    def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> "Placed":
+        """Place a file of `n_rows` rows, of which row 0 is at second `begin_s` of the clip, on the clip's grid.
+
+        Raises
+        ------
+        DataError
+            ``between_rows``: with resample: none, frame 0 must be at a row.
+        """
+        self.require_grid(grid)
+        start = begin_s * grid.rate
+        first = -((-start.numerator) // start.denominator)
+        if self.resample == "none" and start.denominator != 1:
+            raise DataError(
+                "frame 0 of the clip lies between two rows",
+                reason="between_rows",
+                found=f"row 0 at {float(begin_s):.6g} s of the clip, {self.rate} rows per second",
+                fix="set resample: nearest or linear",
+            )
+        step = as_rate(self.rate) / grid.rate
+        phase = (first - start) * step
+        inside = (n_rows - phase) / step
+        return Placed(first, max(0, -((-inside.numerator) // inside.denominator)), phase, step)
+
+    def rows(self, path: Path, placed: "Placed") -> NDArray[Any]:
+        """Return the (placed.n_rows, D) rows of a file on a clip's grid, in `dtype`.
+
+        Raises
+        ------
+        DataError
+            As `length`; ``nan`` for values that are not finite, or do not fit into `dtype`.
+        """
+        self.length(path)
+        values = read_npy(path)
+        with np.errstate(over="ignore"):
+            finite = np.isfinite(values.astype(self.dtype))
+        if not finite.all():
+            row, column = (int(k) for k in np.argwhere(~finite)[0])
+            raise DataError(
+                f"the file of features has values that {self.dtype} cannot hold",
+                reason="nan",
+                where=f"{path}, row {row}, column {column}",
+                found=f"{values[row, column]}; {int((~finite).any(axis=1).sum())} of {len(values)} rows",
+                allowed=f"finite numbers within the range of {self.dtype}",
+            )
+        # Whole numbers: float time would put rows beside their places in long songs.
+        scale = placed.phase.denominator * placed.step.denominator
+        phase, step = int(placed.phase * scale), int(placed.step * scale)
+        places = [divmod(phase + k * step, scale) for k in range(placed.n_rows)]
+        last = len(values) - 1
+        if self.resample == "linear":
+            before = np.array([min(k, last) for k, _ in places], np.int64)
+            weight = np.array([rest / scale for _, rest in places])[:, None]
+            low, high = values[before].astype(np.float64), values[np.minimum(before + 1, last)].astype(np.float64)
+            return (low + weight * (high - low)).astype(self.dtype)
+        nearest = np.array([min(k + (2 * rest >= scale), last) for k, rest in places], np.int64)
+        return values[nearest].astype(self.dtype)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """The rows of a file on a clip's grid.
+
+    Attributes
+    ----------
+    first
+        Row of the clip's grid, from frame 0, that is the first within the file; may be below 0.
+    n_rows
+        Rows within the file.
+    phase, step
+        Place of the first in the file, and distance of two, in rows of the file.
+    """
+
+    first: int
+    n_rows: int
+    phase: Fraction
+    step: Fraction
