@@ -24,6 +24,7 @@ from dancedata.readers import WindowDataset
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import Store, verify_store
 from dancedata.synthetic import synthesise_song
+from dancedata.synthetic.music import wav_bytes
 from tests.messages import raises_message
 
 #: Frames at 30 per second: 6 s.
@@ -33,7 +34,7 @@ PATH = "muq/{clip}.npy"
 
 @dataclass(frozen=True)
 class Silent(Dataset):
-    """Clips without music."""
+    """Clips without music, or with one song."""
 
     name: ClassVar[str] = "silent"
     version: ClassVar[int] = 1
@@ -45,10 +46,12 @@ class Silent(Dataset):
     music: str = "m"
 
     def scan(self, source: Path) -> Scan:
+        song = source / "song.wav"
+        audio = song if song.exists() else None
         return Scan(
             "silent",
             tuple(
-                ClipRef(clip, source / "x.npz", None, "train", music=self.music, audio_start=Fraction(self.start))
+                ClipRef(clip, source / "x.npz", audio, "train", music=self.music, audio_start=Fraction(self.start))
                 for clip in self.clips
             ),
         )
@@ -207,6 +210,27 @@ def test_a_length_within_the_tolerance_is_kept(source: Path, build: Callable[...
     store = build({"fps": 25})
     assert [w.start for w in store.windows("train")] == [0, 30, 60, 90]
     assert [row["reason"] for row in store.rejects] == ["no_audio"]
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+@pytest.mark.parametrize(("seconds", "rows", "starts"), [(5, 150, [0, 30, 60, 90]), (6, 125, [0, 30, 60, 90])])
+def test_beside_a_feature_of_music(
+    source: Path, build: Callable[..., Store], cache: Path, scope: str, seconds: int, rows: int, starts: list[int]
+) -> None:
+    (source / "song.wav").write_bytes(
+        wav_bytes(synthesise_song("mBR0", length_s=seconds, sample_rate=24_000, n_channels=1).pcm, 24_000)
+    )
+    np.save(source / "muq" / "a.npy", ramp(rows))
+    muq = document({"fps": 25, "tolerance_s": 1})["audio"]
+    store = build({}, scope=scope, audio={**muq, "librosa35": {}})
+    assert [w.start for w in store.windows("train")] == starts
+    window = store.windows("train")[-1]
+    np.testing.assert_array_equal(store.read(window, "file.muq"), ramp(rows)[75:125])
+    assert store.read(window, "librosa35").shape == (60, 35)
+    plan = make_plan(load_recipe(document({}, scope=scope, audio={**muq, "librosa35": {}})), source, cache=cache)
+    assert plan.to_json()["splits"]["train"]["windows"] == len(starts)
+    held = {name: cached.cached == cached.of for name, cached in plan.cached.items()}
+    assert held == {"joints": True, "file.muq": True, "librosa35": True}
 
 
 @pytest.mark.parametrize("music", ["../x", "", ".."])

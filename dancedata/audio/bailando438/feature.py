@@ -67,13 +67,15 @@ class Bailando438(AudioFeature):
     version: ClassVar[int] = 1
     beat_rows_late: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
+    min_sample_rate: ClassVar[int] = MIN_SAMPLE_RATE
+    usual_rates: ClassVar[str] = "use 60 (next to motion) or 7.5 (Bailando's GPT) rows per second"
     #: Bailando's script starts the search for the tempo at 120 beats per minute, for any song.
     uses_tempo: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.onset_fmax not in ("era", "nyquist"):
             raise UsageError(
-                "bailando438: invalid value for onset_fmax", found=str(self.onset_fmax), allowed="era, nyquist"
+                f"{self.name}: invalid value for onset_fmax", found=str(self.onset_fmax), allowed="era, nyquist"
             )
 
     @property
@@ -83,7 +85,7 @@ class Bailando438(AudioFeature):
 
     @override
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
+        return 1 + resampled_length(n_samples, sample_rate, self._feature_rate(grid)) // HOP
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
@@ -113,45 +115,36 @@ class Bailando438(AudioFeature):
             ``short_audio`` (fewer than 3 rows).
         """
         self.require_samples(signal)
-        rate = _feature_rate(grid)
+        rate = self._feature_rate(grid)
         available = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         if available < DELTA_WIDTH:
             raise DataError(
-                "bailando438: the audio is too short for the derivative of its MFCC",
+                f"{self.name}: the audio is too short for the derivative of its MFCC",
                 reason="short_audio",
                 found=f"{signal.n_samples} samples at {signal.sample_rate} Hz: rows {available}",
                 allowed=f"audio for at least {DELTA_WIDTH} rows at {grid.rate} per second",
             )
         fmax = ERA_FMAX if self.onset_fmax == "era" else rate / 2
-        return track_features(resample(signal.samples, signal.sample_rate, rate), rate, fmax)
+        compile_kernels()
+        return self._rows(resample(signal.samples, signal.sample_rate, rate), rate, fmax)
+
+    def _rows(self, samples: Floats, rate: int, onset_fmax: float) -> Floats:
+        return _compute(samples, rate, onset_fmax)
 
     @override
     def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
         return AudioSignal(pcm16(signal.samples[start : start + n_samples]), signal.sample_rate)
 
-
-def _feature_rate(grid: FrameGrid) -> int:
-    rate = grid.divided(HOP).rate
-    if rate.denominator != 1 or rate < MIN_SAMPLE_RATE:
-        raise UsageError(
-            "bailando438 cannot be computed at this frame rate",
-            found=f"{grid.rate} rows per second, so a sample rate of {float(rate):g} Hz",
-            allowed=f"a rate that makes 512 x rate a whole number of at least {MIN_SAMPLE_RATE} Hz",
-            fix="use 60 (next to motion) or 7.5 (Bailando's GPT) rows per second",
-        )
-    return int(rate)
-
-
-def track_features(samples: Floats, rate: int, onset_fmax: float) -> Floats:
-    """Compute the columns (T, 438) of samples (n,) at `rate`, T = 1 + n // 512.
-
-    Parameters
-    ----------
-    onset_fmax
-        Upper limit in Hz of the mel bands of the onset envelope.
-    """
-    compile_kernels()
-    return _compute(samples, rate, onset_fmax)
+    def _feature_rate(self, grid: FrameGrid) -> int:
+        rate = grid.divided(HOP).rate
+        if rate.denominator != 1 or rate < self.min_sample_rate:
+            raise UsageError(
+                f"{self.name} cannot be computed at this frame rate",
+                found=f"{grid.rate} rows per second, so a sample rate of {float(rate):g} Hz",
+                allowed=f"a rate that makes 512 x rate a whole number of at least {self.min_sample_rate} Hz",
+                fix=self.usual_rates,
+            )
+        return int(rate)
 
 
 @lru_cache(maxsize=1)
@@ -169,20 +162,38 @@ def compile_kernels() -> None:
 def _compute(samples: Floats, rate: int, onset_fmax: float) -> Floats:
     import librosa
 
+    octaves = 7 if rate == RATE_OF_SEVEN_OCTAVES else 5
+    first = first_columns(samples, rate, onset_fmax, octaves)
+    with _known_warnings():
+        envelope = first[:, N_MFCC + N_MFCC + N_CHROMA]
+        tempogram = librosa.feature.tempogram(onset_envelope=envelope, sr=rate, hop_length=HOP, win_length=N_LAGS)
+    return np.ascontiguousarray(np.concatenate([first, tempogram.T], axis=1), dtype=np.float32)
+
+
+def first_columns(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floats:
+    """Compute all columns before the tempogram, (T, 54), of samples (n,) at `rate`, T = 1 + n // 512.
+
+    Parameters
+    ----------
+    onset_fmax
+        Upper limit in Hz of the mel bands of the onset envelope.
+    octaves
+        Of the chroma, from 32.7 Hz on.
+    """
+    import librosa
+
     with _known_warnings():
         mfcc = _mfcc(samples, rate)
         delta = librosa.feature.delta(mfcc, width=DELTA_WIDTH)
         harmonic, percussive = librosa.effects.hpss(samples)
-        octaves = 7 if rate == RATE_OF_SEVEN_OCTAVES else 5
         chroma = librosa.feature.chroma_cqt(y=harmonic, sr=rate, hop_length=HOP, n_chroma=N_CHROMA, n_octaves=octaves)
         envelope = librosa.onset.onset_strength(
             y=percussive, sr=rate, hop_length=HOP, aggregate=np.median, fmax=onset_fmax
         )
         _, beats = librosa.beat.beat_track(onset_envelope=envelope, sr=rate, hop_length=HOP)
-        tempogram = librosa.feature.tempogram(onset_envelope=envelope, sr=rate, hop_length=HOP, win_length=N_LAGS)
     beat = np.zeros(len(envelope), dtype=np.float32)
     beat[beats] = 1
-    rows = np.concatenate([mfcc, delta, chroma, envelope[np.newaxis], beat[np.newaxis], tempogram]).T
+    rows = np.concatenate([mfcc, delta, chroma, envelope[np.newaxis], beat[np.newaxis]]).T
     return np.ascontiguousarray(rows, dtype=np.float32)
 
 

@@ -1,0 +1,40 @@
+"""The 54 columns of music that Duolando reads (Siyao et al., ICLR 2024): Bailando's without the tempogram."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from dancedata.audio.bailando438.feature import Bailando438, Floats, first_columns
+from dancedata.audio.librosa35.settings import HOP
+from dancedata.core.columns import Columns
+from dancedata.core.registry import FEATURES
+from dancedata.core.typing import override
+
+#: Seven octaves from 32.7 Hz, and the width of the highest filter, lie below half of it.
+_MIN_SAMPLE_RATE = 18 * HOP
+
+
+@FEATURES.register("bailando54")
+@dataclass(frozen=True)
+class Bailando54(Bailando438):
+    """MFCC 20, their derivative 20, chroma 12, onset envelope 1, beats 1; chroma of seven octaves at every rate.
+
+    Parameters
+    ----------
+    onset_fmax
+        As of `bailando438`. "nyquist", the default, is Duolando's script with librosa 0.11.
+    """
+
+    onset_fmax: Literal["era", "nyquist"] = "nyquist"
+
+    version: ClassVar[int] = 1
+    min_sample_rate: ClassVar[int] = _MIN_SAMPLE_RATE
+    usual_rates: ClassVar[str] = "use 30 rows per second (Duolando)"
+
+    @property
+    @override
+    def columns(self) -> Columns:
+        return Columns(super().columns.groups[:-1], None)
+
+    @override
+    def _rows(self, samples: Floats, rate: int, onset_fmax: float) -> Floats:
+        return first_columns(samples, rate, onset_fmax, octaves=7)
