@@ -24,6 +24,7 @@ __all__ = [
     "check",
     "decode",
     "decode_file",
+    "decode_group",
     "diff",
     "encode",
     "evaluate",
@@ -51,7 +52,8 @@ if TYPE_CHECKING:
     from dancedata.exports.base.run import export
     from dancedata.pipeline.arrays import encode, extract
     from dancedata.pipeline.commands import build, check, plan
-    from dancedata.pipeline.decoding import decode, decode_file
+    from dancedata.pipeline.decode_file import decode_file
+    from dancedata.pipeline.decoding import decode, decode_group
     from dancedata.pipeline.diff import diff
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
@@ -66,7 +68,8 @@ else:  # type checkers take the imports above, and so find misspelt names
             "build": "dancedata.pipeline.commands",
             "check": "dancedata.pipeline.commands",
             "decode": "dancedata.pipeline.decoding",
-            "decode_file": "dancedata.pipeline.decoding",
+            "decode_file": "dancedata.pipeline.decode_file",
+            "decode_group": "dancedata.pipeline.decoding",
             "diff": "dancedata.pipeline.diff",
             "encode": "dancedata.pipeline.arrays",
             "evaluate": "dancedata.evaluation.run",

@@ -11,7 +11,7 @@ _HOMES = {
         ("BuildResult", "Overrides", "RecipeLike", "build", "build_part", "check", "plan"),
         "dancedata.pipeline.commands",
     ),
-    "decoding": {"decode": "dancedata.pipeline.decoding", "decode_file": "dancedata.pipeline.decoding"},
+    "decoding": {"decode": "dancedata.pipeline.decoding", "decode_file": "dancedata.pipeline.decode_file"},
     "evaluation": {"evaluate": "dancedata.evaluation.run", "self_test": "dancedata.evaluation.run"},
     "export": {"export": "dancedata.exports.base.run"},
 }

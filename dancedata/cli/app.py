@@ -212,7 +212,7 @@ def decode(
     as_json: AsJson = False,
 ) -> None:
     """Write generated motion as BVH, SMPL or npz: dancedata decode FILE --as edge151 --to bvh --out DIR."""
-    from dancedata.pipeline.decoding import decode_file
+    from dancedata.pipeline.decode_file import decode_file
 
     kind: Any = to  # checked there
     files = decode_file(

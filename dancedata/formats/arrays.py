@@ -23,8 +23,8 @@ from dancedata.files.regular_file import open_regular
 from dancedata.formats.safe_pickle import BOMB_BYTES, BOMB_RATIO, MAX_PICKLE_BYTES, as_array, load_pickle
 from dancedata.formats.torch_file import TORCH_HEAD, load_torch
 
-#: Kinds of dtypes that are read as numbers.
-NUMBERS = "fiu"
+#: Kinds of dtypes that are read as numbers; truth values as 0 and 1.
+NUMBERS = "fiub"
 
 Array = NDArray[Any]
 

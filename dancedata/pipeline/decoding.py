@@ -1,24 +1,21 @@
-"""decode: columns, one motion or a batch of them, back to motions, and the output of a trainer to motion files."""
+"""decode: columns of one motion, of a batch or of a group of dancers, back to motions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import DanceDataError, DataError, StoreError, UsageError, did_you_mean
+from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.files import atomic
-from dancedata.formats.arrays import ArrayFile, open_arrays
-from dancedata.formats.motion_files import MOTION_FILES, motion_file
 from dancedata.recipes.plugins import make_named
+from dancedata.representations.root_place import RootPlace
 
 if TYPE_CHECKING:
     from dancedata.store import Store
@@ -104,15 +101,77 @@ def decode(
     >>> dancedata.decode(ds.read(ds.windows("train")[3], "edge151"), "edge151", fps=ds.fps)
     Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
     """
-    name, _ = REPRESENTATIONS.split(representation)
-    plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
-    return _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip))
+    return Decoder.of(representation, parameters, fps, like, normalized, scaler, clip).motions(array)
+
+
+def decode_group(
+    array: npt.NDArray[Any],
+    representation: str,
+    *,
+    person_mask: npt.ArrayLike | None = None,
+    place: npt.ArrayLike | None = None,
+    fps: Number | None = None,
+    like: Like = None,
+    normalized: bool | None = None,
+    scaler: Scaler = None,
+    clip: bool = False,
+    **parameters: Any,
+) -> list[Motion | None]:
+    """Decode the columns of a group of dancers, one motion each, in one world.
+
+    Parameters
+    ----------
+    array
+        (P, T, D) columns, as `GroupDataset` gives them: as stored, or normalised, as `normalized` states.
+    representation, fps, like, normalized, scaler, clip, parameters
+        As in `decode`.
+    person_mask
+        (P,) truth values: which dancers there are; the rows of the others are not looked at. Default: all.
+    place
+        (P, T, 6) columns of the field root_place, normalised if `array` is: required for representations without a
+        place, such as humanml263, whose dancers would else all stand at the origin.
+
+    Returns
+    -------
+    list of P Motion, None for a dancer who is not there
+        Metres, radians, +Y up.
+
+    Raises
+    ------
+    UsageError
+        As `decode`; for a mask or places of another shape, and without places where they are required.
+    DataError
+        As `decode`, with the number of the dancer; for a dancer whose rows are all 0 without a mask.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> from dancedata.readers import GroupDataset
+    >>> groups = GroupDataset("data/groups", fields=("edge151",), persons=3)
+    >>> sample = groups[0]
+    >>> rows, mask = sample["edge151"].numpy(), sample["person_mask"]
+    >>> [motion is not None for motion in dancedata.decode_group(rows, "edge151", person_mask=mask, like=groups)]
+    [True, True, False]
+    """
+    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clip)
+    return decoder.group(array, person_mask, place)
 
 
 @dataclass(frozen=True)
-class _Statement:
-    """Statements of a call, and of its file, on the scaling of columns and on their rate."""
+class Decoder:
+    """A representation, and what a call and a file state of the scaling of its columns and their rate.
 
+    Attributes
+    ----------
+    field
+        Name of the representation, or of the field of `like` with it.
+    file, grid
+        Whether the file states that its columns are normalised, and the rate that it states; None if it does not.
+    """
+
+    field: str
+    representation: Representation
+    fps: Number | None
     like: Like
     normalized: bool | None
     scaler: Scaler
@@ -120,116 +179,119 @@ class _Statement:
     file: bool | None = None
     grid: FrameGrid | None = None
 
+    @classmethod
+    def of(
+        cls, field: str, parameters: dict[str, Any], fps: Number | None, like: Like, normalized: bool | None,
+        scaler: Scaler, clip: bool,
+    ) -> Decoder:  # fmt: skip
+        """Return the decoder of a call; `decode` says what is refused."""
+        name, _ = REPRESENTATIONS.split(field)
+        plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
+        return cls(field, plugin, fps, like, normalized, scaler, clip)
 
-def _decoded(
-    array: Any, representation: str, plugin: Representation, fps: Number | None, stated: _Statement
-) -> Motion | list[Motion]:
-    from dancedata.store.scaling import Scaling, opened, store_of
+    def motions(self, array: Any) -> Motion | list[Motion]:
+        """Decode columns (T, D), or a batch (B, T, D)."""
+        self._require_decodable()
+        array = _numbers(array, self.field)
+        self._require_shape(array, (2, 3))
+        stored, grid = self._undone(array)
+        if stored.ndim == 2:
+            return self.representation.decode(stored, grid)
+        return [self._motion(one, grid, f"motion {number} of the batch") for number, one in enumerate(stored)]
 
-    if not plugin.decodes:
-        raise UsageError(
-            f"{representation} cannot be decoded: positions do not determine how a bone turns about its own axis",
-            fix="use the positions unchanged, or store a representation that holds rotations as well",
-        )
-    array = _numbers(array, representation)
-    _require_shape(array, plugin, representation)
-    like = None if stated.like is None else opened(stated.like)
-    store = None if like is None else store_of(like)
-    grid = _grid(plugin, representation, fps, store, stated.grid)
-    scaling = Scaling.of(
-        like, representation, plugin.columns.labels, normalized=stated.normalized, scaler=stated.scaler,
-        clip=stated.clip,
-    )  # fmt: skip
-    array = scaling.undo(array, plugin, file=stated.file)
-    if array.ndim == 2:
-        return plugin.decode(array, grid)
-    return [_numbered(plugin, one, grid, number) for number, one in enumerate(array)]
+    def group(self, array: Any, person_mask: Any, place: Any) -> list[Motion | None]:
+        """Decode the columns (P, T, D) of a group; see `decode_group`."""
+        self._require_decodable()
+        array = _numbers(array, self.field)
+        self._require_shape(array, (3,))
+        present = self._present(array, person_mask)
+        places = self._places(array, place, present)
+        motions: list[Motion | None] = [None] * len(array)
+        stored, grid = self._undone(array[present])
+        for row, number in enumerate(np.flatnonzero(present)):
+            motion = self._motion(stored[row], grid, f"dancer {number}")
+            motions[number] = motion if places is None else RootPlace.placed(motion, places[row])
+        return motions
 
+    def _present(self, array: npt.NDArray[Any], person_mask: Any) -> npt.NDArray[np.bool_]:
+        if person_mask is None:
+            absent = np.flatnonzero(~array.any(axis=(1, 2)))
+            if len(absent):
+                raise DataError(
+                    "a dancer's rows are all 0", reason="bad_shape", where=f"dancer {absent[0]}",
+                    fix="pass person_mask, which GroupDataset gives: who is not there has rows of 0",
+                )  # fmt: skip
+            return np.ones(len(array), np.bool_)
+        mask = np.asarray(person_mask)
+        if mask.shape != array.shape[:1] or not np.isin(mask, (0, 1)).all() or not mask.any():
+            raise UsageError(
+                "person_mask does not fit the columns",
+                found=f"shape {mask.shape}, values {np.unique(mask).tolist()}",
+                allowed=f"({len(array)},), 0 or 1, not all 0",
+            )  # fmt: skip
+        return mask.astype(np.bool_)
 
-def decode_file(
-    path: str | Path,
-    representation: str,
-    *,
-    to: Literal["bvh", "npz", "smpl", "smplx"],
-    out: str | Path,
-    like: Like = None,
-    fps: Number | None = None,
-    key: str | None = None,
-    overwrite: bool = False,
-    normalized: bool | None = None,
-    scaler: Scaler = None,
-    clip: bool = False,
-    **parameters: Any,
-) -> list[Path]:
-    """Decode a file that a trainer wrote into motion files, as ``dancedata decode`` does.
+    def _places(self, array: npt.NDArray[Any], place: Any, present: npt.NDArray[np.bool_]) -> npt.NDArray[Any] | None:
+        """Return rows (P, T, 6) of those present, not normalised; None for columns that hold places themselves."""
+        spatial = self.representation.spatial
+        placeless = spatial is not None and spatial.placeless
+        if (place is not None) != placeless:
+            raise UsageError(
+                f"the columns of {self.field} have no places" if placeless else f"{self.field} holds places itself",
+                fix="pass place=, the columns of the field root_place; in a file, an array root_place"
+                if placeless else "leave out the columns of root_place",
+            )  # fmt: skip
+        if place is None:
+            return None
+        rows = _numbers(place, "root_place")
+        if rows.shape != (*array.shape[:2], 6):
+            raise UsageError(
+                "the places do not fit the columns", found=f"shape {rows.shape}", allowed=f"{(*array.shape[:2], 6)}"
+            )
+        if self.scaler is not None:
+            raise UsageError(
+                "a scaler of one field does not normalise root_place",
+                fix="name the reader or dataset of both fields: like=, in a command --like STORE",
+            )
+        return replace(self, field="root_place", representation=RootPlace())._undone(rows[present])[0]
 
-    Parameters
-    ----------
-    path
-        .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them. An
-        entry ``normalized``, True or False, states whether the columns are normalised, and one such as ``fps`` their
-        rate.
-    representation, like, normalized, scaler, clip, parameters
-        As in `decode`.
-    to
-        "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
-        and "smplx" on SMPL-X, both +Z up.
-    out
-        Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch.
-    fps
-        Frames per second. Default: those of `like` or of the file, or of the representation.
-    key
-        Name of the array, where the file has several. Default: the only one with the representation's columns.
-    overwrite
-        Overwrite existing files.
+    def _undone(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], FrameGrid]:
+        """Return columns as they are stored, and their rate."""
+        from dancedata.store.scaling import Scaling, opened, store_of
 
-    Returns
-    -------
-    list of Path
-        The files, in the order of the batch.
+        like = None if self.like is None else opened(self.like)
+        grid = _grid(self.representation, self.field, self.fps, None if like is None else store_of(like), self.grid)
+        scaling = Scaling.of(
+            like, self.field, self.representation.columns.labels, normalized=self.normalized, scaler=self.scaler,
+            clip=self.clip,
+        )  # fmt: skip
+        return scaling.undo(array, self.representation, file=self.file), grid
 
-    Raises
-    ------
-    UsageError
-        As `decode`; for an unknown format or array, an unknown rate, and existing files.
-    DataError
-        As `decode`; if the file cannot be read, or states a rate other than `fps` or `like`.
-    StoreError
-        If the files cannot be written; then none is left.
+    def _motion(self, array: npt.NDArray[Any], grid: FrameGrid, where: str) -> Motion:
+        try:
+            return self.representation.decode(array, grid)
+        except DanceDataError as error:
+            error.where = where + (f", {error.where}" if error.where else "")
+            raise
 
-    Examples
-    --------
-    >>> import dancedata
-    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", normalized=True, out="x")
-    [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
-    """
-    path, out = Path(path).expanduser(), Path(out).expanduser()
-    if to not in MOTION_FILES:
-        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
-    if path.is_dir():
-        raise UsageError("a folder cannot be decoded", where=path, allowed="one file", fix="call it for each file")
-    name, _ = REPRESENTATIONS.split(representation)
-    plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
-    from dancedata.datasets.folder import stated_grid
-    from dancedata.store.scaling import stated_in
+    def _require_decodable(self) -> None:
+        if not self.representation.decodes:
+            raise UsageError(
+                f"{self.field} cannot be decoded: positions do not determine how a bone turns about its own axis",
+                fix="use the positions unchanged, or store a representation that holds rotations as well",
+            )
 
-    with open_arrays(path) as arrays:
-        array, file, grid = arrays.read(_key(arrays, plugin, key)), stated_in(arrays), stated_grid(arrays)
-    if like is None and fps is None and plugin.rate is None and grid is None:
-        raise UsageError(
-            "the frame rate of these columns is unknown",
-            where=path,
-            fix="give it with --fps, or name the dataset that the trainer read with --like",
-        )
-    try:
-        motions = _decoded(array, representation, plugin, fps, _Statement(like, normalized, scaler, clip, file, grid))
-    except DanceDataError as error:
-        error.where = f"{path}, {error.where}" if error.where else path
-        raise
-    files = _files(path, out, to, motions)
-    if any(file.exists() and file.samefile(path) for file in files):
-        raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
-    return _written(files, overwrite)
+    def _require_shape(self, array: npt.NDArray[Any], dimensions: tuple[int, ...]) -> None:
+        width = self.representation.columns.width
+        if array.ndim not in dimensions or array.shape[-1] != width or 0 in array.shape:
+            raise UsageError(
+                f"these are not columns of {self.field}",
+                found=f"shape {array.shape}",
+                allowed=f"(T, {width}) or a batch (B, T, {width}), not empty"
+                if 2 in dimensions else f"a group (P, T, {width}), not empty",
+                fix=_named_by_width(array.shape[-1])
+                if array.ndim in dimensions and array.shape[-1] != width else None,
+            )  # fmt: skip
 
 
 def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
@@ -243,17 +305,6 @@ def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
         fix = "pass a numpy array: tensor.detach().cpu().float().numpy()"
         raise UsageError(f"these are not columns of {name}", found=problem, allowed="floats or integers", fix=fix)
     return numbers
-
-
-def _require_shape(array: npt.NDArray[Any], plugin: Representation, name: str) -> None:
-    width = plugin.columns.width
-    if array.ndim not in (2, 3) or array.shape[-1] != width or 0 in array.shape:
-        raise UsageError(
-            f"these are not columns of {name}",
-            found=f"shape {array.shape}",
-            allowed=f"(T, {width}) or a batch (B, T, {width}), not empty",
-            fix=_named_by_width(array.shape[-1]) if array.ndim in (2, 3) and array.shape[-1] != width else None,
-        )
 
 
 def _named_by_width(width: int) -> str | None:
@@ -282,66 +333,3 @@ def _grid(
             fix="omit fps: the rate is the dataset's",
         )
     return grid
-
-
-def _numbered(plugin: Representation, array: npt.NDArray[Any], grid: FrameGrid, number: int) -> Motion:
-    try:
-        return plugin.decode(array, grid)
-    except DanceDataError as error:
-        error.where = f"motion {number} of the batch" + (f", {error.where}" if error.where else "")
-        raise
-
-
-def _key(arrays: ArrayFile, plugin: Representation, key: str | None) -> str:
-    width = plugin.columns.width
-    if key is not None:
-        if key not in arrays.names:
-            raise UsageError(
-                f"the file has no array {key!r}", where=arrays.path, fix=did_you_mean(key, list(arrays.names))
-            )
-        return key
-    if len(arrays.names) == 1:
-        return arrays.names[0]
-    fitting = [name for name in arrays.names if _shape(arrays, name)[-1:] == (width,)]
-    if len(fitting) != 1:
-        raise UsageError(
-            f"{'several arrays have' if fitting else 'no array has'} {width} columns",
-            where=arrays.path,
-            found=arrays.listed,
-            fix="name the array with --key" if fitting else "name the representation that the file holds with --as",
-        )
-    return fitting[0]
-
-
-def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
-    try:
-        return arrays.shape(name)
-    except DanceDataError:
-        return ()  # not numbers
-
-
-def _files(path: Path, out: Path, to: str, motions: Motion | list[Motion]) -> Mapping[Path, bytes]:
-    """Return the bytes of <name>.bvh for one motion, of <name>_000.bvh, ... for a batch."""
-    suffix = MOTION_FILES[to][0]
-    if isinstance(motions, Motion):
-        return {out / f"{path.stem}{suffix}": motion_file(motions, to)}
-    digits = max(3, len(str(len(motions) - 1)))
-    return {out / f"{path.stem}_{k:0{digits}}{suffix}": motion_file(one, to) for k, one in enumerate(motions)}
-
-
-def _written(files: Mapping[Path, bytes], overwrite: bool) -> list[Path]:
-    existing = [path for path in files if path.exists()]
-    if existing and not overwrite:
-        raise UsageError("files are already there", where=existing[0], fix="choose another --out, or add --overwrite")
-    done: list[Path] = []
-    try:
-        for path, data in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            atomic.write_bytes(path, data)
-            done.append(path)
-    except OSError as error:
-        for path in done:
-            if path not in existing:
-                path.unlink(missing_ok=True)
-        raise StoreError("the motion files cannot be written", where=path.parent, found=str(error)) from error
-    return done

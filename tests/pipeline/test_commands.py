@@ -163,7 +163,7 @@ def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: p
         ("commands", "build_part", "dancedata.pipeline.commands"),
         ("commands", "build", "dancedata.pipeline.commands"),
         ("arrays", "extract", "dancedata.pipeline.arrays"),
-        ("decoding", "decode_file", "dancedata.pipeline.decoding"),
+        ("decoding", "decode_file", "dancedata.pipeline.decode_file"),
         ("evaluation", "self_test", "dancedata.evaluation.run"),
         ("export", "export", "dancedata.exports.base.run"),
     ],

@@ -20,6 +20,7 @@ from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.pipeline.decode_file import PERSON_MASK
 from dancedata.recipes.documents import document_of
 from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.store.scaling import stated_in
@@ -28,8 +29,6 @@ from dancedata.store.scaling import stated_in
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
 _COLUMNS = ("columns", "motion", "")
 _LEAST_JOINTS = 22
-#: Entry of a group's file: which of its dancers there are.
-_MASK = "person_mask"
 #: Fixes for files with rotations, by reason, as options of the command.
 _REMEDIES = {
     "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
@@ -131,10 +130,10 @@ class FileClip(ClipInput):
         poses = []
         with open_arrays(self.path) as arrays:
             n = _n_dancers(arrays)
-            present = arrays.read(_MASK).ravel() if _MASK in arrays.names else np.ones(n)
+            present = arrays.read(PERSON_MASK).ravel() if PERSON_MASK in arrays.names else np.ones(n)
             if len(present) != n:
                 raise DataError(
-                    f"{_MASK} is not of the dancers of the file", reason="bad_shape", where=str(self.path),
+                    f"{PERSON_MASK} is not of the dancers of the file", reason="bad_shape", where=str(self.path),
                     found=f"{len(present)} entries", allowed=f"{n}",
                 )  # fmt: skip
             for number in np.flatnonzero(present):
@@ -201,7 +200,7 @@ class _Dancer(ArrayFile):
     """The arrays of one dancer of a group's file."""
 
     def __init__(self, arrays: ArrayFile, number: int) -> None:
-        super().__init__(arrays.path, tuple(name for name in arrays.names if name != _MASK))
+        super().__init__(arrays.path, tuple(name for name in arrays.names if name != PERSON_MASK))
         self._arrays, self._number = arrays, number
 
     @override

@@ -1,0 +1,189 @@
+"""decode_file: the output of a trainer, of single dancers or of groups, as motion files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+from dancedata.core.clip import member_id
+from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_you_mean
+from dancedata.core.grid import Number
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Representation
+from dancedata.files import atomic
+from dancedata.formats.arrays import Array, ArrayFile, open_arrays
+from dancedata.formats.motion_files import MOTION_FILES, motion_file
+from dancedata.pipeline.decoding import Decoder, Like, Scaler
+
+#: Entries of a group's file: which of its dancers there are, and where they are.
+PERSON_MASK, ROOT_PLACE = "person_mask", "root_place"
+
+
+def decode_file(
+    path: str | Path,
+    representation: str,
+    *,
+    to: Literal["bvh", "npz", "smpl", "smplx"],
+    out: str | Path,
+    like: Like = None,
+    fps: Number | None = None,
+    key: str | None = None,
+    overwrite: bool = False,
+    normalized: bool | None = None,
+    scaler: Scaler = None,
+    clip: bool = False,
+    **parameters: Any,
+) -> list[Path]:
+    """Decode a file that a trainer wrote into motion files, as ``dancedata decode`` does.
+
+    Parameters
+    ----------
+    path
+        .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them. An
+        entry ``normalized``, True or False, states whether the columns are normalised, and one such as ``fps`` their
+        rate. A group (P, T, D), by its entry ``person_mask`` (P,) or ``root_place`` (P, T, 6), and a batch of groups
+        (B, P, T, D) are decoded as in `dancedata.decode_group`.
+    representation, like, normalized, scaler, clip, parameters
+        As in `decode`.
+    to
+        "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
+        and "smplx" on SMPL-X, both +Z up.
+    out
+        Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch; <name>_p0.bvh and so on for the
+        dancers of a group who are there, <name>_000_p0.bvh in a batch.
+    fps
+        Frames per second. Default: those of `like` or of the file, or of the representation.
+    key
+        Name of the array, where the file has several. Default: the only one with the representation's columns.
+    overwrite
+        Overwrite existing files.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of the batch.
+
+    Raises
+    ------
+    UsageError
+        As `decode`; for an unknown format or array, an unknown rate, and existing files.
+    DataError
+        As `decode`; if the file cannot be read, or states a rate other than `fps` or `like`.
+    StoreError
+        If the files cannot be written; then none is left.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", normalized=True, out="x")
+    [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
+    """
+    path, out = Path(path).expanduser(), Path(out).expanduser()
+    if to not in MOTION_FILES:
+        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
+    if path.is_dir():
+        raise UsageError("a folder cannot be decoded", where=path, allowed="one file", fix="call it for each file")
+    from dancedata.datasets.folder import stated_grid
+    from dancedata.store.scaling import stated_in
+
+    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clip)
+    with open_arrays(path) as arrays:
+        array = arrays.read(_key(arrays, decoder.representation, key))
+        mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))
+        decoder = replace(decoder, file=stated_in(arrays), grid=stated_grid(arrays))
+    if like is None and fps is None and decoder.representation.rate is None and decoder.grid is None:
+        raise UsageError(
+            "the frame rate of these columns is unknown",
+            where=path,
+            fix="give it with --fps, or name the dataset that the trainer read with --like",
+        )
+    try:
+        motions = _motions(decoder, array, mask, place)
+    except DanceDataError as error:
+        error.where = f"{path}, {error.where}" if error.where else path
+        raise
+    suffix = MOTION_FILES[to][0]
+    files = {out / f"{path.stem}{name}{suffix}": motion_file(motion, to) for name, motion in motions.items()}
+    if any(file.exists() and file.samefile(path) for file in files):
+        raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
+    return _written(files, overwrite)
+
+
+def _motions(decoder: Decoder, array: Array, mask: Array | None, place: Array | None) -> dict[str, Motion]:
+    """Return the motions by the ends of their files' names: "", _000 in a batch, _p0 in a group, _000_p0 in both."""
+    if array.ndim < 4 and mask is None and place is None:
+        motions = decoder.motions(array)
+        return (
+            {"": motions} if isinstance(motions, Motion) else dict(zip(_numbers(len(motions)), motions, strict=True))
+        )
+    if array.ndim < 4:
+        return _members("", decoder.group(array, mask, place))
+    for name, beside in ((PERSON_MASK, mask), (ROOT_PLACE, place)):
+        if beside is not None and len(beside) != len(array):
+            raise UsageError(f"{name} is of another number of groups", found=len(beside), allowed=len(array))
+    dancers: dict[str, Motion] = {}
+    for number, name in enumerate(_numbers(len(array))):
+        one = [None if entry is None else entry[number] for entry in (array, mask, place)]
+        try:
+            dancers |= _members(name, decoder.group(*one))
+        except DanceDataError as error:
+            error.where = f"group {number} of the batch" + (f", {error.where}" if error.where else "")
+            raise
+    return dancers
+
+
+def _members(name: str, motions: list[Motion | None]) -> dict[str, Motion]:
+    return {member_id(name, p): motion for p, motion in enumerate(motions) if motion is not None}
+
+
+def _numbers(n: int) -> list[str]:
+    digits = max(3, len(str(n - 1)))
+    return [f"_{k:0{digits}}" for k in range(n)]
+
+
+def _key(arrays: ArrayFile, plugin: Representation, key: str | None) -> str:
+    width = plugin.columns.width
+    if key is not None:
+        if key not in arrays.names:
+            raise UsageError(
+                f"the file has no array {key!r}", where=arrays.path, fix=did_you_mean(key, list(arrays.names))
+            )
+        return key
+    if len(arrays.names) == 1:
+        return arrays.names[0]
+    fitting = [name for name in arrays.names if _shape(arrays, name)[-1:] == (width,)]
+    if len(fitting) != 1:
+        raise UsageError(
+            f"{'several arrays have' if fitting else 'no array has'} {width} columns",
+            where=arrays.path,
+            found=arrays.listed,
+            fix="name the array with --key" if fitting else "name the representation that the file holds with --as",
+        )
+    return fitting[0]
+
+
+def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
+    try:
+        return arrays.shape(name)
+    except DanceDataError:
+        return ()  # not numbers
+
+
+def _written(files: Mapping[Path, bytes], overwrite: bool) -> list[Path]:
+    existing = [path for path in files if path.exists()]
+    if existing and not overwrite:
+        raise UsageError("files are already there", where=existing[0], fix="choose another --out, or add --overwrite")
+    done: list[Path] = []
+    try:
+        for path, data in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic.write_bytes(path, data)
+            done.append(path)
+    except OSError as error:
+        for path in done:
+            if path not in existing:
+                path.unlink(missing_ok=True)
+        raise StoreError("the motion files cannot be written", where=path.parent, found=str(error)) from error
+    return done
