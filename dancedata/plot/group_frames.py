@@ -14,7 +14,7 @@ from dancedata.core.typing import override
 from dancedata.plot.frames import _DISTANCE, _RECENT_S, FINER, Camera, Frames, Timeline, text_font
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.palette import Theme, colours_of
-from dancedata.viewer.scenes import Scene
+from dancedata.viewer.scene_list import Scene
 from dancedata.viewer.together import stretches
 
 if TYPE_CHECKING:

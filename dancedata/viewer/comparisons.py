@@ -25,7 +25,8 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Scaling
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.payload import Json, curve, figure_payload
-from dancedata.viewer.scenes import Scene, Scenes
+from dancedata.viewer.scene_list import Scene
+from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.source import ClipSource
 
 #: Metres; far larger numbers cannot be distinguished from the square of a distance that overflows.

@@ -12,8 +12,9 @@ from typing import Any
 
 from dancedata.core.text import shown
 from dancedata.store import ClipView, Store
-from dancedata.viewer.payload import Json, about_store, item_rows, page_json, scene_payload
-from dancedata.viewer.scenes import Item, Scenes
+from dancedata.viewer.payload import Json, item_rows, page_json, scene_payload
+from dancedata.viewer.scene_list import Item, SceneList
+from dancedata.viewer.scenes import Scenes
 
 _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
@@ -89,7 +90,7 @@ class PageSound:
 
 
 def page_data(
-    scenes: Scenes,
+    scenes: SceneList,
     items: Sequence[Item],
     *,
     clips: Mapping[int, Json] | None = None,
@@ -120,7 +121,7 @@ def page_data(
     """
     counts = tuple(scenes.flag_count(item) for item in items)
     inside = sound if isinstance(sound, PageSound) else PageSound()
-    head = about_store(scenes.store, tuple(scenes.readers) if server else ())
+    head = {**scenes.about(), "fields": list(scenes.fields) if server else []}
     document: dict[str, Any] = {
         "head": {**head, "takes": list(comparisons), "sound": bool(sound), "notice": inside.notice},
         "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,
@@ -134,7 +135,9 @@ def data_script(document: Json) -> str:
     return f'<script type="application/json" id="dd-data">{page_json(document)}</script>'
 
 
-def clip_page(scenes: Scenes, items: Sequence[Item], *, sound: PageSound | None = None, single: bool = False) -> str:
+def clip_page(
+    scenes: SceneList, items: Sequence[Item], *, sound: PageSound | None = None, single: bool = False
+) -> str:
     """Return one self-contained HTML page that plays items; it works from a file, offline."""
     clips = {k: {**scene_payload(scenes.scene(item)), "number": k} for k, item in enumerate(items)}
     document = page_data(scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1)

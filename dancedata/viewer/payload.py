@@ -15,15 +15,12 @@ import numpy.typing as npt
 
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.store import Store
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.palette import DANCERS
-from dancedata.viewer.scenes import Flag, Item, Scene
+from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Scene
 from dancedata.viewer.together import Pair, Together
 
 Json: TypeAlias = dict[str, Any]
-#: Most characters of a name on the page; ids of clips are never shortened, as links need them.
-_NAME = 120
 #: Largest value of a curve of 16 bits.
 _TOP = 65535
 
@@ -144,23 +141,10 @@ def item_rows(items: tuple[Item, ...], flags: tuple[int, ...]) -> Json:
 def _item_row(item: Item) -> list[Any]:
     c = item.clip
     dancers = dict.fromkeys(member.clip.dancer for member in item.members or (item,) if member.clip.dancer)
-    row = [item.name, c.split, shown(c.genre, _NAME), shown(c.music, _NAME), shown(", ".join(dancers), _NAME),
-           item.source]  # fmt: skip
-    members = [[m.clip.id, m.clip.member, shown(m.clip.role, _NAME)] for m in item.members]
+    names = (shown(text, MAX_NAME) for text in (c.genre, c.music, ", ".join(dancers)))
+    row = [item.name, c.split, *names, item.source]
+    members = [[m.clip.id, m.clip.member, shown(m.clip.role, MAX_NAME)] for m in item.members]
     return [*row, members] if members else row
-
-
-def about_store(store: Store, fields: tuple[str, ...]) -> Json:
-    """Return the head of the page: name, numbers and licence of a dataset, and the fields that can be drawn."""
-    counts = store.meta.get("counts", {}).values()
-    total = {key: sum(split.get(key, 0) for split in counts) for key in ("clips", "windows", "hours")}
-    if any("groups" in split for split in counts):
-        total["groups"] = sum(split.get("groups", 0) for split in counts)
-    return {
-        "name": shown(store.meta.get("name", store.path.name), _NAME), "fps": float(store.grid.rate),
-        "rate": str(store.grid), "scope": store.scope, "fields": list(fields), **total,
-        "licence": shown(store.meta.get("licence", ""), 600), "citation": shown(store.meta.get("citation", ""), 600),
-    }  # fmt: skip
 
 
 def link(item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, field: str = "") -> str:

@@ -2,56 +2,31 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.clip import Window
-from dancedata.core.errors import DataError, UsageError, did_you_mean
-from dancedata.core.grid import FrameGrid, as_rate
+from dancedata.core.errors import DataError, StoreError, UsageError, did_you_mean
+from dancedata.core.grid import as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
-from dancedata.core.rotations import Float64Array
-from dancedata.core.text import counted, listed
+from dancedata.core.text import counted, listed, shown
+from dancedata.core.typing import override
 from dancedata.evaluation.music import BEAT, field_beats
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.store import Store
-from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.dataset import reopen
 from dancedata.store.motion_fields import ColumnsReader, motion_reader, motion_readers
+from dancedata.store.schema import DATASET_FILE, Field
 from dancedata.viewer.figure import Figure, Movement
+from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList
 from dancedata.viewer.together import Together
 
 _ONSET = "onset_envelope"
-
-
-@dataclass(frozen=True, eq=False)
-class Rhythm:
-    """Beats and onsets of a clip's music, as the dataset stores them.
-
-    Attributes
-    ----------
-    beats
-        (B,) instants of the beats, seconds from the clip's first frame.
-    onset
-        (n,) onset curve, 0 to 1; empty if none is stored.
-    onset_rate
-        Values of `onset` per second.
-    field
-        Audio field that they are read from; "" if there is none.
-    """
-
-    beats: Float64Array
-    onset: Float64Array
-    onset_rate: float = 0.0
-    field: str = ""
-
-    @classmethod
-    def none(cls) -> Rhythm:
-        """Return the rhythm of a dataset without beats."""
-        return cls(np.zeros(0), np.zeros(0))
 
 
 def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
@@ -75,133 +50,22 @@ def rhythm_fields(store: Store) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: FEATURES.split(name)[0] != "librosa35"))
 
 
-def rhythm_of(rows: Float64Array, store: Store, name: str, lead: int = 0) -> Rhythm:
+def rhythm_of(rows: npt.NDArray[Any], field: Field, lead: int = 0) -> Rhythm:
     """Return the rhythm of (T, D) rows of an audio field, at its instants, not late.
 
     The rows begin with the clip or, where its music begins later, `lead` rows after it.
     """
-    columns, rate = store.fields[name], float(store.field(name).rate)
-    beats = (field_beats(rows, store.field(name)).seconds + lead / rate).clip(min=0)
-    if _ONSET not in columns.names:
-        return Rhythm(beats, np.zeros(0), rate, name)
-    onset = rows[beat_rows_late(name) :, columns.slice(_ONSET)].ravel().astype(np.float64)
+    rate = float(field.rate)
+    beats = (field_beats(rows, field).seconds + lead / rate).clip(min=0)
+    if _ONSET not in field.columns.names:
+        return Rhythm(beats, np.zeros(0), rate, field.name)
+    onset = rows[beat_rows_late(field.name) :, field.columns.slice(_ONSET)].ravel().astype(np.float64)
     onset = np.pad(np.nan_to_num(onset, posinf=0.0, neginf=0.0), (lead, 0))
     top = float(onset.max(initial=0.0))
-    return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, name)
+    return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, field.name)
 
 
-@dataclass(frozen=True)
-class Item:
-    """One entry of the list of a viewer: a clip or a group, in window scope a window of it. Or a dancer of a group.
-
-    Attributes
-    ----------
-    number
-        Place in the list; a dancer has that of the group.
-    clip
-        The clip's row of the table /clips; that of the first dancer of a group.
-    start, n_frames
-        First frame in the clip and number of frames, at the store's rate.
-    window
-        The window; None for a whole clip.
-    members
-        The dancers of a group, in stored order; empty for a clip.
-    n_source
-        Dancers of the group in the source, more than `members` where some were left out.
-    source
-        Id of the clip, or of the group, that this one is a copy of; else empty.
-    """
-
-    number: int
-    clip: ClipRecord
-    start: int
-    n_frames: int
-    window: Window | None = None
-    members: tuple[Item, ...] = ()
-    n_source: int = 0
-    source: str = ""
-
-    @property
-    def name(self) -> str:
-        """Id of the clip or of the group."""
-        return self.clip.group if self.members else self.clip.id
-
-    @property
-    def id(self) -> str:
-        """The name; in window scope the first frame of the window follows, as in "clip@75"."""
-        return self.name if self.window is None else f"{self.name}@{self.start}"
-
-    @property
-    def part(self) -> str:
-        """What a dancer is called beside the others: number in the source and role, as in "1 leader"."""
-        return f"{self.clip.member} {self.clip.role}".strip()
-
-
-@dataclass(frozen=True)
-class Flag:
-    """A quality flag of an item.
-
-    Attributes
-    ----------
-    time
-        Seconds from the item's first frame; None for a flag of the whole clip.
-    """
-
-    time: float | None
-    kind: str
-    joint: str
-    value: float
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """The drawing of one item. Times are in seconds from its first frame.
-
-    Attributes
-    ----------
-    grid
-        The store's rate, of windows and of loops in links.
-    field
-        Motion field that is drawn; "" if none can be.
-    figure
-        The dancer; None if no field of the dataset has joint positions, and for a group.
-    movement
-        Speed and key motions; None without a figure and a stored field of them, and for a group.
-    windows
-        First frame and length of the dataset's windows, frames at the store's rate.
-    notes
-        Sentences on what is missing or was computed.
-    members
-        Scenes of the dancers of a group; empty for a clip.
-    together
-        Their distances and contacts; None for a clip, and where a dancer has no figure.
-    """
-
-    item: Item
-    grid: FrameGrid
-    field: str
-    figure: Figure | None
-    movement: Movement | None
-    rhythm: Rhythm
-    windows: tuple[tuple[int, int], ...]
-    flags: tuple[Flag, ...]
-    notes: tuple[str, ...]
-    members: tuple[Scene, ...] = ()
-    together: Together | None = None
-
-    @property
-    def dancers(self) -> tuple[Scene, ...]:
-        """The scenes that have figures: those of the members of a group, or this one."""
-        return tuple(scene for scene in self.members or (self,) if scene.figure is not None)
-
-    @property
-    def seconds(self) -> float:
-        """Length of the item."""
-        return float(self.grid.seconds(self.item.n_frames))
-
-
-class Scenes:
+class Scenes(SceneList):
     """The items of a dataset; arrays are read item by item.
 
     Parameters
@@ -219,9 +83,12 @@ class Scenes:
 
     def __init__(self, store: Store, field: str | None = None) -> None:
         self.store = store
+        self.place, self.grid, self.body = str(store.path), store.grid, store.skeleton
         self.readers = drawable_fields(store)
+        self.fields = tuple(self.readers)
         self.field = next(iter(self.readers), None) if field is None else self._drawable(field)
         self._rhythm_field = next(iter(rhythm_fields(store)), None)
+        self._identity = self._file_identity()
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
@@ -239,33 +106,6 @@ class Scenes:
                 )
                 items.append(self._group(members) if dancers[0].group else members[0])
         return tuple(items)
-
-    def items_of(self, name: str) -> list[Item]:
-        """Return the items of a clip or a group, several in window scope; a dancer of a group is an item by himself.
-
-        Raises
-        ------
-        UsageError
-            For an unknown name.
-        """
-        named = self._by_name.get(name, [])
-        if not named:
-            kind = "clip or group" if any(item.members for item in self.items) else "clip"
-            raise UsageError(
-                f"no {kind} named {name!r}", where=str(self.store.path), fix=did_you_mean(name, self._by_name)
-            )
-        return named
-
-    def find(self, name: str, frame: int = 0) -> Item:
-        """Return the item of a clip or a group, in window scope the first one that has a frame of the clip.
-
-        Raises
-        ------
-        UsageError
-            For an unknown name.
-        """
-        named = self.items_of(name)
-        return next((item for item in named if item.start <= frame < item.start + item.n_frames), named[0])
 
     def scene(self, item: Item, field: str | None = None) -> Scene:
         """Read an item.
@@ -292,9 +132,36 @@ class Scenes:
             self.windows_of(item), self._flags_of(item), tuple(_notes(self.store, figure, problem, rhythm)),
         )  # fmt: skip
 
+    @override
     def flag_count(self, item: Item) -> int:
-        """Return the number of flags of an item, those of the whole clip and of all dancers included."""
         return sum(len(self._flags_of(dancer)) for dancer in item.members or (item,))
+
+    @override
+    def about(self) -> dict[str, Any]:
+        meta, counts = self.store.meta, self.store.meta.get("counts", {}).values()
+        total = {key: sum(split.get(key, 0) for split in counts) for key in ("clips", "windows", "hours")}
+        if any("groups" in split for split in counts):
+            total["groups"] = sum(split.get("groups", 0) for split in counts)
+        return {
+            "name": shown(meta.get("name", self.store.path.name), MAX_NAME), "fps": float(self.grid.rate),
+            "rate": str(self.grid), "scope": self.store.scope, **total,
+            "licence": shown(meta.get("licence", ""), 600), "citation": shown(meta.get("citation", ""), 600),
+        }  # fmt: skip
+
+    @override
+    def changed(self) -> bool:
+        try:
+            if self._file_identity() == self._identity:
+                return False
+            reopen(*self.store.reference)
+        except (OSError, StoreError):
+            return True
+        self._identity = self._file_identity()
+        return False
+
+    def _file_identity(self) -> tuple[int, ...]:
+        status = os.stat(self.store.path / DATASET_FILE)
+        return status.st_ino, status.st_size, status.st_mtime_ns
 
     def _drawable(self, field: str) -> str:
         """Return the name of a field that can be drawn; UsageError for another one."""
@@ -331,12 +198,12 @@ class Scenes:
         if name is None:
             return Rhythm.none()
         if item.window is not None:
-            return rhythm_of(self._rows(item, name), self.store, name)
+            return rhythm_of(self._rows(item, name), self.store.field(name))
         lead, rows = self.store.rows_within(item.clip.id, name)
-        return rhythm_of(rows, self.store, name, lead)
+        return rhythm_of(rows, self.store.field(name), lead)
 
+    @override
     def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
-        """Return first frame and length of the windows of an item, frames from the item's first."""
         if item.window is not None:
             return ((0, item.n_frames),)
         return tuple((window.start, window.length) for window in self.store.windows_of(item.clip.id))
@@ -380,18 +247,6 @@ class Scenes:
             split: dict(zip(groups["id"], np.asarray(groups["n_source"]).tolist(), strict=True)) if groups else {}
             for split, groups in tables.items()
         }
-
-    @cached_property
-    def _by_name(self) -> dict[str, list[Item]]:
-        items: dict[str, list[Item]] = {}
-        for item in self.items:
-            for dancer in item.members or (item,):
-                items.setdefault(dancer.clip.id, []).append(dancer)
-        # A clip of the same name comes first: commands name clips.
-        groups = [item for item in self.items if item.members and item.name not in items]
-        for item in groups:
-            items.setdefault(item.name, []).append(item)
-        return items
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hmac
 import json
-import os
 import secrets
 import sys
 import threading
@@ -17,12 +16,10 @@ from typing import Any, TypeVar
 from urllib.parse import parse_qs, quote, urlsplit
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
-from dancedata.store.dataset import reopen
-from dancedata.store.schema import DATASET_FILE
 from dancedata.viewer.comparisons import Comparison, comparison_payload
 from dancedata.viewer.page import page_data, page_parts, whole_page
 from dancedata.viewer.payload import scene_payload
-from dancedata.viewer.scenes import Item, Scenes
+from dancedata.viewer.scene_list import Item, SceneList
 from dancedata.viewer.source import ClipSource, flac
 
 T = TypeVar("T")
@@ -167,7 +164,7 @@ class Site:
     Parameters
     ----------
     scenes
-        The dataset.
+        The items of the page.
     source
         Its source, for music; None without one.
     comparisons
@@ -175,10 +172,9 @@ class Site:
     """
 
     def __init__(
-        self, scenes: Scenes, source: ClipSource | None = None, comparisons: Sequence[Comparison] = ()
+        self, scenes: SceneList, source: ClipSource | None = None, comparisons: Sequence[Comparison] = ()
     ) -> None:
         self.scenes, self.source, self.comparisons = scenes, source, tuple(comparisons)
-        self._identity_before = self._identity()
         self._sliding: list[float | None] | None = None
         self._measured = 0
         self._lock, self._decoding = threading.Lock(), threading.Lock()
@@ -201,7 +197,7 @@ class Site:
         """
         parts = path.removeprefix("/").split("/")
         try:
-            if self._was_rebuilt():
+            if self.scenes.changed():
                 return Answer.of(409, "the dataset was rebuilt")
             if parts == [""]:
                 return Answer(200, self._page, HTML)
@@ -210,7 +206,7 @@ class Site:
             if parts[0] == "clip" and len(parts) in (2, 3, 4):
                 return self._clip(parts[1:], name)
         except StoreError as error:
-            return Answer.of(409 if self._was_rebuilt() else 500, str(error))
+            return Answer.of(409 if self.scenes.changed() else 500, str(error))
         except DanceDataError as error:
             return Answer.of(400, str(error))
         return _NOT_FOUND
@@ -249,21 +245,6 @@ class Site:
             self.scenes, self.scenes.items, comparisons=names, server=True, sound=self.source is not None
         )
         return whole_page(data, data["head"]["name"], meta_policy=False).encode()
-
-    def _identity(self) -> tuple[int, ...]:
-        status = os.stat(self.scenes.store.path / DATASET_FILE)
-        return status.st_ino, status.st_size, status.st_mtime_ns
-
-    def _was_rebuilt(self) -> bool:
-        """Whether another dataset is at the path now."""
-        try:
-            if self._identity() == self._identity_before:
-                return False
-            reopen(*self.scenes.store.reference)
-        except (OSError, StoreError):
-            return True
-        self._identity_before = self._identity()
-        return False
 
     def _sliding_so_far(self) -> dict[str, Any]:
         with self._lock:

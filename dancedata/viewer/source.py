@@ -21,7 +21,7 @@ from dancedata.pipeline.source_music import SourceMusic, dataset_of
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store
 from dancedata.viewer.figure import Figure
-from dancedata.viewer.scenes import Item, Scene
+from dancedata.viewer.scene_list import Item, Scene
 
 #: Highest sample rate that a page gets, and most seconds.
 MAX_RATE, MAX_SECONDS = 48_000, 600.0

@@ -1,0 +1,244 @@
+"""Items that a page lists, and scenes as they are drawn, of a dataset or of any other motion."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.grid import FrameGrid
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import Skeleton
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.viewer.figure import Figure, Movement
+from dancedata.viewer.together import Together
+
+#: Most characters of a name on the page; ids of clips are never shortened, as links need them.
+MAX_NAME = 120
+
+
+@dataclass(frozen=True, eq=False)
+class Rhythm:
+    """Beats and onsets of a clip's music, as the dataset stores them.
+
+    Attributes
+    ----------
+    beats
+        (B,) instants of the beats, seconds from the clip's first frame.
+    onset
+        (n,) onset curve, 0 to 1; empty if none is stored.
+    onset_rate
+        Values of `onset` per second.
+    field
+        Audio field that they are read from; "" if there is none.
+    """
+
+    beats: Float64Array
+    onset: Float64Array
+    onset_rate: float = 0.0
+    field: str = ""
+
+    @classmethod
+    def none(cls) -> Rhythm:
+        """Return the rhythm of a dataset without beats."""
+        return cls(np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Item:
+    """One entry of the list of a viewer: a clip or a group, in window scope a window of it. Or a dancer of a group.
+
+    Attributes
+    ----------
+    number
+        Place in the list; a dancer has that of the group.
+    clip
+        The clip's row of the table /clips; that of the first dancer of a group.
+    start, n_frames
+        First frame in the clip and number of frames, at the store's rate.
+    window
+        The window; None for a whole clip.
+    members
+        The dancers of a group, in stored order; empty for a clip.
+    n_source
+        Dancers of the group in the source, more than `members` where some were left out.
+    source
+        Id of the clip, or of the group, that this one is a copy of; else empty.
+    """
+
+    number: int
+    clip: ClipRecord
+    start: int
+    n_frames: int
+    window: Window | None = None
+    members: tuple[Item, ...] = ()
+    n_source: int = 0
+    source: str = ""
+
+    @property
+    def name(self) -> str:
+        """Id of the clip or of the group."""
+        return self.clip.group if self.members else self.clip.id
+
+    @property
+    def id(self) -> str:
+        """The name; in window scope the first frame of the window follows, as in "clip@75"."""
+        return self.name if self.window is None else f"{self.name}@{self.start}"
+
+    @property
+    def part(self) -> str:
+        """What a dancer is called beside the others: number in the source and role, as in "1 leader"."""
+        return f"{self.clip.member} {self.clip.role}".strip()
+
+
+@dataclass(frozen=True)
+class Flag:
+    """A quality flag of an item.
+
+    Attributes
+    ----------
+    time
+        Seconds from the item's first frame; None for a flag of the whole clip.
+    """
+
+    time: float | None
+    kind: str
+    joint: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The drawing of one item. Times are in seconds from its first frame.
+
+    Attributes
+    ----------
+    grid
+        The store's rate, of windows and of loops in links.
+    field
+        Motion field that is drawn; "" if none can be.
+    figure
+        The dancer; None if no field of the dataset has joint positions, and for a group.
+    movement
+        Speed and key motions; None without a figure and a stored field of them, and for a group.
+    windows
+        First frame and length of the dataset's windows, frames at the store's rate.
+    notes
+        Sentences on what is missing or was computed.
+    members
+        Scenes of the dancers of a group; empty for a clip.
+    together
+        Their distances and contacts; None for a clip, and where a dancer has no figure.
+    """
+
+    item: Item
+    grid: FrameGrid
+    field: str
+    figure: Figure | None
+    movement: Movement | None
+    rhythm: Rhythm
+    windows: tuple[tuple[int, int], ...]
+    flags: tuple[Flag, ...]
+    notes: tuple[str, ...]
+    members: tuple[Scene, ...] = ()
+    together: Together | None = None
+
+    @property
+    def dancers(self) -> tuple[Scene, ...]:
+        """The scenes that have figures: those of the members of a group, or this one."""
+        return tuple(scene for scene in self.members or (self,) if scene.figure is not None)
+
+    @property
+    def seconds(self) -> float:
+        """Length of the item."""
+        return float(self.grid.seconds(self.item.n_frames))
+
+
+class SceneList(ABC):
+    """Items, each with a scene.
+
+    Attributes
+    ----------
+    place
+        What they are read from, for messages.
+    grid
+        Rate at which items are counted.
+    body
+        Body of positions whose joints have no names in a file.
+    fields
+        Motion fields that can be drawn; empty where there is no choice.
+    """
+
+    place: str
+    grid: FrameGrid
+    body: Skeleton
+    fields: tuple[str, ...] = ()
+
+    @property
+    @abstractmethod
+    def items(self) -> Sequence[Item]:
+        """The items in their order, numbered from 0."""
+
+    @abstractmethod
+    def scene(self, item: Item, field: str | None = None) -> Scene:
+        """Read an item; `field`, one of `fields`, is drawn."""
+
+    @abstractmethod
+    def about(self) -> dict[str, Any]:
+        """Return the head of the page: name, numbers and licence, as JSON data."""
+
+    def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
+        """Return first frame and length of the windows of an item, frames from the item's first."""
+        return ()
+
+    def flag_count(self, item: Item) -> int:
+        """Return the number of flags of an item, those of the whole clip and of all dancers included."""
+        return 0
+
+    def changed(self) -> bool:
+        """Whether other items are at the place now."""
+        return False
+
+    def items_of(self, name: str) -> list[Item]:
+        """Return the items of a clip or a group, several in window scope; a dancer of a group is an item by himself.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name.
+        """
+        named = self._by_name.get(name, [])
+        if not named:
+            kind = "clip or group" if any(item.members for item in self.items) else "clip"
+            raise UsageError(f"no {kind} named {name!r}", where=self.place, fix=did_you_mean(name, self._by_name))
+        return named
+
+    def find(self, name: str, frame: int = 0) -> Item:
+        """Return the item of a clip or a group, in window scope the first one that has a frame of the clip.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name.
+        """
+        named = self.items_of(name)
+        return next((item for item in named if item.start <= frame < item.start + item.n_frames), named[0])
+
+    @cached_property
+    def _by_name(self) -> dict[str, list[Item]]:
+        items: dict[str, list[Item]] = {}
+        for item in self.items:
+            for dancer in item.members or (item,):
+                items.setdefault(dancer.clip.id, []).append(dancer)
+        # A clip of the same name comes first: commands name clips.
+        groups = [item for item in self.items if item.members and item.name not in items]
+        for item in groups:
+            items.setdefault(item.name, []).append(item)
+        return items
