@@ -1,6 +1,5 @@
 """dancedata view and dancedata report: pages for the browser."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +10,11 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
 
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
+VIEW_HELP = "A built dataset, a folder of motion files, or one: .bvh, .npz, .npy, .pkl."
+COLUMNS_HELP = "What columns of motion files are: edge151, ..."
+MUSIC_HELP = "Music of motion files: a file, a folder of files named as they are, or a CSV file with clip,song."
+WALL_HELP = "All on one stage: a clip and what it is compared with, or the clips of a song; at most 12."
+SIZE_HELP = "With --video: WIDTHxHEIGHT in pixels, such as 1080x1920 or 1080x1080."
 COMPARE_HELP = "Another dataset, a folder of <clip>.npy, .npz, .pkl or .bvh, or one such file; repeat it for several."
 AS_HELP = "What columns of --compare are: edge151, ...; default: joint positions, or the files' own rotations."
 VIDEO_HELP = "Write the clip as a video, and serve nothing; needs the extra video."
@@ -20,17 +24,25 @@ SHARE_HELP = "You state that you have the right to pass this music on."
 
 @errors_to_exit_codes
 def view(
-    store: Annotated[Path, typer.Argument(metavar="OUT", help="A built dataset.")],
+    store: Annotated[Path, typer.Argument(metavar="X", help=VIEW_HELP)],
     clip: Annotated[str, typer.Argument(help="Id of the clip or group to begin with.")] = "",
+    columns: Annotated[str | None, typer.Option("--as", metavar="REPRESENTATION", help=COLUMNS_HELP)] = None,
+    like: Annotated[Path | None, typer.Option(metavar="STORE", help="Dataset with their scaler and rate.")] = None,
+    music: Annotated[Path | None, typer.Option(metavar="PATH", help=MUSIC_HELP)] = None,
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     compare: Annotated[list[Path] | None, typer.Option(help=COMPARE_HELP)] = None,
     compare_as: Annotated[str | None, typer.Option(metavar="REPRESENTATION", help=AS_HELP)] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
     clip_to_range: Clip = False,
-    fps: Annotated[str | None, typer.Option(help="Frame rate of --compare; default: the dataset's.")] = None,
-    up: Annotated[str, typer.Option(help="Up axis of --compare: y or z.")] = "y",
-    unit: Annotated[str, typer.Option(help="Unit of --compare: m, cm, mm, inch.")] = "m",
+    fps: Annotated[str | None, typer.Option(help="Frame rate of motion files; default: the dataset's.")] = None,
+    up: Annotated[str, typer.Option(help="Up axis of motion files: y or z.")] = "y",
+    unit: Annotated[
+        str | None, typer.Option(help="Unit of motion files: m, cm, ...; default: m, guessed of BVH.")
+    ] = None,
+    wall: Annotated[bool, typer.Option("--wall", help=WALL_HELP)] = False,
+    mirrored: Annotated[bool, typer.Option("--mirrored", help="Show the mirrored dancer.")] = False,
+    overlay: Annotated[bool, typer.Option("--overlay", help="Draw --compare over the dancer.")] = False,
     field: Annotated[str | None, typer.Option(help="Motion field to draw; default: the first that decodes.")] = None,
     at: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time to begin at.")] = 0.0,
     window: Annotated[int | None, typer.Option(min=0, help="Loop this window of the clip, from 0.")] = None,
@@ -38,69 +50,39 @@ def view(
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
     export: Annotated[Path | None, typer.Option(metavar="FILE.html", help=EXPORT_HELP)] = None,
     video: Annotated[Path | None, typer.Option(metavar="FILE.mp4", help=VIDEO_HELP)] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help=SIZE_HELP)] = "1280x720",
     audio: Annotated[str, typer.Option(help="With --export or --video: none, or embed the clip's music.")] = "none",
     share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
     overwrite: Annotated[bool, typer.Option(help="With --export or --video: replace the file.")] = False,
 ) -> None:
-    """Look at a dataset in the browser: dancedata view OUT [CLIP]. Ctrl-C ends it."""
-    from dancedata.viewer.view import ViewRequest, export_page, serve
+    """Look at a dataset, or at any motion, in the browser: dancedata view X [CLIP]. Ctrl-C ends it."""
+    from dancedata.viewer.request import ViewRequest
+    from dancedata.viewer.view import export_page, serve
 
     if audio not in ("none", "embed"):
         raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
-    options = {
-        "--compare-as": compare_as, "--normalized or --not-normalized": normalized, "--scaler": scaler,
-        "--clip-values": clip_to_range or None, "--fps": fps, "--up": None if up == "y" else up,
-        "--unit": None if unit == "m" else unit,
-    }  # fmt: skip
-    if not compare:
-        _require_served(options, "", fix="name the files: --compare FOLDER")
-    if video is not None:
-        _require_served({"--compare": compare, "--window": window, "--export": export}, "--video")
-        _write_video(store, clip, video, field, source, at, embed=audio == "embed", shared=share, overwrite=overwrite)
-        return
+    if export is not None and video is not None:
+        raise UsageError("--export and --video are two outputs", fix="call it for each")
     request = ViewRequest(
-        store, clip, field, source, tuple(compare or ()), compare_as, normalized, fps, up, unit, at, window, scaler,
-        clip_to_range,
+        path=store, clip=clip, field=field, source=source, columns=columns, like=like, music=music,
+        compare=tuple(compare or ()), compare_as=compare_as, normalized=normalized, fps=fps, up=up, unit=unit, at=at,
+        window=window, scaler=scaler, clip_to_range=clip_to_range, mirrored=mirrored, overlay=overlay, wall=wall,
     )  # fmt: skip
+    share_options: dict[str, Any] = {"audio": audio == "embed", "shared": share, "overwrite": overwrite}
     if export is not None:
-        _require_served({"--compare": compare, "--at": at or None}, "--export")
-        page = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
-        typer.echo(str(page))
-        return
-    if audio != "none":
+        typer.echo(str(export_page(request, export, **share_options)))
+    elif video is not None:
+        from dancedata.plot.video import export_video
+
+        typer.echo(str(export_video(request, video, size=size, **share_options)))
+        if audio == "none":
+            typer.echo("  without sound; with the clip's music: --source DIR or --music PATH, and --audio embed")
+    elif audio != "none":
         raise UsageError(
             "--audio goes with --export or --video", fix="the page that is served plays the music of --source"
         )
-    serve(request, port=port, browser=not no_browser, say=typer.echo)
-
-
-def _require_served(options: Mapping[str, object], output: str, fix: str = "") -> None:
-    """Raise UsageError for options without effect on the file `output`, or without --compare."""
-    named = [name for name, value in options.items() if value not in (None, [])]
-    if named:
-        raise UsageError(
-            f"{' and '.join(named)} would have no effect {f'with {output}' if output else 'without --compare'}",
-            fix=fix or f"leave {output} out and look at the page that is served, or leave out the others",
-        )
-
-
-def _write_video(
-    store: Path, clip: str, video: Path, field: str | None, source: Path | None, at: float, *, embed: bool,
-    shared: bool, overwrite: bool,
-) -> None:  # fmt: skip
-    from dancedata.plot.video import write_video
-
-    if not clip:
-        raise UsageError("a video shows one clip or group", fix="name it: dancedata view OUT CLIP --video FILE.mp4")
-    if embed and source is None:
-        raise UsageError("the music is needed", fix="name the folder with it: --source DIR")
-    music = source if embed else None
-    written = write_video(
-        store, clip, video, source=music, field=field, start_s=at, may_share=shared, overwrite=overwrite
-    )
-    typer.echo(str(written))
-    if not embed:
-        typer.echo("  without sound; with the clip's music: --source DIR --audio embed")
+    else:
+        serve(request, port=port, browser=not no_browser, say=typer.echo)
 
 
 TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."

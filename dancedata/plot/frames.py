@@ -185,6 +185,8 @@ THEMES: dict[Theme, dict[str, str]] = {
         "path": "#8a5a00", "contact": "#00866a", "wave": "#77828f", "sides": "#4a525c #0072b2 #b85c00",
     },
 }  # fmt: skip
+#: Seconds at the end in which the credit is shown.
+_CREDIT_S = 2.0
 #: Seconds of the path that are drawn strongly.
 _RECENT_S = 1.5
 #: Width of bones, and radius of the head and of the ring of a contact, metres.
@@ -205,6 +207,8 @@ class Frames:
         Width and height, pixels.
     times
         (N,) instants of the frames, seconds.
+    credit
+        Line in the picture of the last two seconds.
     """
 
     scene: Scene
@@ -212,6 +216,7 @@ class Frames:
     size: tuple[int, int]
     times: Float64Array
     theme: Theme = "dark"
+    credit: str = ""
 
     def __iter__(self) -> Iterator[bytes]:
         for number in range(len(self.times)):
@@ -228,7 +233,23 @@ class Frames:
         self._cursor(_pen(picture), time)
         small: Image = picture.reduce(FINER)
         self._clock(_pen(small), time, at)
+        if self.credit and float(self.times[-1]) - time < _CREDIT_S:
+            self._credit(_pen(small))
         return small
+
+    def _credit(self, draw: ImageDraw) -> None:
+        """Write the credit at the foot of the stage, in as many lines as it takes."""
+        size = max(9, min(self.size) // 60)
+        font, width = text_font(size), 0.96 * self.size[0]
+        lines = [""]
+        for word in self.credit.split():
+            longer = f"{lines[-1]} {word}".strip()
+            lines = [*lines[:-1], longer] if font.getlength(longer) <= width else [*lines, word]
+        foot = round(self.size[1] * (1 - self._share)) - size
+        for number, line in enumerate(reversed(lines[:4])):
+            at = (0.02 * self.size[0], foot - 1.25 * size * number)
+            draw.text(at, line, fill=self._colours["ink"], font=font, anchor="ls", stroke_width=1,
+                      stroke_fill=self._colours["bg"])  # fmt: skip
 
     @property
     def _rate(self) -> float:

@@ -9,10 +9,11 @@ import signal
 import subprocess
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, cast
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -28,9 +29,11 @@ from dancedata.plot.frames import THEMES, Frames
 from dancedata.plot.group_frames import GroupFrames
 from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
-from dancedata.viewer import Figure, Item, Scene, Scenes
+from dancedata.viewer import Figure, Scene, Scenes
+from dancedata.viewer.notebook import Motions, motion_scenes_of
 from dancedata.viewer.palette import Theme
-from dancedata.viewer.source import ClipSource
+from dancedata.viewer.request import Shown, ViewRequest
+from dancedata.viewer.source import ClipSound, ClipSource
 
 #: Errors of a disk or quota without room.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -149,11 +152,58 @@ def _feed(pipe: IO[bytes], frames: Iterable[bytes]) -> None:
 _SIDES = (128, 4096)
 
 
+def write_scene(
+    target: Path,
+    scene: Scene,
+    sound: ClipSound | None,
+    *,
+    size: tuple[int, int],
+    theme: Theme = "dark",
+    start_s: float = 0.0,
+    length_s: float | None = None,
+    credit: str = "",
+) -> Path:
+    """Write a scene as a video: the dancers, and below music, speed and contacts in time.
+
+    Parameters
+    ----------
+    sound
+        Its music; None: a silent video.
+    size
+        Width and height, pixels.
+    start_s, length_s
+        Part of the scene, seconds; default: all of it.
+    credit
+        Licence and citation, for the picture of the last two seconds and the file's comment.
+
+    Raises
+    ------
+    UsageError
+        If Pillow or ffmpeg is not installed, an argument is invalid, or nothing of the scene can be drawn.
+    StoreError
+        If the file cannot be written.
+    """
+    _require_drawable(size, theme)
+    figure = next((dancer.figure for dancer in scene.dancers), None)
+    if figure is None:
+        raise UsageError("nothing of this clip can be drawn", where=scene.item.id, found="; ".join(scene.notes))
+    times = _times(scene, figure, start_s, length_s)
+    music = None if sound is None else _part(sound.signal, times, figure)
+    frames = (GroupFrames if scene.members else Frames)(scene, figure, size, times, theme, credit)
+    try:
+        write_mp4(target, frames, size, figure.grid.rate, music, comment=credit)
+    except OSError as error:
+        fix = "name a file in a folder that you can write to, on a disk with free space; nothing was left there"
+        raise StoreError("the video cannot be written", where=target, found=str(error), fix=fix) from error
+    return target
+
+
 def write_video(
-    store: Store | str | Path,
+    store: Store | str | Path | Motions,
     clip: str,
     path: str | Path,
     *,
+    music: str | Path | None = None,
     source: str | Path | None = None,
     field: str | None = None,
     frame: int = 0,
@@ -169,13 +219,15 @@ def write_video(
     Parameters
     ----------
     store
-        A built dataset, open or its folder.
+        A built dataset, open or its folder; or a Motion, or several by name.
     clip
-        Id of a clip, or name of a group.
+        Id of a clip, or name of a group; of motions their name, "" for the first.
     path
         File to write, ``.mp4``.
+    music
+        Of motions: a music file, or folder of files named as they are; None: a silent video.
     source
-        Folder with the music that the dataset was built from; None: a silent video.
+        Of a dataset: folder with the music that it was built from; None: a silent video.
     field
         Motion field to draw; default: the best one.
     frame
@@ -211,27 +263,80 @@ def write_video(
     PosixPath('dance.mp4')
     """
     target = Path(path)
-    if target.suffix.lower() != ".mp4":
-        raise UsageError("a video is an mp4 file", found=shown(target.name), allowed="a name that ends in .mp4")
+    require_video_name(target)
     _require_drawable(size, theme)
+    part: dict[str, Any] = {"start_s": start_s, "length_s": length_s}
+    if not isinstance(store, Store | str | Path):
+        motions = motion_scenes_of(store, music)
+        item = motions.find(clip) if clip else motions.items[0]
+        target = require_free(target, [], "video", overwrite=overwrite)
+        return write_scene(target, motions.scene(item), motions.sound(item), size=size, theme=theme, **part)
     ds = store if isinstance(store, Store) else open_store(store)
     target = require_free(target, [ds.path], "video", overwrite=overwrite)
-    notice = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
+    credit = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
     scenes = Scenes(ds, field)
     item = scenes.find(clip, frame)
-    scene = scenes.scene(item)
-    figure = next((dancer.figure for dancer in scene.dancers), None)
-    if figure is None:
-        raise UsageError("no field of this dataset can be drawn", where=str(ds.path), found="; ".join(scene.notes))
-    times = _times(scene, figure, start_s, length_s)
-    sound = None if source is None else _sound(ds, item, Path(source).expanduser(), times, figure)
-    frames = (GroupFrames if scene.members else Frames)(scene, figure, size, times, theme)
-    try:
-        write_mp4(target, frames, size, figure.grid.rate, sound, comment=notice)
-    except OSError as error:
-        fix = "name a file in a folder that you can write to, on a disk with free space; nothing was left there"
-        raise StoreError("the video cannot be written", where=target, found=str(error), fix=fix) from error
-    return target
+    sound = None
+    if source is not None:
+        sound = ClipSource(ds, Path(source).expanduser()).sound(item)
+        if sound is None:
+            raise UsageError("there is no music for this clip", where=source, found=f"clip {shown(item.id)}")
+    return write_scene(target, scenes.scene(item), sound, size=size, theme=theme, credit=credit, **part)
+
+
+def export_video(
+    request: ViewRequest,
+    to: Path,
+    *,
+    size: str = "1280x720",
+    audio: bool = False,
+    shared: bool = False,
+    overwrite: bool = False,
+) -> Path:
+    """Write one clip as a video; what it is compared with stands beside it, or over it.
+
+    Parameters
+    ----------
+    size
+        Width and height in pixels, as in "1080x1920".
+    audio, shared, overwrite
+        As in `viewer.view.export_page`.
+
+    Raises
+    ------
+    UsageError
+        As `write_scene`; for another name than of an .mp4 file, and music that may not be passed on.
+    StoreError
+        If it cannot be written.
+    """
+    require_video_name(to)
+    sides = size.lower().split("x")
+    if len(sides) != 2 or not all(side.isdecimal() for side in sides):
+        raise UsageError("invalid size of a video", found=size, allowed="WIDTHxHEIGHT, such as 1080x1920")
+    pixels = int(sides[0]), int(sides[1])
+    _require_drawable(pixels, "dark")
+    if not request.clip:
+        raise UsageError(
+            "a video shows one clip, group or wall", fix="name it: dancedata view X CLIP --video FILE.mp4"
+        )
+    to = require_free(to, [request.path], "video", overwrite=overwrite)
+    opened = Shown.of(replace(request, wall=request.wall or bool(request.compare)))
+    sound, credit = None, opened.credit
+    if audio:
+        signal, notice = opened.shared_music(allowed_by_caller=shared)
+        sound, credit = ClipSound(signal), f"{credit} {notice}".strip()
+    scene = opened.scenes.scene(opened.item, request.field)
+    if request.mirrored:
+        scene = scene.mirrored()
+    begin, end = opened.span
+    return write_scene(to, scene, sound, size=pixels, start_s=begin, length_s=end, credit=credit)
+
+
+def require_video_name(path: Path) -> None:
+    """Raise UsageError unless a file is named as a video."""
+    if path.suffix.lower() != ".mp4":
+        page = "; a page is written with --export" if path.suffix.lower() in (".html", ".htm") else ""
+        raise UsageError("a video is an mp4 file", found=shown(path.name), allowed="a name that ends in .mp4" + page)
 
 
 def _require_drawable(size: tuple[int, int], theme: str) -> None:
@@ -260,12 +365,8 @@ def _times(scene: Scene, figure: Figure, start_s: float, length_s: float | None)
     return np.arange(first, last) / rate
 
 
-def _sound(store: Store, item: Item, source: Path, times: Float64Array, figure: Figure) -> AudioSignal:
+def _part(music: AudioSignal, times: Float64Array, figure: Figure) -> AudioSignal:
     """Return the music of the frames; silence where it ends before them."""
-    sound = ClipSource(store, source).sound(item)
-    if sound is None:
-        raise UsageError("there is no music for this clip", where=source, found=f"clip {shown(item.id)}")
-    music = sound.signal
     first = round(float(times[0]) * music.sample_rate)
     n = round(float(figure.grid.seconds(len(times))) * music.sample_rate)
     part = music.samples[first : first + n]

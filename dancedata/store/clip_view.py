@@ -87,7 +87,7 @@ class ClipView(ClipRecord):
     def _repr_html_(self) -> str:
         """Show the clip in a notebook: the player of `dancedata view`, complete in itself."""
         # By name: a store is read without what draws it.
-        html: str = import_module("dancedata.viewer.page").clip_html(self.store, self)
+        html: str = import_module("dancedata.viewer.notebook").view_clip(self.store, self)._repr_html_()
         return html
 
     def __repr__(self) -> str:

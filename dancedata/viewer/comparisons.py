@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import REPRESENTATIONS
@@ -25,12 +24,9 @@ from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Scaling
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.payload import Json, curve, figure_payload
-from dancedata.viewer.scene_list import Scene
+from dancedata.viewer.scene_list import Scene, SceneList
 from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.source import ClipSource
-
-#: Metres; far larger numbers cannot be distinguished from the square of a distance that overflows.
-_FARTHEST = 1e7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,37 +90,32 @@ class FilesComparison(Comparison):
         path = path_of_item or self.paths.get(item.clip.id) or self.any_clip
         if path is None:
             raise DataError(f"{self.name} has no file for this clip", reason="missing_file")
-        pose = FileClip(id=item.id, path=path, format=self.form).pose()
-        if not np.abs(pose.joints).max() <= _FARTHEST:
-            raise DataError(
-                "joint positions are too far away to be drawn",
-                reason="out_of_range",
-                where=str(path),
-                found=f"{np.abs(pose.joints).max():g} m",
-                allowed=f"at most {_FARTHEST:g} m, of numbers in the unit that --unit names",
-            )
-        skeleton = _skeleton(pose.names, self.body) if pose.motion is None else pose.motion.skeleton
-        whole = Figure.of_joints(pose.joints, skeleton, pose.grid)
+        whole = Figure.of_pose(FileClip(id=item.id, path=path, format=self.form).pose(), self.body, path)
         # A file of a window begins with the window; one of a clip, with the clip.
         begin = 0.0 if path_of_item is not None or path == self.any_clip else float(scene.grid.seconds(item.start))
         return whole.part(begin, scene.seconds)
 
 
 def file_format(
-    store: Store,
+    store: Store | None,
     *,
+    grid: FrameGrid | None = None,
     representation: str | None = None,
     normalized: bool | None = None,
     scaler: MinMax | str | Path | None = None,
     clip: bool = False,
     fps: str | None = None,
     up: str = "y",
-    unit: str = "m",
+    unit: str | None = None,
 ) -> FileFormat:
-    """Return the format in which files of a comparison are read.
+    """Return the format in which files of motion are read.
 
     Parameters
     ----------
+    store
+        The dataset whose fields and scalers their columns have; None for none.
+    grid
+        Rate of files that do not state it, without `fps`. Default: the dataset's; without one they must.
     representation
         What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
     normalized
@@ -135,29 +126,35 @@ def file_format(
     clip
         Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     fps
-        Frames per second of files that do not state them. Default: the representation's rate, else the store's.
+        Frames per second of files that do not state them. Default: the representation's rate, else `grid`.
 
     Raises
     ------
     UsageError
         For an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
     """
-    grid = store.grid if fps is None else FrameGrid.of(fps)
+    grid = grid or (None if store is None else store.grid)
+    rate = grid if fps is None else FrameGrid.of(fps)
     if representation is None:
-        return FileFormat(fps=str(grid), up=up, unit=unit)
+        return FileFormat(fps=None if rate is None else str(rate), up=up, unit=unit)
     name, _ = REPRESENTATIONS.split(representation)
     plugin = make_named(REPRESENTATIONS, "motion", name, {})
-    if representation in store.fields:
-        grid = store.field(representation).grid if fps is None else grid
-    elif fps is None and plugin.rate is not None:
-        grid = FrameGrid(plugin.rate)
-    like = store if representation in store.fields or normalized else None
+    stored = store is not None and representation in store.fields
+    if fps is None:
+        of_field = store.field(representation).grid if store is not None and stored else None
+        rate = of_field or (None if plugin.rate is None else FrameGrid(plugin.rate)) or grid
+    if rate is None:
+        raise UsageError(
+            f"the frame rate of columns of {representation} is unknown",
+            fix="give it with --fps, or with --like STORE",
+        )
+    like = store if stored or normalized else None
     scaling = Scaling.of(like, representation, plugin.columns.labels, normalized=normalized, scaler=scaler, clip=clip)
-    return FileFormat(fps=str(grid), up=up, unit=unit, columns=ColumnsReader(plugin, grid, scaling))
+    return FileFormat(fps=str(rate), up=up, unit=unit, columns=ColumnsReader(plugin, rate, scaling))
 
 
-def comparison_of(path: Path, store: Store, form: FileFormat) -> Comparison:
-    """Return the comparison with a path: another dataset, a folder of motion files, or one file.
+def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison:
+    """Return the comparison of scenes with a path: another dataset, a folder of motion files, or one file.
 
     Raises
     ------
@@ -169,11 +166,11 @@ def comparison_of(path: Path, store: Store, form: FileFormat) -> Comparison:
     if (path / "dataset.json").is_file():
         return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)
     if path.is_file() and path.suffix.lower() in MOTION_SUFFIXES:
-        any_clip = None if any(path.stem == clip.id for clip in store.clips) else path
+        any_clip = None if scenes.has(path.stem) else path
         _require_stated(path, form)
         paths = {path.stem: path}
         return FilesComparison(
-            paths={path.stem: path}, any_clip=any_clip, form=form, body=store.skeleton, name=path.name
+            paths={path.stem: path}, any_clip=any_clip, form=form, body=scenes.body, name=path.name
         )
     if not path.is_dir():
         allowed = f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}"
@@ -186,7 +183,7 @@ def comparison_of(path: Path, store: Store, form: FileFormat) -> Comparison:
         twice = [p.name for p in files if paths[p.stem] != p]
         raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
     _require_stated(files[0], form)
-    return FilesComparison(paths=paths, any_clip=None, form=form, body=store.skeleton, name=path.name)
+    return FilesComparison(paths=paths, any_clip=None, form=form, body=scenes.body, name=path.name)
 
 
 def _require_stated(path: Path, form: FileFormat) -> None:
@@ -237,9 +234,3 @@ def _compared(comparison: Comparison, scene: Scene) -> tuple[Json, Float64Array 
 def _distance(distance: Float64Array, figure: Figure) -> Json:
     mean = round(float(distance[np.isfinite(distance)].mean()), 4)
     return {"distance": curve(distance, float(figure.grid.rate)), "mean": mean}
-
-
-def _skeleton(names: tuple[str, ...], body: Skeleton) -> Skeleton:
-    skeletons = (body, *SKELETONS.values())
-    skeleton = next((s for s in skeletons if s.joints == names), None)
-    return skeleton or SMPLX55.subset("part", names)

@@ -9,19 +9,22 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.contacts.velocity import Velocity
+from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.dance import checked_joints
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import KeyMotion, key_motion
-from dancedata.store.motion_fields import ColumnsReader
+from dancedata.store.motion_fields import ColumnsReader, Pose
 
 BoolArray = npt.NDArray[np.bool_]
 #: Quantile of the heights of the feet that is the floor: a foot that sinks in for a few frames does not lower it.
 _FLOOR_SHARE = 0.02
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
 _BODY = 22
+#: Metres; far larger numbers cannot be distinguished from the square of a distance that overflows.
+_FARTHEST_M = 1e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +92,29 @@ class Figure:
         places = np.asarray(joints, dtype=np.float64)
         contacts = Velocity()(places, grid, skeleton) > 0.5
         return cls(places, skeleton, grid, contacts, skeleton.feet)
+
+    @classmethod
+    def of_pose(cls, pose: Pose, body: Skeleton, where: object) -> Figure:
+        """Make the figure of a pose; `body` has the bones of positions whose names are those of its joints.
+
+        Raises
+        ------
+        DataError
+            For positions that are too far away to be drawn.
+        """
+        farthest = float(np.abs(pose.joints).max())
+        if not farthest <= _FARTHEST_M:
+            raise DataError(
+                "joint positions are too far away to be drawn",
+                reason="out_of_range",
+                where=str(where),
+                found=f"{farthest:g} m",
+                allowed=f"at most {_FARTHEST_M:g} m, of numbers in the unit that --unit names",
+            )
+        if pose.motion is not None:
+            return cls.of_joints(pose.joints, pose.motion.skeleton, pose.grid)
+        skeleton = next((s for s in (body, *SKELETONS.values()) if s.joints == pose.names), None)
+        return cls.of_joints(pose.joints, skeleton or SMPLX55.subset("part", pose.names), pose.grid)
 
     @classmethod
     def of_columns(cls, rows: npt.NDArray[np.generic], reader: ColumnsReader) -> Figure:
@@ -169,6 +195,29 @@ class Figure:
                 allowed=f"more than {first}",
             )
         return replace(self, joints=self.joints[frames], contacts=self.contacts[frames])
+
+    def shifted(self, by: npt.ArrayLike) -> Figure:
+        """Return the figure moved by (3,) metres."""
+        return replace(self, joints=self.joints + np.asarray(by, dtype=np.float64))
+
+    def mirrored(self) -> Figure:
+        """Return the figure reflected across the plane x = 0, left and right exchanged."""
+        order = np.arange(self.skeleton.n_joints)
+        for left, right in self.skeleton.pairs:
+            order[left], order[right] = right, left
+        feet = [self.contact_joints.index(int(order[joint])) for joint in self.contact_joints]
+        return replace(self, joints=self.joints[:, order] * (-1, 1, 1), contacts=self.contacts[:, feet])
+
+    def resampled(self, grid: FrameGrid, seconds: float) -> Figure:
+        """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
+        count = max(1, round(seconds * float(grid.rate)))
+        period, new = self.grid.common_period(grid)
+        frames = np.minimum(np.arange(count, dtype=np.float64) * period / new, self.n_frames - 1)
+        lower = frames.astype(np.int64)
+        upper = np.minimum(lower + 1, self.n_frames - 1)
+        share = (frames - lower)[:, None, None]
+        joints = self.joints[lower] * (1 - share) + self.joints[upper] * share
+        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower])
 
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.

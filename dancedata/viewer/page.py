@@ -11,17 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.text import shown
-from dancedata.store import ClipView, Store
+from dancedata.viewer.comparisons import Comparison, comparison_payload
 from dancedata.viewer.payload import Json, item_rows, page_json, scene_payload
 from dancedata.viewer.scene_list import Item, SceneList
-from dancedata.viewer.scenes import Scenes
 
 _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
-#: Height of the output of a notebook cell, CSS pixels.
-_CELL_HEIGHT = 640
-#: Most windows of a clip of window scope that one output holds.
-_CELL_WINDOWS = 24
 
 
 @dataclass(frozen=True)
@@ -99,6 +94,7 @@ def page_data(
     comparisons: Sequence[str] = (),
     server: bool = False,
     single: bool = False,
+    address: str = "",
 ) -> Json:
     """Return the data of a page.
 
@@ -118,6 +114,8 @@ def page_data(
         Whether clips are fetched from the server of the page.
     single
         Whether the list of clips is left out.
+    address
+        Fragment of the address that is followed where the page's own has none.
     """
     counts = tuple(scenes.flag_count(item) for item in items)
     inside = sound if isinstance(sound, PageSound) else PageSound()
@@ -125,7 +123,8 @@ def page_data(
     document: dict[str, Any] = {
         "head": {**head, "takes": list(comparisons), "sound": bool(sound), "notice": inside.notice},
         "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,
-        "single": single, "audio": {k: base64.b64encode(data).decode() for k, data in inside.files.items()},
+        "single": single, "at": address,
+        "audio": {k: base64.b64encode(data).decode() for k, data in inside.files.items()},
     }  # fmt: skip
     return document
 
@@ -136,26 +135,25 @@ def data_script(document: Json) -> str:
 
 
 def clip_page(
-    scenes: SceneList, items: Sequence[Item], *, sound: PageSound | None = None, single: bool = False
+    scenes: SceneList,
+    items: Sequence[Item],
+    *,
+    sound: PageSound | None = None,
+    single: bool = False,
+    comparisons: Sequence[Comparison] = (),
+    address: str = "",
 ) -> str:
-    """Return one self-contained HTML page that plays items; it works from a file, offline."""
-    clips = {k: {**scene_payload(scenes.scene(item)), "number": k} for k, item in enumerate(items)}
-    document = page_data(scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1)
+    """Return one self-contained HTML page that plays items, with what they are compared with; it works offline."""
+    clips = {}
+    for number, item in enumerate(items):
+        scene = scenes.scene(item)
+        compared = {c.name: comparison_payload(c, scene) for c in comparisons}
+        clips[number] = {**scene_payload(scene), "number": number, **({"with": compared} if compared else {})}
+    document = page_data(
+        scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1, address=address,
+        comparisons=[comparison.name for comparison in comparisons],
+    )  # fmt: skip
     return whole_page(document, str(document["head"]["name"]), meta_policy=True)
-
-
-def clip_html(store: Store, clip: ClipView) -> str:
-    """Return an element for a notebook cell that plays a clip, in window scope its first windows, without a network.
-
-    The page is in a frame without access to the notebook; names in the dataset are text.
-    """
-    scenes = Scenes(store)
-    items = scenes.items_of(clip.id)[:_CELL_WINDOWS] if scenes.items else []
-    page = clip_page(scenes, items)
-    return (
-        f'<iframe srcdoc="{html.escape(page)}" sandbox="allow-scripts" title="{html.escape(repr(clip))}" '
-        f'style="width:100%;height:{_CELL_HEIGHT}px;border:0"></iframe>'
-    )
 
 
 def whole_page(document: Json, title: str, *, meta_policy: bool) -> str:

@@ -59,6 +59,8 @@ def _group_payload(scene: Scene) -> Json:
         shared = {key: payload[key] for key in payload if key not in _OF_A_DANCER}
         dancers.append({key: payload[key] for key in payload if key in _OF_A_DANCER})
         dancers[-1] |= {"member": member.item.clip.member, "role": member.item.clip.role, "part": member.item.part}
+        if member.numbers:
+            dancers[-1]["numbers"] = [list(pair) for pair in member.numbers]
         if together is not None:
             dancers[-1]["figure"]["floor"] = round(together.floor, 4)
     names = dict.fromkeys(member.item.clip.dancer for member in scene.members)
@@ -147,7 +149,10 @@ def _item_row(item: Item) -> list[Any]:
     return [*row, members] if members else row
 
 
-def link(item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, field: str = "") -> str:
+def link(
+    item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, field: str = "", compared: str = "",
+    mirrored: bool = False, overlay: bool = False,
+) -> str:  # fmt: skip
     """Return the fragment of the page's address that shows an item at a time; of a dancer, him alone in his group.
 
     Parameters
@@ -158,12 +163,18 @@ def link(item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, fi
         First frame and end of a loop, frames at the store's rate from the item's first frame.
     field
         Motion field to draw; "": the page's default.
+    compared
+        Name of the comparison that is shown; "" for none.
+    mirrored, overlay
+        Whether the dancer is mirrored, and the comparison drawn over him.
     """
     parts = [f"{'group' if item.members else 'clip'}={quote(item.name, safe='')}"]
     parts += [f"window={item.start}"] if item.window is not None else []
     parts += [f"t={at:.3f}"] if at else []
     parts += [f"loop={loop[0]}-{loop[1]}"] if loop else []
     parts += [f"field={quote(field, safe='')}"] if field else []
+    parts += [f"with={quote(compared, safe='')}"] if compared else []
+    parts += [name + "=1" for name, on in (("mirror", mirrored), ("over", overlay)) if on]
     return "#" + "&".join(parts)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -70,6 +70,8 @@ class Item:
         Dancers of the group in the source, more than `members` where some were left out.
     source
         Id of the clip, or of the group, that this one is a copy of; else empty.
+    called
+        What a dancer is called beside the others; "": by number and role.
     """
 
     number: int
@@ -80,6 +82,7 @@ class Item:
     members: tuple[Item, ...] = ()
     n_source: int = 0
     source: str = ""
+    called: str = ""
 
     @property
     def name(self) -> str:
@@ -94,7 +97,7 @@ class Item:
     @property
     def part(self) -> str:
         """What a dancer is called beside the others: number in the source and role, as in "1 leader"."""
-        return f"{self.clip.member} {self.clip.role}".strip()
+        return self.called or f"{self.clip.member} {self.clip.role}".strip()
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,9 @@ class Scene:
     members
         Scenes of the dancers of a group; empty for a clip.
     together
-        Their distances and contacts; None for a clip, and where a dancer has no figure.
+        Their distances and contacts; None for a clip, a wall, and where a dancer has no figure.
+    numbers
+        What is measured of a dancer of a wall: name and value as text.
     """
 
     item: Item
@@ -149,11 +154,17 @@ class Scene:
     notes: tuple[str, ...]
     members: tuple[Scene, ...] = ()
     together: Together | None = None
+    numbers: tuple[tuple[str, str], ...] = ()
 
     @property
     def dancers(self) -> tuple[Scene, ...]:
         """The scenes that have figures: those of the members of a group, or this one."""
         return tuple(scene for scene in self.members or (self,) if scene.figure is not None)
+
+    def mirrored(self) -> Scene:
+        """Return the scene with mirrored figures, in their common world."""
+        members = tuple(member.mirrored() for member in self.members)
+        return replace(self, figure=None if self.figure is None else self.figure.mirrored(), members=members)
 
     @property
     def seconds(self) -> float:
@@ -219,6 +230,10 @@ class SceneList(ABC):
             kind = "clip or group" if any(item.members for item in self.items) else "clip"
             raise UsageError(f"no {kind} named {name!r}", where=self.place, fix=did_you_mean(name, self._by_name))
         return named
+
+    def has(self, name: str) -> bool:
+        """Whether there is an item of this name, or a dancer of a group."""
+        return name in self._by_name
 
     def find(self, name: str, frame: int = 0) -> Item:
         """Return the item of a clip or a group, in window scope the first one that has a frame of the clip.

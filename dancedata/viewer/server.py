@@ -20,7 +20,7 @@ from dancedata.viewer.comparisons import Comparison, comparison_payload
 from dancedata.viewer.page import page_data, page_parts, whole_page
 from dancedata.viewer.payload import scene_payload
 from dancedata.viewer.scene_list import Item, SceneList
-from dancedata.viewer.source import ClipSource, flac
+from dancedata.viewer.source import Sounds, flac
 
 T = TypeVar("T")
 
@@ -166,13 +166,13 @@ class Site:
     scenes
         The items of the page.
     source
-        Its source, for music; None without one.
+        Their music; None without any.
     comparisons
         Other motions of its clips.
     """
 
     def __init__(
-        self, scenes: SceneList, source: ClipSource | None = None, comparisons: Sequence[Comparison] = ()
+        self, scenes: SceneList, source: Sounds | None = None, comparisons: Sequence[Comparison] = ()
     ) -> None:
         self.scenes, self.source, self.comparisons = scenes, source, tuple(comparisons)
         self._sliding: list[float | None] | None = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -41,6 +42,13 @@ class ClipSound:
 
     signal: AudioSignal
     notes: tuple[str, ...] = ()
+
+
+class Sounds(Protocol):
+    """Music of items."""
+
+    def sound(self, item: Item) -> ClipSound | None:
+        """Return the music of an item; None without any. DataError if it cannot be decoded."""
 
 
 class ClipSource:

@@ -445,4 +445,4 @@ def test_a_name_that_looks_like_an_option_has_a_hint(tmp_path: Path):
     output = run("view", tmp_path, "-Ab_cdEf123_01", code=2).stderr
     assert 'No such option: -A. A name that begins with "-" goes last, after --' in output
     assert "after --" not in run("view", tmp_path, "--fsp", "30", code=2).stderr
-    assert "there is no finished dataset" in run("view", tmp_path, "--", "-Ab_cdEf123_01", code=1).stderr
+    assert "there is nothing to look at" in run("view", tmp_path, "--", "-Ab_cdEf123_01", code=2).stderr

@@ -17,6 +17,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.plot import video as mux
 from dancedata.plot.frames import Frames
 from dancedata.plot.video import find_ffmpeg
+from dancedata.store.licence import require_shareable
 from dancedata.viewer import Scenes
 from tests.messages import raises_message
 
@@ -63,7 +64,7 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: 
     # The picture of a frame is the drawing of that frame, up to the encoder's loss.
     scenes = Scenes(ds)
     scene = scenes.scene(scenes.find(clip.id))
-    frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light")
+    frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light", require_shareable(ds))
     wanted = np.asarray(frames.image(45)).astype(int)
     gaps = [np.abs(wanted - picture).mean() for picture in shown]
     assert int(np.argmin(gaps)) == 45

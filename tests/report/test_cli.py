@@ -69,18 +69,20 @@ def test_a_video_needs_a_clip_and_a_source(demo: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--compare", "nowhere", "--export", "v.html"], "--compare would have no effect with --export"),
-        (["--compare", "nowhere", "--video", "v.mp4"], "--compare would have no effect with --video"),
-        (["--at", "1", "--export", "v.html"], "--at would have no effect"),
+        (["--compare", "nowhere", "--export", "v.html"], "nothing to compare with"),
+        (["--compare", "nowhere", "--video", "v.mp4"], "nothing to compare with"),
         (["--fps", "17", "--export", "v.html"], "--fps would have no effect without --compare"),
         (["--up", "z", "--unit", "cm", "--no-browser"], "--up and --unit would have no effect without --compare"),
         (
             ["--compare-as", "edge151", "--normalized", "--video", "v.mp4"],
             "--compare-as and --normalized or --not-nor",
         ),
-        (["--window", "0", "--export", "v.html"], "does not show a window to loop"),
-        (["--window", "0", "--video", "v.mp4"], "--window would have no effect"),
-        (["--export", "v.html", "--video", "v.mp4"], "--export would have no effect with --video"),
+        (["--overlay", "--video", "v.mp4"], "--overlay would have no effect without --compare"),
+        (["--as", "edge151", "--export", "v.html"], "--as goes with motion files"),
+        (["--export", "v.mp4"], "--video FILE.mp4"),
+        (["--video", "v.html"], "written with --export"),
+        (["--video", "v.mp4", "--size", "big"], "WIDTHxHEIGHT"),
+        (["--export", "v.html", "--video", "v.mp4"], "two outputs"),
     ],
 )
 def test_options_that_a_file_would_drop(

@@ -107,8 +107,8 @@ def test_a_request_begins_with_a_group_a_dancer_or_a_window(crowd: Path) -> None
     request = ViewRequest(crowd, TWO, window=99)
     with pytest.raises(UsageError, match="the clip has no such window"):
         request.first(request.scenes())
-    with pytest.raises(UsageError, match="a page of one clip does not show"):
-        export_page(ViewRequest(crowd, TWO, window=1), crowd.parent / "no.html")
+    page = export_page(ViewRequest(crowd, TWO, window=1), crowd.parent / "loop.html").read_text()
+    assert f'"at":"#group={TWO}\\u0026t=0.500\\u0026loop=15-75"' in page
 
 
 def test_a_group_of_which_a_dancer_cannot_be_drawn(groups: Scenes, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,12 +170,12 @@ def test_a_group_is_compared_dancer_by_dancer(groups: Scenes, crowd: Path, tmp_p
     scene = groups.scene(groups.find(TWO))
     first = scene.members[0]
     np.save(tmp_path / f"{first.item.clip.id}.npy", first.figure.joints + np.array((0.003, 0.0, 0.004)))
-    files = comparison_of(tmp_path, groups.store, file_format(groups.store))
+    files = comparison_of(tmp_path, groups, file_format(groups.store))
     payload = comparison_payload(files, scene)
     assert payload["mean"] == pytest.approx(5.0, abs=1e-3)
     assert payload["note"].endswith("has no file for this clip (dancers 1)")
     assert ["figure" in member for member in payload["members"]] == [True, False]
-    same = comparison_payload(comparison_of(crowd, groups.store, file_format(groups.store)), scene)
+    same = comparison_payload(comparison_of(crowd, groups, file_format(groups.store)), scene)
     assert (same["mean"], same["note"]) == (0.0, "")
 
 

@@ -245,11 +245,11 @@ def test_files_are_compared_with_their_clips(scenes, tmp_path: Path) -> None:
     item = dataset.items[0]
     scene = dataset.scene(item)
     np.save(tmp_path / f"{item.id}.npy", scene.figure.joints + np.array((0.003, 0.0, 0.004)))
-    comparison = comparison_of(tmp_path, dataset.store, file_format(dataset.store))
+    comparison = comparison_of(tmp_path, dataset, file_format(dataset.store))
     payload = comparison_payload(comparison, scene)
     assert payload["mean"] == pytest.approx(5.0, abs=1e-3)
     assert "no file for this clip" in comparison_payload(comparison, dataset.scene(dataset.items[1]))["note"]
-    single = comparison_of(tmp_path / f"{item.id}.npy", dataset.store, file_format(dataset.store))
+    single = comparison_of(tmp_path / f"{item.id}.npy", dataset, file_format(dataset.store))
     assert single.figure(scene).n_frames == scene.figure.n_frames
 
 
@@ -259,23 +259,23 @@ def test_generated_columns_are_compared(scenes, tmp_path: Path) -> None:
     rows = dataset.store.read_clip(item.id, "edge151")
     np.savez(tmp_path / "generated.npz", columns=dataset.store.normalizer("edge151").normalize(rows))
     form = file_format(dataset.store, representation="edge151", normalized=True)
-    comparison = comparison_of(tmp_path / "generated.npz", dataset.store, form)
+    comparison = comparison_of(tmp_path / "generated.npz", dataset, form)
     assert comparison_payload(comparison, dataset.scene(item))["mean"] < 0.01
 
 
 def test_another_dataset_is_compared(scenes) -> None:
     dataset, other = scenes("thirty"), scenes("sixty")
-    comparison = comparison_of(other.store.path, dataset.store, file_format(dataset.store))
+    comparison = comparison_of(other.store.path, dataset, file_format(dataset.store))
     assert comparison_payload(comparison, dataset.scene(dataset.items[0]))["mean"] < 1
     copy = next(item for item in dataset.items if item.clip.source)
     assert "no clip of this name" in comparison_payload(comparison, dataset.scene(copy))["note"]
 
 
 def test_nothing_to_compare_with_is_an_error(scenes, tmp_path: Path) -> None:
-    store = scenes("thirty").store
+    dataset = scenes("thirty")
     for path, problem in ((tmp_path / "gone", "nothing to compare with"), (tmp_path, "no motion files")):
         with pytest.raises(UsageError, match=problem):
-            comparison_of(path, store, file_format(store))
+            comparison_of(path, dataset, file_format(dataset.store))
 
 
 def test_distance_is_taken_at_equal_instants() -> None:

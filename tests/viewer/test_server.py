@@ -276,7 +276,7 @@ def test_a_comparison_of_any_numbers_is_answered(odd: Path, tmp_path: Path) -> N
     scenes = ViewRequest(odd).scenes()
     for number, value in enumerate((1e308, -1e9, 1e6)):
         np.save(tmp_path / f"{scenes.items[number].clip.id}.npy", np.full((60, 24, 3), value))
-    site = Site(scenes, None, ViewRequest(odd, compare=(tmp_path,)).comparisons(scenes.store, None))
+    site = Site(scenes, None, ViewRequest(odd, compare=(tmp_path,)).comparisons(scenes, None))
     notes = [json.loads(site.answer(f"/clip/{n}/with/0", None).body).get("note", "drawn") for n in range(3)]
     assert ["too far away" in note for note in notes] == [True, True, False]
 

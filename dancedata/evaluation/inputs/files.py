@@ -1,6 +1,6 @@
 """Files of generated motion: columns of a representation, joint positions, SMPL arrays, BVH."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -83,10 +83,17 @@ class FileFormat:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileClip(ClipInput):
-    """A file with one clip."""
+    """A file with one clip, or one motion of a file that holds a batch.
+
+    Attributes
+    ----------
+    sample
+        Number of the motion in the batch; None: the file is one clip.
+    """
 
     path: Path
     format: FileFormat
+    sample: int | None = None
 
     @property
     @override
@@ -103,6 +110,7 @@ class FileClip(ClipInput):
         declared = [self.format.identity(), folder.version, document_of(folder, loading=True)]
         if self.path.suffix.lower() != ".bvh":
             declared.append(RATE_KEYS)
+        declared += [] if self.sample is None else [self.sample]
         return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path)]
 
     @override
@@ -113,7 +121,8 @@ class FileClip(ClipInput):
         """Load a file of one dancer."""
         if self.path.suffix.lower() != ".bvh":
             with open_arrays(self.path) as arrays:
-                pose = self._columns(arrays) or self._positions(arrays)
+                one = arrays if self.sample is None else _One(arrays, self.sample)
+                pose = self._columns(one) or self._positions(one)
             if pose is not None:
                 return pose
         try:
@@ -137,7 +146,7 @@ class FileClip(ClipInput):
                     found=f"{len(present)} entries", allowed=f"{n}",
                 )  # fmt: skip
             for number in np.flatnonzero(present):
-                dancer = _Dancer(arrays, int(number))
+                dancer = _One(arrays, int(number))
                 pose = self._columns(dancer) or self._positions(dancer)
                 try:
                     poses.append(pose or Pose.of_motion(folder.of_arrays(dancer, ref)))
@@ -196,8 +205,8 @@ class FileClip(ClipInput):
         )
 
 
-class _Dancer(ArrayFile):
-    """The arrays of one dancer of a group's file."""
+class _One(ArrayFile):
+    """The arrays of one dancer of a group's file, or of one motion of a batch."""
 
     def __init__(self, arrays: ArrayFile, number: int) -> None:
         super().__init__(arrays.path, tuple(name for name in arrays.names if name != PERSON_MASK))
@@ -264,3 +273,27 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
     if twice:
         raise UsageError("two files have one name", where=folder, found=listed(twice), fix="rename one of them")
     return tuple(FileClip(id=path.stem, path=path, format=form) for path in paths)
+
+
+def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
+    """Return the clips of a motion file: one, or one for each motion of a batch of columns or positions.
+
+    A file with an entry `person_mask` is a group. One that cannot be opened is a clip, whose `load` gives the reason.
+    """
+    one = (FileClip(id=path.stem, path=path, format=form),)
+    if path.suffix.lower() == ".bvh":
+        return (replace(one[0], format=replace(form, unit=form.unit or "guess")),)
+    try:
+        with open_arrays(path) as arrays:
+            if PERSON_MASK in arrays.names:
+                return (replace(one[0], format=replace(form, groups=True)),)
+            shapes = {name: _shape(arrays, name) for name in arrays.names}
+    except DataError:
+        return one
+    width = None if form.columns is None else form.columns.representation.columns.width
+    batches = [shapes[name][0] for name in _COLUMNS if len(shapes.get(name, ())) == 3 and shapes[name][2] == width]
+    batches += [shapes[name][0] for name in _JOINTS if len(shapes.get(name, ())) == 4]
+    if form.groups or not batches:
+        return one
+    digits = max(3, len(str(batches[0] - 1)))
+    return tuple(replace(one[0], id=f"{path.stem}_{k:0{digits}}", sample=k) for k in range(batches[0]))

@@ -124,7 +124,7 @@ function showDancers() {
       mark.style.background = tone;
       found.append(mark);
     }
-    found.append(text);
+    found.append(text, ...numbersOf(k === null ? null : members[k]));
     found.addEventListener('click', e => {
       chooseDancer(k);
       if (e.detail) document.activeElement?.blur();
@@ -134,6 +134,14 @@ function showDancers() {
   const all = button('all', null, []);
   all.title = 'The whole group  ( G )';
   box.replaceChildren(all, ...members.map((m, k) => button(m.called, k, coloursOf(m).slice(1))));
+}
+
+// What is measured of a dancer of a wall.
+function numbersOf(member) {
+  if (!member?.numbers) return [];
+  const small = document.createElement('small');
+  small.textContent = member.numbers.map(pair => pair.join(' ')).join(' · ');
+  return [small];
 }
 
 export function showAbout() {

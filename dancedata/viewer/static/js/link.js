@@ -35,10 +35,10 @@ export function writeLink() {
     }, 120);
 }
 
-// Not URLSearchParams: it reads a plus sign as a space.
+// The address, or where a saved page begins. Not URLSearchParams: it reads a plus sign as a space.
 export function readLink() {
   const found = {};
-  for (const part of location.hash.slice(1).split('&')) {
+  for (const part of (location.hash || page.at || '').slice(1).split('&')) {
     const [key, value = ''] = part.split(/=(.*)/s);
     try {
       found[key] = decodeURIComponent(value);

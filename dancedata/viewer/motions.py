@@ -1,0 +1,258 @@
+"""Motions of files, and of Python, as scenes: what is no dataset, with music beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from dancedata.audio.signal import load_audio
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import member_id
+from dancedata.core.errors import DanceDataError, DataError, UsageError
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.text import counted, listed, shown
+from dancedata.core.typing import override
+from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
+from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.inputs.files import FileFormat, clips_of
+from dancedata.evaluation.inputs.songs import read_songs, song_files
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.schema import Field
+from dancedata.viewer.figure import Figure
+from dancedata.viewer.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
+from dancedata.viewer.scenes import rhythm_of
+from dancedata.viewer.source import MAX_SECONDS, ClipSound, cut
+from dancedata.viewer.together import Together
+
+#: Feature whose beats and onsets are drawn, and its rows per second.
+_FEATURE, _RATE = "librosa35", 30
+
+
+@dataclass(frozen=True, eq=False)
+class MusicFiles:
+    """Music files of clips that are not of a dataset.
+
+    Attributes
+    ----------
+    files
+        File by the id of a clip. Its second 0 is the first frame.
+    """
+
+    files: Mapping[str, Path]
+
+    @classmethod
+    def beside(cls, path: Path, clips: Sequence[str]) -> MusicFiles:
+        """Return the music of clips.
+
+        Parameters
+        ----------
+        path
+            A music file, which is that of every clip; a folder of files that are named as a clip, or as a part of its
+            name between underscores; or a CSV file with the columns clip and song, with the songs in its folder.
+
+        Raises
+        ------
+        UsageError
+            If there is no such file, or none for any clip.
+        """
+        if path.suffix.lower() in AUDIO_SUFFIXES:
+            if not path.is_file():
+                raise UsageError("there is no such music file", where=path)
+            return cls(dict.fromkeys(clips, path))
+        named = {} if path.is_dir() else read_songs(path)
+        songs = song_files(path if path.is_dir() else path.parent)
+        found = {clip: songs.get(named.get(clip, clip)) or _song_within(clip, songs) for clip in clips}
+        files = {clip: file for clip, file in found.items() if file is not None}
+        if not files:
+            raise UsageError(
+                "no file of this music is named as a clip", where=path, found=listed(sorted(songs), 5),
+                allowed=listed(clips, 5), fix="name one file, or a CSV file with the columns clip,song",
+            )  # fmt: skip
+        return cls(files)
+
+    def signal(self, clip: str, n_seconds: Fraction) -> AudioSignal | None:
+        """Return the music of the first seconds of a clip, silent where it has ended; None without any."""
+        path = self.files.get(clip)
+        return None if path is None else cut(load_audio(path), Fraction(0), min(n_seconds, Fraction(MAX_SECONDS)))
+
+
+def _song_within(clip: str, songs: Mapping[str, Path]) -> Path | None:
+    """Return the song whose name is a part of the clip's, as in AIST++'s gBR_sBM_cAll_d04_mBR0_ch01."""
+    parts = set(clip.split("_"))
+    named = [song for song in songs if song in parts]
+    return songs[named[0]] if len(named) == 1 else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Loaded:
+    """The figures of a clip, several of a group; none if it could not be read, for the reason in `problem`."""
+
+    figures: tuple[Figure, ...]
+    problem: str = ""
+
+
+class MotionScenes(SceneList):
+    """Motions that are not in a dataset, each an item; they are read at once.
+
+    Parameters
+    ----------
+    clips
+        The motions, by unique ids.
+    name
+        Name for the page.
+    music
+        Their music; None without any.
+    body
+        Body of positions whose joints have no names.
+
+    Raises
+    ------
+    UsageError
+        If there is no clip.
+    DanceDataError
+        If not one of them can be read: the reason of the first.
+    """
+
+    def __init__(
+        self, clips: Sequence[ClipInput], name: str, music: MusicFiles | None = None, body: Skeleton = SMPL24
+    ) -> None:
+        if not clips:
+            raise UsageError("there is no motion to show", where=name)
+        self.place, self.body, self.music = name, body, music
+        self._loaded, first = {}, None
+        for clip in clips:
+            try:
+                self._loaded[clip.id] = _Loaded(figures_of(clip, body))
+            except DataError as error:
+                first = first or error
+                self._loaded[clip.id] = _Loaded((), str(error))
+        grids = [figures.figures[0].grid for figures in self._loaded.values() if figures.figures]
+        if not grids:
+            raise first or UsageError("there is no motion to show", where=name)
+        self.grid = grids[0]
+
+    @property
+    def problems(self) -> list[str]:
+        """Sentences on motions that could not be read."""
+        return [f"{clip}: {loaded.problem}" for clip, loaded in self._loaded.items() if loaded.problem]
+
+    @override
+    @cached_property
+    def items(self) -> tuple[Item, ...]:
+        return tuple(self._item(number, name, loaded) for number, (name, loaded) in enumerate(self._loaded.items()))
+
+    def _item(self, number: int, name: str, loaded: _Loaded) -> Item:
+        if not loaded.figures:
+            return Item(number, ClipRecord(id=name, split="", n_frames=1), 0, 1)
+        figure = loaded.figures[0]
+        n_frames = self.grid.frames_up(figure.grid.seconds(figure.n_frames))
+        song = "" if self.music is None else self.music.files.get(name, Path()).stem
+        clip = ClipRecord(id=name, split="", n_frames=n_frames, music=song, source_rate=str(figure.grid.rate))
+        if len(loaded.figures) == 1:
+            return Item(number, clip, 0, n_frames)
+        members = tuple(
+            Item(number, replace(clip, id=member_id(name, k), group=name, member=k), 0, n_frames)
+            for k in range(len(loaded.figures))
+        )
+        return replace(members[0], members=members, n_source=len(members))
+
+    @override
+    def scene(self, item: Item, field: str | None = None) -> Scene:
+        name = item.clip.group or item.clip.id
+        loaded = self._loaded[name]
+        rhythm, notes = self._rhythm(name, item)
+        if loaded.problem:
+            return Scene(item, self.grid, "", None, None, rhythm, (), (), (f"no figure: {loaded.problem}", *notes))
+        figures = loaded.figures
+        notes = ["contacts are not stored in files: they were computed by the rule velocity", *notes]
+        if not item.members:
+            figure = figures[max(0, item.clip.member)]
+            movement = figure.movement if figure.n_frames > 1 else None
+            return Scene(item, self.grid, "", figure, movement, rhythm, (), (), tuple(notes))
+        members = tuple(self.scene(member) for member in item.members)
+        together = Together.of(figures)
+        return Scene(item, self.grid, "", None, None, rhythm, (), (), tuple(notes), members, together)
+
+    @override
+    def about(self) -> dict[str, Any]:
+        n = sum(len(item.members) or 1 for item in self.items)
+        hours = sum(float(self.grid.seconds(item.n_frames)) * (len(item.members) or 1) for item in self.items) / 3600
+        return {
+            "name": shown(self.place, MAX_NAME), "fps": float(self.grid.rate), "rate": str(self.grid),
+            "scope": "track", "clips": n, "windows": 0, "hours": hours, "licence": "", "citation": "",
+        }  # fmt: skip
+
+    def sound(self, item: Item) -> ClipSound | None:
+        """Return the music of an item, as long as it; None without any. DataError if it cannot be decoded."""
+        name, seconds = item.clip.group or item.clip.id, self.grid.seconds(item.n_frames)
+        signal = None if self.music is None else self.music.signal(name, seconds)
+        return None if signal is None else ClipSound(signal)
+
+    def _rhythm(self, name: str, item: Item) -> tuple[Rhythm, list[str]]:
+        """Return beats and onsets of a clip's music, and a note where there are none."""
+        if self.music is None:
+            return Rhythm.none(), []
+        from dancedata.core.registry import FEATURES
+        from dancedata.pipeline.arrays import extract
+
+        try:
+            signal = self.music.signal(name, self.grid.seconds(item.n_frames))
+            if signal is None:
+                return Rhythm.none(), ["no music is named as this clip"]
+            rows = extract(_FEATURE, signal, fps=_RATE)
+        except DanceDataError as error:
+            return Rhythm.none(), [f"no beats: {error}"]
+        field = Field(_FEATURE, "audio", FEATURES.get(_FEATURE)().columns, Fraction(_RATE))
+        return rhythm_of(rows, field), []
+
+
+def figures_of(clip: ClipInput, body: Skeleton) -> tuple[Figure, ...]:
+    """Load a clip and return its figures, several of a group; DataError if it cannot be drawn."""
+    loaded = clip.load()
+    poses = loaded if isinstance(loaded, tuple) else (loaded,)
+    if len({pose.grid for pose in poses}) > 1 or len({len(pose.joints) for pose in poses}) > 1:
+        raise DataError("the dancers of a group differ in length or rate", reason="length_mismatch", where=clip.id)
+    return tuple(Figure.of_pose(pose, body, clip.id) for pose in poses)
+
+
+def motion_scenes(path: Path, form: FileFormat, music: Path | None = None, body: Skeleton = SMPL24) -> MotionScenes:
+    """Read the motion files of a folder, or one file.
+
+    Raises
+    ------
+    UsageError
+        If there is none, two have one name, or nothing states how their columns are scaled.
+    DataError
+        If none of them can be read.
+    """
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
+    else:
+        files = [path] if path.is_file() else []
+    if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
+        raise UsageError(
+            "there is nothing to look at", where=path, found=_seen(path),
+            allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
+        )  # fmt: skip
+    clips = [clip for file in files for clip in clips_of(file, form)]
+    names = [clip.id for clip in clips]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise UsageError("two files have one name", where=path, found=listed(twice, 5), fix="rename one of them")
+    beside = None if music is None else MusicFiles.beside(music, names)
+    try:
+        return MotionScenes(clips, path.name, beside, body)
+    except DataError as error:
+        if error.reason == "bad_shape" and form.columns is None:
+            error.fix = "if these are columns, say of what: --as edge151, and --like STORE for their scaler and rate"
+        raise
+
+
+def _seen(path: Path) -> str:
+    if not path.exists():
+        return "no such file or folder"
+    return counted(len(list(path.iterdir())), "other file") if path.is_dir() else f"a file {path.suffix}"

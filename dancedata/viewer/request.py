@@ -1,0 +1,260 @@
+"""What `dancedata view` shows: a dataset or motion files, with music, other motions, and the clip to begin with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, fields, replace
+from pathlib import Path
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.skeleton import SMPL24
+from dancedata.evaluation.inputs.files import FileFormat
+from dancedata.store import Store, open_store
+from dancedata.store.licence import OVERRIDE, require_shareable
+from dancedata.store.schema import DATASET_FILE
+from dancedata.viewer.comparisons import Comparison, OriginalComparison, comparison_of, file_format
+from dancedata.viewer.motions import MotionScenes, motion_scenes
+from dancedata.viewer.payload import link
+from dancedata.viewer.scene_list import Item, SceneList
+from dancedata.viewer.scenes import Scenes
+from dancedata.viewer.source import ClipSource, Sounds
+from dancedata.viewer.wall import Wall, WallSounds
+
+#: Attributes of a request whose option has another name.
+_OPTIONS = {
+    "columns": "--as", "compare_as": "--compare-as", "clip_to_range": "--clip-values",
+    "normalized": "--normalized or --not-normalized",
+}  # fmt: skip
+#: Those that say how motion files are read.
+_OF_FILES = ("compare_as", "normalized", "scaler", "clip_to_range", "fps", "up", "unit", "overlay")
+
+
+@dataclass(frozen=True)
+class ViewRequest:
+    """Options of `dancedata view`.
+
+    Attributes
+    ----------
+    path, clip
+        A dataset, a folder of motion files or one such file, and the clip or group to begin with; "" for the first. A
+        dancer of a group is shown alone.
+    field
+        Motion field to draw. Default: the best one.
+    source
+        Folder that the dataset was built from, for its music and the original motion.
+    columns, like
+        What columns of motion files at `path` are, and the dataset with their scaler and rate.
+    music
+        Music of motion files at `path`; see `MusicFiles.beside`.
+    compare
+        Datasets, folders of motion files, or files.
+    compare_as, normalized, scaler, clip_to_range, fps, up, unit
+        How motion files are read; see `file_format`.
+    at
+        Seconds to begin at.
+    window
+        Number of the clip's window to loop; in window scope the window to show.
+    mirrored, overlay
+        Whether the dancer is mirrored, and motions to compare with are drawn over him.
+    wall
+        Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
+    """
+
+    path: Path
+    clip: str = ""
+    _: KW_ONLY
+    field: str | None = None
+    source: Path | None = None
+    columns: str | None = None
+    like: Path | None = None
+    music: Path | None = None
+    compare: Sequence[Path] = ()
+    compare_as: str | None = None
+    normalized: bool | None = None
+    fps: str | None = None
+    up: str = "y"
+    unit: str | None = None
+    at: float = 0.0
+    window: int | None = None
+    scaler: Path | None = None
+    clip_to_range: bool = False
+    mirrored: bool = False
+    overlay: bool = False
+    wall: bool = False
+
+    def scenes(self) -> SceneList:
+        """Open the dataset, or read the motion files; UsageError if there is nothing to show."""
+        if (self.path / DATASET_FILE).exists():
+            self._refuse("goes with motion files, and this is a dataset", ("columns", "like", "music"))
+            if not self.compare:
+                self._refuse(
+                    "would have no effect without --compare", _OF_FILES, fix="name the files: --compare FOLDER"
+                )
+            scenes = Scenes(open_store(self.path), self.field)
+            if not scenes.items:
+                raise UsageError("this dataset has no clips to show", where=str(self.path))
+            return scenes
+        self._refuse("goes with a dataset, and this is none", ("source", "field", "window"))
+        if not self.compare:
+            self._refuse("would have no effect without --compare", ("compare_as", "overlay"))
+        like = None if self.like is None else open_store(self.like)
+        self._require_columns(self.columns or self.compare_as)
+        form = self._format(like, None if like is None else like.grid, self.columns)
+        return motion_scenes(self.path, form, self.music, SMPL24 if like is None else like.skeleton)
+
+    def comparisons(self, scenes: SceneList, source: Sounds | None) -> tuple[Comparison, ...]:
+        """Return the comparisons; equal names get a number."""
+        store = scenes.store if isinstance(scenes, Scenes) else None
+        if store is not None:
+            self._require_columns(self.compare_as)
+        elif self.like is not None:
+            store = open_store(self.like)
+        form = self._format(store, scenes.grid, self.compare_as or self.columns)
+        original = [OriginalComparison(source=source)] if isinstance(source, ClipSource) else []
+        comparisons: list[Comparison] = [*original]
+        comparisons += [comparison_of(path, scenes, form) for path in self.compare]
+        names = [comparison.name for comparison in comparisons]
+        return tuple(
+            replace(comparison, name=f"{comparison.name} ({n})") if comparison.name in names[:n] else comparison
+            for n, comparison in enumerate(comparisons)
+        )
+
+    def _refuse(self, problem: str, names: Sequence[str], fix: str = "leave it out") -> None:
+        """Raise UsageError for options that are set."""
+        defaults = {field.name: field.default for field in fields(self)}
+        used = [_OPTIONS.get(name, f"--{name}") for name in names if getattr(self, name) != defaults[name]]
+        if used:
+            raise UsageError(f"{' and '.join(used)} {problem}", where=self.path, fix=fix)
+
+    def _require_columns(self, representation: str | None) -> None:
+        if (self.normalized is not None or self.scaler is not None) and representation is None:
+            named = "--scaler" if self.normalized is None else "--normalized"
+            raise UsageError(f"{named} goes with --as or --compare-as", fix="name the columns of the files")
+
+    def _format(self, store: Store | None, grid: FrameGrid | None, representation: str | None) -> FileFormat:
+        return file_format(
+            store,
+            grid=grid,
+            representation=representation,
+            normalized=self.normalized,
+            scaler=self.scaler,
+            clip=self.clip_to_range,
+            fps=self.fps,
+            up=self.up,
+            unit=self.unit,
+        )
+
+    def first(self, scenes: SceneList) -> tuple[Item, tuple[int, int] | None]:
+        """Return the item to begin with, and the loop."""
+        item = scenes.find(self.clip) if self.clip else scenes.items[0]
+        if self.window is None:
+            return item, None
+        of_clip = scenes.items_of(item.name)
+        windows = scenes.windows_of(item) if item.window is None else ()
+        count = len(windows) if item.window is None else len(of_clip)
+        if not 0 <= self.window < count:
+            allowed = f"0 to {count - 1}" if count else "no windows"
+            raise UsageError("the clip has no such window", where=item.name, found=self.window, allowed=allowed)
+        if item.window is not None:
+            return of_clip[self.window], None
+        start, length = windows[self.window]
+        return item, (start, start + length)
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a request shows.
+
+    Attributes
+    ----------
+    item, loop
+        The item to begin with; first frame and end of the loop, None without one.
+    sounds
+        Music; None without any.
+    compared
+        The comparison that is shown at the beginning; "" for none.
+    """
+
+    request: ViewRequest
+    scenes: SceneList
+    sounds: Sounds | None
+    comparisons: tuple[Comparison, ...]
+    item: Item
+    loop: tuple[int, int] | None
+    compared: str
+
+    @classmethod
+    def of(cls, request: ViewRequest) -> Shown:
+        """Open what a request names.
+
+        Raises
+        ------
+        UsageError, StoreError, SourceError, DataError
+            If the dataset, the files, the clip or the source cannot be used.
+        """
+        scenes = request.scenes()
+        sounds: Sounds | None = None
+        if isinstance(scenes, Scenes):
+            sounds = None if request.source is None else ClipSource(scenes.store, request.source)
+        elif isinstance(scenes, MotionScenes) and scenes.music is not None:
+            sounds = scenes
+        item, loop = request.first(scenes)
+        comparisons = request.comparisons(scenes, sounds)
+        if request.wall:
+            wall = Wall(scenes, comparisons, apart=not request.overlay)
+            item = wall.wall_of(item) if request.clip else wall.items[0]
+            return cls(request, wall, None if sounds is None else WallSounds(wall, sounds), (), item, loop, "")
+        added = comparisons[len(comparisons) - len(request.compare) :]
+        return cls(request, scenes, sounds, comparisons, item, loop, added[0].name if added else "")
+
+    @property
+    def address(self) -> str:
+        """Fragment of the page's address that shows it."""
+        begin = 0.0 if self.loop is None else float(self.scenes.grid.seconds(self.loop[0]))
+        return link(
+            self.item, at=self.request.at or begin, loop=self.loop, field=self.request.field or "",
+            compared=self.compared, mirrored=self.request.mirrored, overlay=self.request.overlay,
+        )  # fmt: skip
+
+    @property
+    def span(self) -> tuple[float, float | None]:
+        """Begin and length of the part that a video shows, seconds; the loop, else from `at` to the end (None)."""
+        if self.loop is None:
+            return self.request.at, None
+        begin, end = (float(self.scenes.grid.seconds(frame)) for frame in self.loop)
+        return begin, end - begin
+
+    @property
+    def credit(self) -> str:
+        """Licence and citation of what is shown."""
+        about = self.scenes.about()
+        return " ".join(filter(None, (about["licence"], about["citation"])))
+
+    def shared_music(self, *, allowed_by_caller: bool) -> tuple[AudioSignal, str]:
+        """Return the music of the item, and the notice that goes with a copy of it.
+
+        Raises
+        ------
+        UsageError
+            If there is none, or nothing allows to pass it on.
+        """
+        base = self.scenes.scenes if isinstance(self.scenes, Wall) else self.scenes
+        if isinstance(base, Scenes):
+            notice = require_shareable(base.store, allowed_by_caller=allowed_by_caller)
+        elif not allowed_by_caller:
+            raise UsageError(
+                "nothing states that this music may be passed on", where=self.request.music,
+                fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
+            )  # fmt: skip
+        else:
+            notice = "Music: included on the statement of the maker of this file that it may be shared."
+        option = "--source DIR" if isinstance(base, Scenes) else "--music PATH"
+        if self.sounds is None:
+            raise UsageError("--audio embed needs the music", fix=f"name the folder with it: {option}")
+        sound = self.sounds.sound(self.item)
+        if sound is None:
+            where = self.request.source or self.request.music
+            raise UsageError("there is no music of this clip", where=where, found=self.item.name)
+        return sound.signal, notice

@@ -1,0 +1,250 @@
+"""Anything that moves: files and motions that are no dataset, with music beside; pages, walls and videos of them."""
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata import plot
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24
+from dancedata.formats.motion_files import motion_file
+from dancedata.synthetic import synthesise_motion
+from dancedata.viewer import Figure
+from dancedata.viewer.motions import MotionScenes
+from dancedata.viewer.notebook import motion_scenes_of, view_motions
+from dancedata.viewer.request import Shown, ViewRequest
+from dancedata.viewer.server import Site
+from dancedata.viewer.view import export_page
+from dancedata.viewer.wall import MOST, Wall
+from tests.messages import raises_message
+from tests.viewer.helpers import CLICKS, FPS, SECONDS, clicks
+
+
+def dance(number: int = 0, n_frames: int = SECONDS * 60) -> Motion:
+    return synthesise_motion(f"gBR_sBM_cAll_d04_mBR{number}_ch01", n_frames=n_frames)[0]
+
+
+def document(page: Path | str) -> Any:
+    text = page if isinstance(page, str) else page.read_text()
+    return json.loads(text.partition('id="dd-data">')[2].partition("</script>")[0])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A motion in each format, of one song; and a file that cannot be read."""
+    out = tmp_path_factory.mktemp("motions")
+    motion = dance()
+    (out / "a.bvh").write_bytes(motion_file(motion, "bvh"))
+    (out / "b.npz").write_bytes(motion_file(motion, "smpl"))
+    np.savez(out / "c.npz", joints=motion.joints(), fps=60)
+    np.savez(out / "d.npz", full_pose=motion.joints()[::2], fps=30)
+    (out / "e.npz").write_bytes(b"no archive")
+    (out / "notes.txt").write_text("not a motion")
+    clicks("wav", out.parent / "song.wav")
+    return out
+
+
+def shown(path: Path, **options: Any) -> Shown:
+    return Shown.of(ViewRequest(path, **options))
+
+
+def test_a_folder_of_any_files_opens(folder: Path) -> None:
+    scenes = shown(folder, music=folder.parent / "song.wav").scenes
+    assert [item.id for item in scenes.items] == ["a", "b", "c", "d", "e"]
+    joints = dance().joints()
+    for item in scenes.items[:3]:
+        figure = scenes.scene(item).figure
+        assert figure is not None
+        np.testing.assert_allclose(figure.joints[:, :22], joints[:, :22], rtol=0, atol=1e-5)
+        assert scenes.scene(item).seconds == SECONDS
+    assert scenes.scene(scenes.items[3]).figure.grid == FrameGrid.of(30)
+    assert [round(scenes.scene(item).seconds, 3) for item in scenes.items[:4]] == [SECONDS] * 4
+    assert isinstance(scenes, MotionScenes)
+    assert len(scenes.problems) == 1
+    assert "e.npz" in scenes.problems[0]
+    assert "no figure" in scenes.scene(scenes.items[4]).notes[0]
+
+
+def test_beats_and_sound_are_those_of_the_music_beside(folder: Path) -> None:
+    opened = shown(folder / "a.bvh", music=folder.parent / "song.wav")
+    scene = opened.scenes.scene(opened.item)
+    beats = scene.rhythm.beats
+    nearest = np.abs(beats[:, None] - CLICKS).min(axis=1)
+    assert len(beats) > 6
+    assert np.median(nearest) < 0.04
+    sound = opened.sounds.sound(opened.item)
+    assert len(sound.signal.samples) == SECONDS * sound.signal.sample_rate
+    onsets = np.flatnonzero(np.abs(sound.signal.samples) > 0.5)[0] / sound.signal.sample_rate
+    assert onsets == pytest.approx(CLICKS[0], abs=0.001)
+    site = Site(opened.scenes, opened.sounds)
+    assert site.answer("/clip/0/music", None).status == 200
+    assert json.loads(site.answer("/clip/0", None).body)["seconds"] == SECONDS
+
+
+def test_music_is_found_by_name_within_a_name_and_by_list(folder: Path, tmp_path: Path) -> None:
+    np.savez(tmp_path / "gBR_sBM_cAll_d04_mBR0_ch01.npz", joints=dance().joints(), fps=60)
+    songs = tmp_path / "songs"
+    songs.mkdir()
+    for name in ("mBR0", "mBR"):
+        clicks("wav", songs / f"{name}.wav")
+    scenes = shown(tmp_path, music=songs).scenes
+    assert scenes.items[0].clip.music == "mBR0"
+    (songs / "list.csv").write_text("clip,song\na,mBR\nb,mBR0.wav\n")
+    listed = shown(folder, music=songs / "list.csv").scenes
+    assert [item.clip.music for item in listed.items] == ["mBR", "mBR0", "", "", ""]
+    assert "no music is named as this clip" in listed.scene(listed.items[2]).notes
+    with raises_message(UsageError):
+        shown(folder, music=songs)
+
+
+def test_columns_and_batches_of_a_trainer(odd: Path, tmp_path: Path) -> None:
+    ds = dancedata.open(odd)
+    rows = [ds.read(window, "edge151") for window in list(ds.windows("train"))[:3]]
+    np.save(tmp_path / "samples.npy", ds.normalizer("edge151").normalize(np.stack(rows)))
+    options: dict[str, Any] = {"columns": "edge151", "like": odd}
+    scenes = shown(tmp_path, normalized=True, **options).scenes
+    assert [item.id for item in scenes.items] == ["samples_000", "samples_001", "samples_002"]
+    for item, wanted in zip(scenes.items, rows, strict=True):
+        plain = dancedata.decode(wanted, "edge151", fps=FPS)
+        np.testing.assert_allclose(scenes.scene(item).figure.joints, plain.joints(), rtol=0, atol=1e-4)
+    with raises_message(UsageError):
+        shown(tmp_path, **options)
+    with raises_message(UsageError):
+        shown(tmp_path, columns="edge151")
+    with raises_message(DataError):
+        shown(tmp_path)
+
+
+def test_a_group_of_a_file_is_one_item(tmp_path: Path) -> None:
+    joints = np.stack([np.add(dance(k).joints()[:60], (1.5 * k, 0, 0)) for k in range(3)])
+    np.savez(tmp_path / "trio.npz", joints=joints, person_mask=[1, 0, 1], fps=60)
+    scenes = shown(tmp_path / "trio.npz").scenes
+    (item,) = scenes.items
+    scene = scenes.scene(item)
+    assert len(scene.dancers) == 2
+    assert scene.together.pairs[0].distance_m[0] == pytest.approx(
+        np.linalg.norm(joints[2, 0, 0] - joints[0, 0, 0]), abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"source": Path("x")}, {"window": 1}, {"overlay": True}, {"normalized": True}, {"clip": "nobody"}],
+    ids=lambda o: next(iter(o)),
+)
+def test_what_does_not_go_with_files(folder: Path, options: dict[str, Any]) -> None:
+    with raises_message(UsageError):
+        shown(folder, **options)
+
+
+def test_nothing_that_moves(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "gone", Path(__file__)):
+        with raises_message(UsageError):
+            shown(path)
+
+
+def test_motions_of_python_are_shown(tmp_path: Path) -> None:
+    motion = dance()
+    html = motion._repr_html_()
+    assert 'sandbox="allow-scripts"' in html
+    page = document(plot.write_page({"one": motion, "two": dance(1)}, tmp_path / "page.html"))
+    assert [clip[0] for clip in page["list"]["clips"]] == ["one", "two"]
+    song = tmp_path / "song.wav"
+    clicks("wav", song)
+    assert set(document(motion.view(music=song).page)["audio"]) == {"0"}
+    assert document(view_motions([motion, dance(1)], wall=True).page)["head"]["groups"] == 1
+    with raises_message(UsageError):
+        view_motions([motion, motion.joints()])  # type: ignore[list-item]
+    with raises_message(UsageError):
+        plot.write_page(motion, tmp_path / "page.html")
+
+
+def test_a_video_of_motions(tmp_path: Path) -> None:
+    pytest.importorskip("PIL")
+    clicks("wav", tmp_path / "song.wav")
+    path = plot.write_video(
+        {"a": dance()}, "", tmp_path / "a.mp4", music=tmp_path / "song.wav", length_s=0.2, size=(192, 160)
+    )
+    assert path.stat().st_size > 1000
+
+
+def test_a_wall_of_the_clips_of_a_song() -> None:
+    scenes = motion_scenes_of([dance(k, 120) for k in range(14)])
+    wall = Wall(scenes)
+    (item,) = wall.items
+    assert len(item.members) == MOST
+    scene = wall.scene(item)
+    assert any("left out: 2 further dancers" in note for note in scene.notes)
+    roots = np.stack([member.figure.joints[0, 0] for member in scene.members])
+    apart = np.linalg.norm(roots[:, None, [0, 2]] - roots[None, :, [0, 2]], axis=-1)
+    assert apart[~np.eye(MOST, dtype=bool)].min() > 1.49
+    for member, source in zip(scene.members, scenes.items, strict=False):
+        before, after = scenes.scene(source).figure, member.figure
+        moved = after.joints - before.joints
+        np.testing.assert_allclose(moved, np.broadcast_to(moved[0, 0], moved.shape), rtol=0, atol=1e-9)
+        assert after.floor == pytest.approx(0, abs=1e-9)
+    assert wall.wall_of(scenes.items[3]) == item
+    with raises_message(UsageError):
+        wall.wall_of(scenes.items[13])
+    with raises_message(UsageError):
+        Wall(motion_scenes_of(dance()))
+
+
+def test_a_wall_of_a_clip_and_what_it_is_compared_with(odd: Path, source: Path, tmp_path: Path) -> None:
+    ds = dancedata.open(odd)
+    truth = dancedata.decode(ds.clip("wav").read("edge151"), "edge151", fps=FPS)
+    joints = np.add(truth.joints(), (0.0, 0.5, 2.0))  # elsewhere, which a wall does not count
+    joints[:, 15] += [0.024, 0, 0]
+    for name, n in (("mine", 180), ("short", 60)):
+        (tmp_path / name).mkdir()
+        np.savez(tmp_path / name / "wav.npz", joints=joints[:n], fps=FPS)
+    request = ViewRequest(odd, "wav", source=source, compare=(tmp_path / "mine", tmp_path / "short"), wall=True)
+    opened = Shown.of(request)
+    scene = opened.scenes.scene(opened.item)
+    assert [member.item.part for member in scene.members] == ["odd", "original", "mine", "short"]
+    assert {member.figure.n_frames for member in scene.members} == {180}
+    assert "short ends at 2.00 s" in scene.notes
+    numbers = [dict(member.numbers) for member in scene.members]
+    assert numbers[2]["distance"] == "1 mm"  # 24 mm of one joint of 24
+    assert "distance" not in numbers[0]
+    as_read = Figure.of_joints(joints[:60], SMPL24, FrameGrid.of(FPS))
+    assert numbers[3]["sliding"] == f"{100 * as_read.sliding:.1f} cm/s"  # not of the pose that stays
+    sound = opened.sounds.sound(opened.item)
+    assert len(sound.signal.samples) == SECONDS * sound.signal.sample_rate
+    page = document(export_page(replace(request, wall=True), tmp_path / "wall.html"))
+    members = page["clips"]["0"]["members"]
+    assert [m["part"] for m in members] == ["odd", "original", "mine", "short"]
+    assert dict(members[2]["numbers"])["distance"] == "1 mm"
+
+
+def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_path: Path) -> None:
+    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    np.savez(tmp_path / "mine.npz", joints=np.add(joints, (0.0, 0.0, 0.01)), fps=FPS)
+    request = ViewRequest(odd, "wav", compare=(tmp_path / "mine.npz",), window=1, mirrored=True, overlay=True, up="y")
+    page = document(export_page(request, tmp_path / "page.html"))
+    assert page["head"]["takes"] == ["mine.npz"]
+    assert page["clips"]["0"]["with"]["mine.npz"]["mean"] == pytest.approx(10, abs=0.1)
+    assert page["at"] == "#clip=wav&t=0.500&loop=15-75&with=mine.npz&mirror=1&over=1"
+
+
+def test_a_mirrored_figure_is_its_reflection() -> None:
+    figure = Figure.of_joints(dance().joints(), SMPL24, FrameGrid.of(60))
+    mirrored = figure.mirrored()
+    left, right = SMPL24.index("left_wrist"), SMPL24.index("right_wrist")
+    np.testing.assert_array_equal(mirrored.joints[:, left], figure.joints[:, right] * (-1, 1, 1))
+    np.testing.assert_array_equal(mirrored.mirrored().joints, figure.joints)
+    again = Figure.of_joints(mirrored.joints, SMPL24, FrameGrid.of(60))
+    np.testing.assert_array_equal(mirrored.contacts, again.contacts)
+    half = figure.resampled(FrameGrid.of(30), 10.0)
+    assert half.n_frames == 300
+    np.testing.assert_array_equal(half.joints[:180], figure.joints[::2][:180])
+    np.testing.assert_array_equal(half.joints[180:], np.repeat(figure.joints[-1:], 120, axis=0))
+    assert Fraction(half.n_frames, 30) == 10
