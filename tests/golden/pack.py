@@ -21,6 +21,7 @@ from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile
+from dancedata.formats.arrays import load_object
 
 Arrays = dict[str, np.ndarray]
 
@@ -300,7 +301,7 @@ def pack_humanml(golden: Path, out: Path) -> None:
 
 
 def pack_crowd(crowd: Path, out: Path) -> None:
-    """Keep the joints of three groups and of a duet, and their scores, and a clip of InfiniteDance."""
+    """Keep the joints of three groups and a duet, their scores, some frames of the duet's files, and a clip."""
     gcd, duet = load(crowd / "gcd" / "metrics.npz"), load(crowd / "duolando" / "metrics.npz")
     scores = json.loads((crowd / "gcd" / "metrics.json").read_text())
     arrays: Arrays = {}
@@ -314,6 +315,13 @@ def pack_crowd(crowd: Path, out: Path) -> None:
     arrays["duet100"] = duet[f"{DUET}.duet100"]
     arrays["bed"] = np.array(json.loads((crowd / "duolando" / "metrics.json").read_text())[DUET]["BED"])
     save(out / "groups.npz", arrays)
+    duet_rows: Arrays = {"index": np.array([0, 1, *range(12, 92, 16), 91, 92])}
+    for member in (0, 1):
+        content = load_object(crowd / "inputs" / "dd100" / "motion" / "smplx" / "all" / f"{DUET}_0{member}.npy")
+        assert isinstance(content, dict)
+        duet_rows |= {f"{member}.{key}": content[key][duet_rows["index"]] for key in ("poses", "transl")}
+        duet_rows[f"{member}.rotmat_first_last"] = positions[f"{DUET}_0{member}.rotmat_first_last"]
+    save(out / "duet.npz", duet_rows)
     columns = load(crowd / "infinitedance" / "columns266.npz")
     joints = np.load(crowd / "inputs" / "infinitedance" / "joints" / f"{INFINITE}.npy")
     names = {"columns": f"{INFINITE}.266", "recovered": f"{INFINITE}.recovered264"}
