@@ -104,15 +104,20 @@ def test_music_has_the_rows_of_the_motion(golden: Arrays, source: Path, out: Pat
         np.testing.assert_allclose(rows, Bailando54().extract(song, FrameGrid.of(30))[: len(rows)], atol=1e-4)
 
 
-def test_groups_of_two_without_roles_or_fingers(tmp_path: Path) -> None:
+def write_duets(out: Path, group: str = "") -> None:
+    """A store of groups of two, three and one dancer without fingers or roles."""
     clips = []
     for clip in stored({"train": (2, 3), "test": (2,)}):
         rows = np.full((clip.n_frames, 54), 0.5, np.float32)
-        clips.append(replace(clip, audio={"rows54": (AudioBlock(clip.group or clip.id, rows),)}))
+        name, id = (clip.group and f"{group}{clip.group}"), f"{group}{clip.id}"
+        clips.append(replace(clip, id=id, group=name, audio={"rows54": (AudioBlock(name or id, rows),)}))
     field = Field("rows54", "audio", random_columns(54, mirror=False), HEADER.fps)
-    header = replace(HEADER, fields=(*HEADER.fields[:2], field))
-    (tmp_path / "store").mkdir()
-    write_store(tmp_path / "store", header, clips)
+    out.mkdir()
+    write_store(out, replace(HEADER, fields=(*HEADER.fields[:2], field)), clips)
+
+
+def test_groups_of_two_without_roles_or_fingers(tmp_path: Path) -> None:
+    write_duets(tmp_path / "store")
     done = dancedata.export(tmp_path / "store", "duolando", tmp_path / "out", progress=False, feature="rows54")
     names = sorted(path.name for path in (done.path / "motion" / "pos3d").rglob("*.npy"))
     assert names == ["test0_00.npy", "test0_01.npy", "train0_00.npy", "train0_01.npy"]
@@ -133,3 +138,10 @@ def test_what_is_missing_is_named(tmp_path: Path, cache: Path) -> None:
     dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=cache, progress=False)
     with raises_message(StoreError):
         dancedata.export(tmp_path / "store", "duolando", tmp_path / "out", progress=False)
+
+
+def test_names_that_the_loader_changes_are_refused(tmp_path: Path) -> None:
+    """It takes the path of rotation matrices from that of joints, with every pos3d replaced."""
+    write_duets(tmp_path / "store", "pos3d-")
+    with raises_message(StoreError):
+        dancedata.export(tmp_path / "store", "duolando", tmp_path / "out", progress=False, feature="rows54")

@@ -322,10 +322,36 @@ def pack_crowd(crowd: Path, out: Path) -> None:
         duet_rows |= {f"{member}.{key}": content[key][duet_rows["index"]] for key in ("poses", "transl")}
         duet_rows[f"{member}.rotmat_first_last"] = positions[f"{DUET}_0{member}.rotmat_first_last"]
     save(out / "duet.npz", duet_rows)
+    pack_scores(crowd, out)
     columns = load(crowd / "infinitedance" / "columns266.npz")
     joints = np.load(crowd / "inputs" / "infinitedance" / "joints" / f"{INFINITE}.npy")
     names = {"columns": f"{INFINITE}.266", "recovered": f"{INFINITE}.recovered264"}
     save(out / "infinitedance.npz", {"joints": joints, **{name: columns[key] for name, key in names.items()}})
+
+
+def pack_scores(crowd: Path, out: Path) -> None:
+    """Keep tables and their Frechet distances, a dance and its PBC, and what Duolando scores of a follower."""
+    gcd, duets = load(crowd / "gcd" / "metrics.npz"), load(crowd / "duolando" / "metrics.npz")
+    of_gcd, of_duets, of_popdg = (
+        json.loads((crowd / name).read_text())
+        for name in ("gcd/metrics.json", "duolando/metrics.json", "popdg/pbc.json")
+    )
+    arrays = {f"gcd.{side}": gcd[f"frechet_{side}"] for side in ("real", "gen")}
+    arrays |= {f"duolando.{side}": duets[f"fid_{side}"] for side in ("gt", "pred")}
+    arrays |= {name: duets[f"{DUET}.{name}_follower"] for name in ("kinetic72", "manual32")}
+    arrays["popdg.joints"] = load(crowd / "popdg" / "pbc_joints.npz")["a"]
+    numbers = {
+        "gcd.frechet": of_gcd["frechet_given"]["distance"],
+        "gcd.diversity": of_gcd["frechet_given"]["avg_pair_distance_gen"],
+        "duolando.frechet": of_duets["fid_given"]["fid"],
+        "duolando.diversity": [of_duets["fid_given"][f"div_{side}"] for side in ("pred", "gt")],
+        "popdg.pbc": of_popdg["a"]["pbc"],
+        "popdg.pfc": of_popdg["a"]["pfc"],
+        "footskating": of_duets[DUET]["footskating_follower"],
+        "music_beats": of_duets[DUET]["music_beats"],
+        "bas": of_duets[DUET]["BAS_follower"],
+    }
+    save(out / "scores.npz", arrays | {name: np.array(value) for name, value in numbers.items()})
 
 
 def pack_stream(crowd: Path, out: Path) -> None:
