@@ -110,9 +110,9 @@ def _duolando(positions: Float64Array, fps: float) -> Skating:
     pelvis = np.diff(positions[:, 0], axis=0)
     ankles = np.diff(positions[:, (_LEFT_ANKLE, _RIGHT_ANKLE)] - positions[:, :1], axis=0)
     still = (np.linalg.norm(ankles, axis=2) < _ANKLE_STEP_M).all(axis=1)
-    # As in the code: component 2 counts as the height, although y is up.
-    glides = np.linalg.norm(pelvis[:, :2], axis=1) > _PELVIS_M
-    return Skating(np.array([(glides & still).sum()]), np.array([len(pelvis)]))
+    glides = np.linalg.norm(pelvis[:, (0, 2)], axis=1) > _PELVIS_M
+    # As in the code: the first step never slides, but counts.
+    return Skating(np.array([(glides & still)[1:].sum()]), np.array([len(pelvis)]))
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,8 @@ def skating(joints: Float64Array, fps: float, *, rule: str = "speed", up: Up = "
     "gmd": a toe below 5 cm in two frames moves with more than 2.5 cm a frame, by itself and as a mean of five frames;
     the floor has to be at 0, the constants are for 20 frames per second. A share of all frames.
 
-    "duolando": the pelvis moves while both ankles rest relative to it. A share of all frames.
+    "duolando": the pelvis moves sideways by more than 3 cm a frame while both ankles move by less than 1 cm relative
+    to it. A share of all steps. Duolando's program takes z as up, as DD100 has it.
 
     Parameters
     ----------
@@ -209,7 +210,7 @@ class FootSkating(Metric):
         The axis that is vertical.
     """
 
-    version: ClassVar[int] = 1
+    version: ClassVar[int] = 2
     source: ClassVar[str] = "Li et al. 2024, Lodge; rules: SKATING_RULES"
     better: ClassVar[dict[str, Better]] = {
         "skating_left": "lower",

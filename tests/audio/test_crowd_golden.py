@@ -1,5 +1,6 @@
 """Columns of music against what the code of TCDiff, Duolando and POPDG computed."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -75,3 +76,14 @@ def test_the_columns_are_the_first_of_bailando438(clicks: AudioSignal) -> None:
     song = clicks.part(0, 3 * clicks.sample_rate)
     rows = Bailando54(onset_fmax="era").extract(song, FrameGrid.of(60))
     np.testing.assert_array_equal(rows, Bailando438().extract(song, FrameGrid.of(60))[:, :54])
+
+
+@pytest.mark.parametrize(("split", "name"), [("train", "Qiaqiaqia_12_1"), ("test", "Ballet_9_0")])
+def test_duolandos_first_row_of_other_songs(shared: Path, split: str, name: str) -> None:
+    crowd = shared / "golden" / "crowd"
+    expected = np.load(crowd / "duolando" / "dd100.npz")[f"window.{split}.music_row0"]
+    song = load_audio(crowd / "inputs" / "dd100" / "music" / "mp3" / "all" / f"{name}.wav")
+    facts = json.loads((crowd / "duolando" / "facts.json").read_text())
+    rows = Bailando54().extract(song, FrameGrid.of(30))
+    assert len(rows) == facts["music_rows"][name]
+    assert_within_gates(Bailando54(), rows[:1], expected[None])

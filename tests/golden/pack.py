@@ -21,6 +21,7 @@ from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile
+from dancedata.formats.arrays import load_object
 
 Arrays = dict[str, np.ndarray]
 
@@ -300,7 +301,7 @@ def pack_humanml(golden: Path, out: Path) -> None:
 
 
 def pack_crowd(crowd: Path, out: Path) -> None:
-    """Keep the joints of three groups and of a duet, and their scores, and a clip of InfiniteDance."""
+    """Keep the joints of three groups and a duet, their scores, some frames of the duet's files, and a clip."""
     gcd, duet = load(crowd / "gcd" / "metrics.npz"), load(crowd / "duolando" / "metrics.npz")
     scores = json.loads((crowd / "gcd" / "metrics.json").read_text())
     arrays: Arrays = {}
@@ -314,10 +315,43 @@ def pack_crowd(crowd: Path, out: Path) -> None:
     arrays["duet100"] = duet[f"{DUET}.duet100"]
     arrays["bed"] = np.array(json.loads((crowd / "duolando" / "metrics.json").read_text())[DUET]["BED"])
     save(out / "groups.npz", arrays)
+    duet_rows: Arrays = {"index": np.array([0, 1, *range(12, 92, 16), 91, 92])}
+    for member in (0, 1):
+        content = load_object(crowd / "inputs" / "dd100" / "motion" / "smplx" / "all" / f"{DUET}_0{member}.npy")
+        assert isinstance(content, dict)
+        duet_rows |= {f"{member}.{key}": content[key][duet_rows["index"]] for key in ("poses", "transl")}
+        duet_rows[f"{member}.rotmat_first_last"] = positions[f"{DUET}_0{member}.rotmat_first_last"]
+    save(out / "duet.npz", duet_rows)
+    pack_scores(crowd, out)
     columns = load(crowd / "infinitedance" / "columns266.npz")
     joints = np.load(crowd / "inputs" / "infinitedance" / "joints" / f"{INFINITE}.npy")
     names = {"columns": f"{INFINITE}.266", "recovered": f"{INFINITE}.recovered264"}
     save(out / "infinitedance.npz", {"joints": joints, **{name: columns[key] for name, key in names.items()}})
+
+
+def pack_scores(crowd: Path, out: Path) -> None:
+    """Keep tables and their Frechet distances, a dance and its PBC, and what Duolando scores of a follower."""
+    gcd, duets = load(crowd / "gcd" / "metrics.npz"), load(crowd / "duolando" / "metrics.npz")
+    of_gcd, of_duets, of_popdg = (
+        json.loads((crowd / name).read_text())
+        for name in ("gcd/metrics.json", "duolando/metrics.json", "popdg/pbc.json")
+    )
+    arrays = {f"gcd.{side}": gcd[f"frechet_{side}"] for side in ("real", "gen")}
+    arrays |= {f"duolando.{side}": duets[f"fid_{side}"] for side in ("gt", "pred")}
+    arrays |= {name: duets[f"{DUET}.{name}_follower"] for name in ("kinetic72", "manual32")}
+    arrays["popdg.joints"] = load(crowd / "popdg" / "pbc_joints.npz")["a"]
+    numbers = {
+        "gcd.frechet": of_gcd["frechet_given"]["distance"],
+        "gcd.diversity": of_gcd["frechet_given"]["avg_pair_distance_gen"],
+        "duolando.frechet": of_duets["fid_given"]["fid"],
+        "duolando.diversity": [of_duets["fid_given"][f"div_{side}"] for side in ("pred", "gt")],
+        "popdg.pbc": of_popdg["a"]["pbc"],
+        "popdg.pfc": of_popdg["a"]["pfc"],
+        "footskating": of_duets[DUET]["footskating_follower"],
+        "music_beats": of_duets[DUET]["music_beats"],
+        "bas": of_duets[DUET]["BAS_follower"],
+    }
+    save(out / "scores.npz", arrays | {name: np.array(value) for name, value in numbers.items()})
 
 
 def pack_stream(crowd: Path, out: Path) -> None:

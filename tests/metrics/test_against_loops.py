@@ -153,7 +153,7 @@ ALL: dict[str, Metric] = {
     "physics": MotiusPhysics(),
 }
 #: Metrics that depend on the dancer's direction, on her position, and on the height of the floor.
-FEEL_YAW = {"skating lodge-code", "skating duolando"}
+FEEL_YAW = {"skating lodge-code"}
 FEEL_PLACE = {f"kinetic {v} absolute" for v in ("code", "gcd-code")}
 FEEL_FLOOR = FEEL_PLACE | {"skating gmd"}
 

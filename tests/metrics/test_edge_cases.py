@@ -150,6 +150,11 @@ def test_skating_of_made_up_feet(metrics_golden: Any) -> None:
     for rule in ("lodge-norm", "speed"):
         for step in ((0.015, 0.0), (0.015, -0.015), (0.0, 0.015)):
             assert skating(glide(*step), 30, rule=rule).ratios.tolist() == [0.975, 0.975]
+    # Duolando's: the first step is counted and never slides; up and down is no glide.
+    found = [skating(glide(*step), 30, rule="duolando") for step in ((0.04, 0.0), (0.0, 0.04), (0.02, 0.02))]
+    assert [(int(f.sliding[0]), int(f.counted[0])) for f in found] == [(38, 39), (38, 39), (0, 39)]
+    rising = glide(0.0, 0.04)[..., (0, 2, 1)]
+    assert skating(rising, 30, rule="duolando").ratio == 0
     jumping, lying = glide(0, 0), glide(0, 0)
     jumping[6:, :, 1] += 2
     edge = metrics_golden.json("edge_cases")

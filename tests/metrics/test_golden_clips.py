@@ -90,7 +90,7 @@ def _physics(joints: np.ndarray) -> dict[str, float]:
 
 
 def _counts(joints: np.ndarray) -> list[int]:
-    found = skating(joints, 30, rule="duolando")
+    found = skating(joints, 30, rule="duolando", up="z")  # the program's axis, whatever the data's
     return [int(found.sliding[0]), int(found.counted[0])]
 
 

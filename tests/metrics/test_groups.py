@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Mapping
 from itertools import permutations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,19 @@ import pytest
 
 from dancedata.core.dance import Undefined
 from dancedata.core.skeleton import SMPL24
-from dancedata.metrics import groups
+from dancedata.metrics import (
+    beat_alignment,
+    diversity,
+    frechet,
+    geometric,
+    groups,
+    motion_beats,
+    pbc,
+    pfc,
+    skating,
+)
+from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
+from dancedata.metrics.set_statistics import STATISTICS
 from dancedata.synthetic import synthesise_motion
 from tests.conftest import DATA, unpack
 
@@ -24,10 +37,21 @@ def dancers(n: int = 3, n_frames: int = 60) -> Array:
 
 
 @pytest.fixture(scope="module")
-def golden(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Array]:
+def crowd(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return unpack(DATA / "crowd", tmp_path_factory.mktemp("crowd"))
+
+
+@pytest.fixture(scope="module")
+def golden(crowd: Path) -> Mapping[str, Array]:
     """Groups as GCD's code measures them, a duet as Duolando's does."""
-    folder = unpack(DATA / "crowd", tmp_path_factory.mktemp("crowd"))
-    with np.load(folder / "groups.npz") as file:
+    with np.load(crowd / "groups.npz") as file:
+        return dict(file)
+
+
+@pytest.fixture(scope="module")
+def scores(crowd: Path) -> Mapping[str, Array]:
+    """Tables, a dance and a follower, as GCD's, POPDG's and Duolando's code score them."""
+    with np.load(crowd / "scores.npz") as file:
         return dict(file)
 
 
@@ -48,6 +72,34 @@ def test_a_duet_as_duolando_measures_it(golden: Mapping[str, Array]) -> None:
     assert groups.beat_echo(leader, follower, 30) == pytest.approx(float(golden["bed"]), rel=1e-12)
     spans = [s for s in groups.contact_spans(leader, follower) if (s.joint, s.other_joint) == (20, 21)]
     assert [(s.start, s.end) for s in spans] == [(19, 51)]  # the made-up hold: 3 cm in the frames 20 ... 50
+
+
+def test_a_follower_as_duolando_measures_her(golden: Mapping[str, Array], scores: Mapping[str, Array]) -> None:
+    """Fingers as two joints, positions from the first pelvis, and y as up: the program's slip, as DD100 has z up."""
+    follower = golden["follower"]
+    hands = [follower[:, first : first + 15 : 3].mean(axis=1, keepdims=True) for first in (25, 40)]
+    body = np.concatenate([follower[:, :22], *hands], axis=1) - follower[:1, :1]
+    np.testing.assert_allclose(KINETIC_VARIANTS["code"](body, 30), scores["kinetic72"], rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(geometric(body), scores["manual32"], rtol=1e-4, atol=1e-7)
+    found = skating(follower, 30, rule="duolando", up="z")
+    assert [found.sliding[0], found.counted[0]] == scores["footskating"].tolist()
+    beats = motion_beats(follower, 30, detector="bailando")
+    assert beat_alignment(scores["music_beats"], beats, sigma=3) == pytest.approx(float(scores["bas"]), rel=1e-9)
+
+
+def test_tables_as_gcd_and_duolando_compare_them(scores: Mapping[str, Array]) -> None:
+    real, made = STATISTICS["numpy"](scores["gcd.real"], scores["gcd.gen"])
+    assert frechet(real, made) == pytest.approx(float(scores["gcd.frechet"]), rel=1e-5)
+    assert diversity(made) == pytest.approx(float(scores["gcd.diversity"]), rel=1e-5)
+    real, made = STATISTICS["numpy"](scores["duolando.gt"], scores["duolando.pred"])
+    assert frechet(real, made) == pytest.approx(float(scores["duolando.frechet"]), rel=1e-4)
+    np.testing.assert_allclose([diversity(made), diversity(real)], scores["duolando.diversity"], rtol=1e-4)
+
+
+def test_physical_scores_as_popdg_computes_them(scores: Mapping[str, Array]) -> None:
+    joints = scores["popdg.joints"]
+    assert pbc(joints, 30, variant="code", up="z") == pytest.approx(float(scores["popdg.pbc"]), rel=1e-4)
+    assert pfc(joints, 30, variant="code", up="z") == pytest.approx(float(scores["popdg.pfc"]), rel=1e-4)
 
 
 def test_members_order_does_not_matter() -> None:

@@ -4,6 +4,7 @@ Gates: 1e-4 for columns, as the original computes inverse kinematics in float32;
 positions and velocities, 3e-6 in the turn of the root. Contacts are equal. Recovered joints: 1 mm; measured 4e-7 m.
 """
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -204,3 +205,24 @@ def test_infinitedances_columns(tmp_path: Path) -> None:
     np.testing.assert_array_equal(array[:-1, contacts], expected[:, contacts])
     np.testing.assert_allclose(made.positions(expected), arrays["recovered"], rtol=0, atol=1e-6)
     np.testing.assert_array_equal(made.positions(array), MADE.positions(columns))
+
+
+@pytest.mark.parametrize("name", ["video_0001", "my clip 2 (live)", "gBR_sBM_cAll_d04_mBR0_ch02"])
+def test_infinitedances_clips(shared: Path, name: str) -> None:
+    crowd = shared / "golden" / "crowd"
+    with np.load(crowd / "infinitedance" / "columns266.npz") as golden:
+        expected, recovered = golden[f"{name}.266"], golden[f"{name}.recovered264"]
+        lengths = np.linalg.norm(golden["target_offsets"], axis=1)
+        raw = golden["raw_offsets"]
+    np.testing.assert_allclose(np.linalg.norm(HUMANML22.offsets, axis=1), lengths, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(np.linalg.norm(raw[1:], axis=1), 1)
+    joints = np.load(crowd / "inputs" / "infinitedance" / "joints" / f"{name}.npy").astype(np.float64)
+    array = with_root_angle(humanml.columns_of(humanml.retargeted(joints)))[:-1]
+    contacts = Humanml264().columns.slice("foot_contact")
+    np.testing.assert_allclose(array, expected[:, [1, *range(3, 266)]], rtol=0, atol=2e-5)
+    np.testing.assert_array_equal(array[:, contacts], expected[:, -4:])
+    found = Humanml264().positions(expected[:, [1, *range(3, 266)]])
+    np.testing.assert_allclose(found, recovered, rtol=0, atol=1e-6)
+    about = json.loads((crowd / "infinitedance" / "facts.json").read_text())["clips"][name]
+    assert (len(joints), len(expected)) == (about["frames"], about["rows"])
+    assert array[:, contacts].mean() == pytest.approx(about["contact_rate"])
