@@ -74,7 +74,7 @@ def view(
     elif video is not None:
         from dancedata.plot.video import export_video
 
-        typer.echo(str(export_video(request, video, size=size, **share_options)))
+        typer.echo(str(export_video(request, video, size=size, say=typer.echo, **share_options)))
         if audio == "none":
             typer.echo("  without sound; with the clip's music: --source DIR or --music PATH, and --audio embed")
     elif audio != "none":

@@ -7,7 +7,7 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fractions import Fraction
@@ -292,6 +292,7 @@ def export_video(
     audio: bool = False,
     shared: bool = False,
     overwrite: bool = False,
+    say: Callable[[str], None] = print,
 ) -> Path:
     """Write one clip as a video; what it is compared with stands beside it, or over it.
 
@@ -301,6 +302,8 @@ def export_video(
         Width and height in pixels, as in "1080x1920".
     audio, shared, overwrite
         As in `viewer.view.export_page`.
+    say
+        Takes the notes on what is missing, which a page shows.
 
     Raises
     ------
@@ -326,6 +329,8 @@ def export_video(
         signal, notice = opened.shared_music(allowed_by_caller=shared)
         sound, credit = ClipSound(signal), f"{credit} {notice}".strip()
     scene = opened.scenes.scene(opened.item, request.field)
+    for note in scene.notes:
+        say(f"  note: {note}")
     if request.mirrored:
         scene = scene.mirrored()
     begin, end = opened.span

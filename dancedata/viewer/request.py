@@ -203,7 +203,7 @@ class Shown:
         item, loop = request.first(scenes)
         comparisons = request.comparisons(scenes, sounds)
         if request.wall:
-            wall = Wall(scenes, comparisons, apart=not request.overlay)
+            wall = Wall(scenes, comparisons[len(comparisons) - len(request.compare) :], apart=not request.overlay)
             item = wall.wall_of(item) if request.clip else wall.items[0]
             return cls(request, wall, None if sounds is None else WallSounds(wall, sounds), (), item, loop, "")
         added = comparisons[len(comparisons) - len(request.compare) :]

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
-from dancedata.synthetic import write_synthetic
+from dancedata.formats.motion_files import motion_file
+from dancedata.synthetic import synthesise_motion, write_synthetic
 from dancedata.viewer.page import page_parts
 
 ROOT = Path(__file__).parent.parent.parent
@@ -37,6 +39,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         dancedata.build(recipe, source, here / "data" / name, jobs=1, cache=here / "cache", progress=False)
     (here / "samples").mkdir()
     np.save(here / "samples" / "sample.npy", np.zeros((30, 151), np.float32))
+    np.save(here / "samples.npy", np.zeros((2, 30, 151), np.float32))
+    for name in ("captures", "songs", "edge", "mine"):
+        (here / name).mkdir()
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0]
+    (here / "captures" / "solo.bvh").write_bytes(motion_file(motion, "bvh"))
+    soundfile.write(here / "songs" / "solo.wav", np.zeros(44_100), 22_050)
+    for name in ("edge", "mine"):
+        np.save(here / name / f"{dancedata.open(here / 'data' / 'demo').clips[0].id}.npy", motion.joints())
     return here
 
 
@@ -48,14 +58,14 @@ def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("dancedata.viewer.view._interrupt", lambda: over)
     known = dancedata.open(folder / "data" / "demo").clips[0].id
     commands = [line for block in blocks("sh") for line in block.splitlines()]
-    assert len(commands) == 5
+    assert len(commands) == 9
     for command in commands:
         words = shlex.split(command.replace(CLIP, known))
         assert words[0] == "dancedata"
         done = CliRunner().invoke(app, [*words[1:], *([] if "--export" in words else ["--no-browser"])])
         assert done.exit_code == 0, done.output
         if "--export" not in words:
-            assert re.match(r"http://127\.0\.0\.1:\d+/\?token=\S+#clip=", done.stdout), done.stdout
+            assert re.match(r"http://127\.0\.0\.1:\d+/\?token=\S+#(clip|group)=", done.stdout), done.stdout
     assert (folder / "clip.html").stat().st_size > 50_000
 
 
