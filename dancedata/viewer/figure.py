@@ -16,10 +16,9 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader
+from dancedata.viewer.body import floor_height, lowest_feet, standing_height
 
 BoolArray = npt.NDArray[np.bool_]
-#: Quantile of the heights of the feet that is the floor: a foot that sinks in for a few frames does not lower it.
-_FLOOR_SHARE = 0.02
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
 _BODY = 22
 
@@ -132,8 +131,18 @@ class Figure:
 
     @cached_property
     def floor(self) -> float:
-        """Height of the floor, metres: the 2nd percentile of the heights of the feet."""
-        return float(np.quantile(self.joints[:, list(self.skeleton.feet), 1], _FLOOR_SHARE))
+        """Height of the floor, metres: that of the soles while toes are in contact; see `floor_height`."""
+        return floor_height(self.joints, self.contacts, self.contact_joints, self.skeleton)
+
+    @cached_property
+    def lowest(self) -> float:
+        """The 2nd percentile of the heights of the feet, metres."""
+        return lowest_feet(self.joints, self.skeleton.feet)
+
+    @cached_property
+    def tall(self) -> float:
+        """Height of the dancer when standing, metres."""
+        return standing_height(self.joints[0], self.skeleton)
 
     @cached_property
     def movement(self) -> Movement:

@@ -102,7 +102,7 @@ def figure_payload(figure: Figure) -> Json:
         "joints": list(skeleton.joints), "parents": list(skeleton.parents), "sides": list(figure.sides),
         "pairs": [list(pair) for pair in skeleton.pairs], "feet": list(figure.contact_joints),
         "data": packed(planes), "contacts": packed(bits), "stored": figure.contacts_stored,
-        "floor": round(figure.floor, 4),
+        "floor": round(figure.floor, 4), "lowest": round(figure.lowest, 4), "tall": round(figure.tall, 4),
     }  # fmt: skip
 
 

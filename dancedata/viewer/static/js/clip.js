@@ -158,7 +158,7 @@ export function showAbout() {
       : clip.windows.length + (clip.windows.length === 1 ? ' window' : ' windows'),
     clip.beats.length && `${clip.beats.length} beats`,
     clip.bpm && `${round(clip.bpm)} BPM`,
-    f && !together() && `floor at ${(Math.round(f.floor * 100) / 100 || 0).toFixed(2)} m`,
+    f && !together() && `floor at ${metres(f.floor)} m, feet from ${metres(f.lowest)} m`,
     clip.loading ? 'music is loading' : !clip.wave && clip.beats.length && 'no music: press C to hear the beats',
   ]
     .filter(Boolean)
@@ -174,6 +174,7 @@ export function showAbout() {
   el('mirror').title = together() ? 'Choose a dancer to see the mirrored copy' : 'Mirrored copy  (M)';
 }
 
+const metres = x => (Math.round(x * 100) / 100 || 0).toFixed(2);
 const round = x => String(Math.round(x * 1000) / 1000);
 const flagText = f =>
   f[1].replace(/_/g, ' ') +

@@ -63,7 +63,6 @@ async function figureOf(packed) {
     figure.mirror[a] = b;
     figure.mirror[b] = a;
   }
-  figure.tall = tallness(figure);
   figure.room = roomOf(figure);
   figure.thick = packed.joints.map(name => thickness(figure, name));
   return figure;
@@ -79,19 +78,6 @@ function roomOf(figure) {
   }
   const high = tops.sort()[Math.floor(0.99 * (figure.frames - 1))] + 0.1 * figure.tall;
   return Math.max(0.7 * figure.tall, Math.min(figure.tall, high));
-}
-
-// Height of a dancer who stands: the bones from a foot to the root and on to the head. For the camera.
-function tallness(figure) {
-  const to = j => {
-    if (figure.parents[j] < 0) return 0;
-    const a = 3 * j;
-    const b = 3 * figure.parents[j];
-    const p = figure.places;
-    return Math.hypot(p[a] - p[b], p[a + 1] - p[b + 1], p[a + 2] - p[b + 2]) + to(figure.parents[j]);
-  };
-  const middle = figure.joints.map((_, j) => (figure.sides[j] ? 0 : to(j)));
-  return Math.max(0.05, to(figure.feet[2] ?? figure.feet[0]) + Math.max(...middle)) * 0.98 || 1.7;
 }
 
 // Width of a bone, for a dancer of 1.7 m.
