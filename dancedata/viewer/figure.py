@@ -17,6 +17,7 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.viewer.body import floor_height, lowest_feet, standing_height
+from dancedata.viewer.limbs import Limbs, chest_looks, looks, sides_of
 
 BoolArray = npt.NDArray[np.bool_]
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
@@ -73,6 +74,8 @@ class Figure:
         (4,) joints of the columns of `contacts`.
     contacts_stored
         Whether the contacts are those of the dataset; if not, they were computed by the rule "velocity".
+    facing
+        (T, 3) unit vectors in which the head faces; None where rotations are unknown.
     """
 
     joints: Float64Array
@@ -81,6 +84,7 @@ class Figure:
     contacts: BoolArray
     contact_joints: tuple[int, ...]
     contacts_stored: bool = False
+    facing: Float64Array | None = None
 
     @classmethod
     def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
@@ -101,7 +105,8 @@ class Figure:
         pose = reader.pose(rows)
         checked_joints(pose.joints)
         skeleton = reader.representation.skeleton if pose.motion is None else pose.motion.skeleton
-        figure = cls.of_joints(pose.joints, skeleton, pose.grid)
+        facing = None if pose.motion is None else looks(pose.motion)
+        figure = replace(cls.of_joints(pose.joints, skeleton, pose.grid), facing=facing)
         columns = reader.representation.columns
         group = next((g for g in columns.groups if g.name in ("contact", "foot_contact") and g.width == 4), None)
         if group is None:
@@ -109,7 +114,7 @@ class Figure:
         joints = tuple(skeleton.joints.index(part) for part in group.parts if part in skeleton.joints)
         order = joints if len(joints) == 4 else skeleton.feet
         stored = np.asarray(rows[:, columns.slice(group.name)], dtype=np.float64) > 0.5
-        return cls(pose.joints, skeleton, pose.grid, stored, order, contacts_stored=True)
+        return replace(figure, contacts=stored, contact_joints=order, contacts_stored=True)
 
     @property
     def n_frames(self) -> int:
@@ -124,10 +129,17 @@ class Figure:
     @cached_property
     def sides(self) -> tuple[int, ...]:
         """Side of each joint: 0 in the middle, 1 left, 2 right."""
-        sides = [0] * self.skeleton.n_joints
-        for left, right in self.skeleton.pairs:
-            sides[left], sides[right] = 1, 2
-        return tuple(sides)
+        return sides_of(self.skeleton)
+
+    @cached_property
+    def limbs(self) -> Limbs:
+        """Girth of the bones."""
+        return Limbs.of(self.joints[0], self.skeleton)
+
+    @cached_property
+    def look(self) -> Float64Array | None:
+        """Where the head faces, (T, 3) unit vectors; where rotations are unknown, the chest. None without a head."""
+        return self.facing if self.facing is not None else chest_looks(self.joints, self.skeleton)
 
     @cached_property
     def floor(self) -> float:
@@ -177,7 +189,8 @@ class Figure:
                 found=f"{self.n_frames} frames at {self.grid} per second",
                 allowed=f"more than {first}",
             )
-        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames])
+        facing = None if self.facing is None else self.facing[frames]
+        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing)
 
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.

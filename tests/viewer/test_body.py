@@ -1,4 +1,4 @@
-"""The floor and the body of a figure, against plain numpy."""
+"""The floor and the limbs of a figure, against plain numpy."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dancedata.core.bodies import SMPLX55
 from dancedata.core.grid import FrameGrid
-from dancedata.core.skeleton import SMPL24
+from dancedata.core.motion import Motion
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.aistpp import AistPP
+from dancedata.plot.bodies import cone_outlines
 from dancedata.viewer.figure import Figure
+from dancedata.viewer.limbs import Limbs, chest_looks, looks
 from dancedata.viewer.scenes import Scenes
 
 N = 200
@@ -95,3 +99,80 @@ def test_real_dancers_stand_on_the_floor(shared: Path) -> None:
         figure = Figure.of_joints(motion.joints(), motion.skeleton, motion.grid)
         toes = figure.joints[:, [10, 11], 1][figure.contacts[:, 2:]]
         assert abs(np.median(toes) - SOLE - figure.floor) < 0.01, clip.id
+
+
+def standing(skeleton: Skeleton = SMPL24) -> np.ndarray:
+    """Joints of the rest pose, (1, J, 3)."""
+    pose = np.array(skeleton.offsets)
+    for joint, parent in enumerate(skeleton.parents[1:], 1):
+        pose[joint] += pose[parent]
+    return pose[None]
+
+
+def test_girths_go_by_name_and_else_by_length() -> None:
+    limbs = Limbs.of(standing()[0], SMPL24)
+    scale = TALL / 1.7
+    assert limbs.scale == pytest.approx(scale)
+    assert limbs.girths[0] == (0, 0)
+    assert limbs.girths[SMPL24.index("left_knee")] == limbs.girths[SMPL24.index("right_knee")]
+    assert limbs.girths[SMPL24.index("left_knee")] == pytest.approx((0.082 * scale, 0.053 * scale))
+    other = replace(SMPL24, joints=tuple(f"bone{k}" for k in range(24)))
+    for girth, offset in list(zip(Limbs.of(standing()[0], other).girths, SMPL24.offsets, strict=True))[1:]:
+        wanted = np.clip(0.22 * np.linalg.norm(offset), 0.01 * scale, 0.08 * scale)
+        assert girth == pytest.approx((wanted, wanted))
+    assert Limbs.of(standing()[0], other).head == -1
+    face = Limbs.of(standing(SMPLX55)[0], SMPLX55)
+    assert {face.girths[SMPLX55.index(name)] for name in ("jaw", "left_eye", "right_eye")} == {(0, 0)}
+    fingers = [max(girth) for name, girth in zip(SMPLX55.joints, face.girths, strict=True) if "index" in name]
+    assert 0 < min(fingers) < max(fingers) < 0.025
+
+
+def test_trunk_and_head_are_neutral_and_limbs_have_their_side() -> None:
+    tones = dict(zip(SMPL24.joints, Limbs.of(standing()[0], SMPL24).tones, strict=True))
+    assert {tones[name] for name in ("spine2", "neck", "head", "left_hip", "right_collar")} == {0}
+    assert {tones[name] for name in ("left_knee", "left_foot", "left_shoulder", "left_hand")} == {1}
+    assert {tones[name] for name in ("right_knee", "right_wrist")} == {2}
+
+
+@pytest.mark.parametrize("skeleton", [SMPL24, SMPLX55], ids=["smpl24", "smplx55"])
+def test_heads_look_ahead_at_rest_and_turn_with_the_rotations(skeleton: Skeleton) -> None:
+    joints = standing(skeleton)
+    np.testing.assert_allclose(chest_looks(joints, skeleton)[0], (0, 0, 1), atol=0.12)  # SMPL's shoulders are askew
+    rotations = np.zeros((2, skeleton.n_joints, 3))
+    rotations[1, skeleton.index("head"), 1] = np.pi / 2  # the head alone, to the left
+    motion = Motion(np.zeros((2, 3)), rotations, FrameGrid.of(30), skeleton)
+    ahead, aside = looks(motion)
+    np.testing.assert_allclose(ahead, (0, 0, 1), atol=0.12)
+    np.testing.assert_allclose(aside, (1, 0, 0), atol=0.12)
+    np.testing.assert_allclose(chest_looks(motion.joints(), skeleton)[1], chest_looks(joints, skeleton)[0], atol=1e-9)
+
+
+def test_cones_go_along_the_bones_and_beyond() -> None:
+    pose = STANDING
+    cones = Limbs.of(pose, SMPL24).cones(pose, np.array([0.0, 0.0, 1.0]))
+    bones = np.stack([pose[list(SMPL24.parents[1:])], pose[1:]], axis=1)
+    np.testing.assert_array_equal(np.stack([cones.begin, cones.end], axis=1)[:23], bones)
+    assert len(cones.begin) == 23 + 6 + 5  # heels, toes and hands; skull, jaw, nose and eyes
+    low = (np.minimum(cones.begin[:, 1] - cones.radii[:, 0], cones.end[:, 1] - cones.radii[:, 1])).min()
+    assert -0.02 < low < 0.02  # on its soles
+    top = (cones.end[:, 1] + cones.radii[:, 1]).max()
+    assert top == pytest.approx(pose[15, 1] + 0.17, abs=0.02)
+    assert cones.end[-3:, 2].min() > pose[15, 2] + 0.08  # nose and eyes are in front
+    assert len(Limbs.of(pose, SMPL24).cones(pose, None).begin) == 23 + 6
+    assert set(cones.tones) == {0, 1, 2, 3}
+
+
+def test_the_outline_of_a_cone_holds_both_circles() -> None:
+    begin, end, radii = (
+        np.array([[0.0, 0.0], [5.0, 5.0]]),
+        np.array([[40.0, 30.0], [6.0, 5.0]]),
+        np.array([[9, 4], [8, 2.0]]),
+    )
+    outline = cone_outlines(begin, end, radii, 1.0, 0.0)
+    for centre, radius in ((begin[0], 9), (end[0], 4)):
+        assert np.linalg.norm(outline[0] - centre, axis=1).min() > radius - 0.1
+    # One circle inside the other.
+    np.testing.assert_allclose(np.linalg.norm(outline[1] - begin[1], axis=1)[:9], 8)
+    strip = cone_outlines(begin, end, radii, 0.2, 0.0)[0]
+    across = np.array([-0.6, 0.8])
+    assert np.abs(strip @ across).max() == pytest.approx(0.2 * np.abs(outline[0] @ across).max())

@@ -74,6 +74,7 @@ const KEYS = [
   [']', ']', 'next clip', () => step(1)],
   ['l', 'L', 'loop the window under the cursor', () => el('loop').click()],
   ['m', 'M', 'mirrored copy', mirrorKey],
+  ['b', 'B', 'body or sticks', () => el('body').click()],
   ['o', 'O', 'overlay, or side by side', () => el('over').click()],
   ['c', 'C', 'metronome', () => el('click').click()],
   ['u', 'U', 'mute the music', () => el('mute').click()],
@@ -129,6 +130,7 @@ export function startControls() {
   });
   click('mirror', toggle('mirror'));
   click('over', toggle('over'));
+  click('body', toggle('body'));
   click('click', toggle('click'));
   click('mute', () => {
     setMode('mute', !state.mute);

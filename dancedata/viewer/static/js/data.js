@@ -58,6 +58,7 @@ async function figureOf(packed) {
     }
   }
   const figure = { ...packed, places, width, count: width / 3, contacts: await unpacked(packed.contacts) };
+  figure.look = packed.look && new Int8Array((await unpacked(packed.look)).buffer);
   figure.mirror = packed.joints.map((_, j) => j);
   for (const [a, b] of packed.pairs) {
     figure.mirror[a] = b;

@@ -1,4 +1,5 @@
 // The stage: the dancer in perspective, drawn on a canvas.
+import { blend, conesOf, drawCones, spotOf } from './body.js';
 import { el } from './data.js';
 import { camera, frameRate, state } from './state.js';
 
@@ -18,6 +19,7 @@ const COLOURS = [
   'flag',
   'floor',
   'shadow',
+  'pool',
   'wave',
   'win',
   'other',
@@ -131,55 +133,51 @@ export function triangle(ink, x, y, r, colour, edge) {
   }
 }
 
+// A blob under each joint, the darker the lower the joint is.
 export function drawShadow(figure, places, { shift = [0, 0], thin = false, alpha = 1 }) {
-  pen.lineCap = 'round';
-  pen.globalAlpha = (thin ? 0.12 : 0.32) * alpha;
-  for (let j = 1; j < figure.count; j++) {
-    if (!figure.thick[j]) continue;
-    const ground = i => project(places[3 * i] + shift[0], figure.floor, places[3 * i + 2] + shift[1]);
-    const a = ground(j);
-    const b = ground(figure.parents[j]);
-    if (a && b) stroke(a, b, figure.thick[j] * a[3] * 0.8, css.shadow);
+  const spot = spotOf(css.shadow);
+  const scale = figure.tall / 1.7;
+  const flat = Math.max(0.15, Math.sin(camera.pitch));
+  for (let j = 0; j < figure.count; j++) {
+    if (j && !figure.thick[j]) continue;
+    const p = project(places[3 * j] + shift[0], figure.floor, places[3 * j + 2] + shift[1]);
+    if (!p) continue;
+    const high = Math.max(0, places[3 * j + 1] - figure.floor) / scale;
+    const r = (0.11 + Math.max(...figure.girths[j]) + 0.12 * high) * scale * p[3];
+    pen.globalAlpha = (thin ? 0.3 : 0.95) * alpha * Math.exp(-2.4 * Math.max(0, high - 0.03));
+    pen.drawImage(spot, p[0] - r, p[1] - r * flat, 2 * r, 2 * r * flat);
   }
   pen.globalAlpha = 1;
+}
+
+// Where the head faces at a time; null where that is unknown.
+function lookAt(figure, t, mirrored) {
+  if (!figure.look) return null;
+  const at = Math.max(0, Math.min(figure.frames - 1, t * figure.rate));
+  const i = Math.floor(at);
+  const next = Math.min(figure.frames - 1, i + 1);
+  const look = [0, 1, 2].map(k => figure.look[3 * i + k] * (1 - at + i) + figure.look[3 * next + k] * (at - i));
+  const long = Math.hypot(...look) || 1;
+  return look.map((v, k) => (mirrored && !k ? -v : v) / long);
 }
 
 // `thin`: a figure that lies over another one is drawn as lines in a colour of its own. `colours`: middle, left, right.
 export function drawBody(figure, places, frame, options) {
   const { shift = [0, 0], swap = false, thin = false, alpha = 1, label = '', colours = null } = options;
-  const tones = colours || [css.mid, css.left, css.right];
+  // Not transparent: parts behind others would show through.
+  const tones = (colours || [css.mid, css.left, css.right]).map(tone => blend(tone, css.bg, alpha));
   const points = [];
-  const parents = figure.parents;
   for (let j = 0; j < figure.count; j++)
     points.push(project(places[3 * j] + shift[0], places[3 * j + 1], places[3 * j + 2] + shift[1]));
   if (!colours) drawShadow(figure, places, options); // those of a group lie below all dancers
   pen.lineCap = 'round';
   pen.globalAlpha = alpha;
   drawContacts(figure, places, frame, shift, swap);
-  const order = [];
-  for (let j = 1; j < figure.count; j++) if (points[j] && points[parents[j]] && figure.thick[j]) order.push(j);
-  order.sort((a, b) => points[b][2] + points[parents[b]][2] - points[a][2] - points[parents[a]][2]);
-  for (const j of order) {
-    const a = points[parents[j]];
-    const b = points[j];
-    const width = ((figure.thick[j] * (a[3] + b[3])) / 2) * (thin ? 0.3 : 1);
-    if (!thin) stroke(a, b, width + 2.5 * ratio, css.bg);
-    stroke(a, b, Math.max(width, 1.2 * ratio), thin ? css.other : tones[figure.sides[j]]);
-    if (/^head$/i.test(figure.joints[j])) {
-      const r = ((0.095 * figure.tall) / 1.7) * b[3];
-      pen.beginPath();
-      pen.arc(b[0], b[1] - 0.03 * b[3], r, 0, 7);
-      if (thin) {
-        pen.strokeStyle = css.other;
-        pen.lineWidth = 1.6 * ratio;
-        pen.stroke();
-      } else {
-        pen.fillStyle = tones[0];
-        pen.fill();
-      }
-    }
-  }
   pen.globalAlpha = 1;
+  if (state.body && !thin) {
+    const cones = conesOf(figure, places, lookAt(figure, state.t, swap));
+    drawCones(pen, cones, project, shift, [...tones, blend(tones[0], '#000000', 0.35)]);
+  } else drawSticks(figure, points, thin, thin ? [blend(css.other, css.bg, alpha)] : tones);
   if (label && points[0]) {
     const p = project(places[0] + shift[0], figure.floor, places[2] + shift[1]);
     pen.fillStyle = thin ? css.other : css.dim;
@@ -191,6 +189,27 @@ export function drawBody(figure, places, frame, options) {
   return points;
 }
 
+function drawSticks(figure, points, thin, tones) {
+  const parents = figure.parents;
+  const order = [];
+  for (let j = 1; j < figure.count; j++) if (points[j] && points[parents[j]] && figure.thick[j]) order.push(j);
+  order.sort((a, b) => points[b][2] + points[parents[b]][2] - points[a][2] - points[parents[a]][2]);
+  for (const j of order) {
+    const a = points[parents[j]];
+    const b = points[j];
+    const width = ((figure.thick[j] * (a[3] + b[3])) / 2) * (thin ? 0.3 : 1);
+    if (!thin) stroke(a, b, width + 2.5 * ratio, css.bg);
+    stroke(a, b, Math.max(width, 1.2 * ratio), tones[thin ? 0 : figure.sides[j]]);
+    if (j === figure.head) {
+      pen.beginPath();
+      pen.arc(b[0], b[1] - 0.03 * b[3], ((0.095 * figure.tall) / 1.7) * b[3], 0, 7);
+      pen.fillStyle = pen.strokeStyle = tones[0];
+      pen.lineWidth = 1.6 * ratio;
+      thin ? pen.stroke() : pen.fill();
+    }
+  }
+}
+
 // `beyond`: how far the dancers of a group are from the middle, metres.
 export function drawFloor(figure, beyond = 0) {
   const step = figure.tall / 3.4;
@@ -198,6 +217,13 @@ export function drawFloor(figure, beyond = 0) {
   const sx = Math.round(camera.x / step);
   const sz = Math.round(camera.z / step);
   const y = figure.floor;
+  const middle = project(camera.x, y, camera.z);
+  if (middle) {
+    // A pool of light, on which shadows are seen.
+    const r = step * (reach + 1) * middle[3];
+    const flat = Math.max(0.15, Math.sin(camera.pitch));
+    pen.drawImage(spotOf(css.pool), middle[0] - r, middle[1] - r * flat, 2 * r, 2 * r * flat);
+  }
   for (let k = -reach; k <= reach; k++) {
     const bold = i => (i % 2 ? 0.9 : 1.6) * ratio;
     const at = (i, j) => project(i * step, y, j * step);
@@ -228,6 +254,9 @@ export function drawPath(figure, shift, from, to, width, colour, alpha) {
 
 const here = new Float32Array(3 * 1024);
 const there = new Float32Array(3 * 1024);
+
+// The cones of the clip's figure, as they are drawn now.
+export const conesNow = () => conesOf(state.clip.figure, here, lookAt(state.clip.figure, state.t, false));
 
 export function drawStage() {
   pen.fillStyle = css.bg;

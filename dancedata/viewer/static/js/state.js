@@ -11,6 +11,7 @@ export const state = {
   rate: 1,
   loop: null,
   mirror: false,
+  body: true,
   over: false,
   other: null,
   click: false,

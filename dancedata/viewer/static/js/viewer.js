@@ -6,7 +6,7 @@ import { onKey, setMode, setTheme, startControls } from './controls.js';
 import { drawCrowd } from './crowd.js';
 import { together } from './dancers.js';
 import { el, head, items, page, plain, root } from './data.js';
-import { canvas, drawStage, sizeCanvas } from './figure.js';
+import { canvas, conesNow, drawStage, sizeCanvas } from './figure.js';
 import { readLink, wholePage } from './link.js';
 import { shown, startList } from './list.js';
 import { camera, failed, state } from './state.js';
@@ -26,6 +26,7 @@ async function followLink() {
   if (!item) return;
   setMode('mirror', h.mirror === '1');
   setMode('over', h.over === '1');
+  setMode('body', h.body !== '0');
   const known =
     mine.length || !named
       ? {
@@ -122,6 +123,9 @@ window.dancedataViewer = {
   setLoop,
   openItem,
   chooseDancer,
+  get cones() {
+    return conesNow();
+  },
   get shown() {
     return shown;
   },
