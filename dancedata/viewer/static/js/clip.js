@@ -2,8 +2,9 @@
 import { view } from './axis.js';
 import { play, setLoop } from './clock.js';
 import { chooseOf, collidesAt, coloursOf, nearestAt, otherOf, together, touching } from './dancers.js';
-import { el, head, loadClip, loadMusic, loadOther, page, plain, root } from './data.js';
+import { el, head, loadClip, loadMusic, loadOther, loadRest, page, plain, root } from './data.js';
 import { flagsNear } from './figure.js';
+import { enableControls } from './layout.js';
 import { writeLink } from './link.js';
 import { showSelected } from './list.js';
 import { camera, duration, failed, loopSeconds, state } from './state.js';
@@ -17,14 +18,20 @@ export async function openItem(item, at = {}) {
   const was = state.playing;
   if (was) await play(false);
   const field = at.field || state.field;
+  const said = setTimeout(() => {
+    if (turn === opening) el('notes').textContent = `loading ${plain(item.name)}…`;
+  }, 200);
   let clip;
   try {
     clip = await loadClip(item.number, field);
   } catch (error) {
     if (turn === opening) failed(error);
     return;
+  } finally {
+    clearTimeout(said);
   }
   if (turn !== opening) return;
+  enableControls(true);
   Object.assign(state, {
     clip,
     item,
@@ -32,6 +39,7 @@ export async function openItem(item, at = {}) {
     loop: null,
     other: null,
     compared: null,
+    hovered: null,
     field: field && clip.field,
     dancer: null,
   });
@@ -48,6 +56,7 @@ export async function openItem(item, at = {}) {
   showAbout();
   showSelected();
   writeLink();
+  if (clip.partial) restOf(clip, field, turn).catch(failed);
   const name = at.with || el('with').value;
   await Promise.all([soundOf(clip, turn), name ? compareWith(name).catch(failed) : null]);
   if (was && turn === opening) play(true);
@@ -57,6 +66,15 @@ function zoomToStart() {
   view.from = 0;
   view.to = duration();
   layOut(state.clip);
+  redraw();
+}
+
+async function restOf(clip, field, turn) {
+  await loadRest(clip, field);
+  if (turn !== opening) return;
+  if (clip.members) chooseOf(clip, state.dancer);
+  layOut(clip);
+  showAbout();
   redraw();
 }
 
@@ -159,6 +177,7 @@ export function showAbout() {
     clip.beats.length && `${clip.beats.length} beats`,
     clip.bpm && `${round(clip.bpm)} BPM`,
     f && !together() && `floor at ${metres(f.floor)} m, feet from ${metres(f.lowest)} m`,
+    clip.partial && 'first minute; the rest is loading',
     clip.loading ? 'music is loading' : !clip.wave && clip.beats.length && 'no music: press C to hear the beats',
   ]
     .filter(Boolean)
@@ -221,7 +240,9 @@ export function showNow() {
   if (together()) text += groupNow(clip);
   if (el('clock').textContent !== text) el('clock').textContent = text;
   const whose = f => (together() ? `${clip.members[f[5]].called}: ` : '') + flagText(f);
-  const said = near.slice(0, 2).map(whose).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
+  const w = state.hovered;
+  const window = w && `window ${clip.windows.indexOf(w)}: frames ${w[0]} to ${w[0] + w[1] - 1}`;
+  const said = window || near.slice(0, 2).map(whose).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
   if (el('toast').textContent !== said) el('toast').textContent = plain(said);
   let last = -9;
   for (const beat of clip.beats) if (beat <= state.t + 1e-6) last = beat;

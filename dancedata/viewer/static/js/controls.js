@@ -172,6 +172,8 @@ export function startControls() {
     row.insertCell().append(kbd);
     row.insertCell().textContent = what;
   }
+  click('zoomin', () => zoomAround(state.t, 0.5));
+  click('zoomout', () => zoomAround(state.t, 2));
   startCamera();
 }
 

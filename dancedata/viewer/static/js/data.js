@@ -165,11 +165,21 @@ export async function fetched(address) {
 }
 
 async function payloadOf(number, field) {
-  if (page.server)
-    return (await fetched(`clip/${number}${field ? `?field=${encodeURIComponent(field)}` : ''}`)).json();
+  if (page.server) return served(number, field, '?part=first');
   if (page.clips[number]) return page.clips[number];
   if (page.side?.[number]) return sideFile(number, page.side[number]);
   throw new Error('this clip is not part of this page');
+}
+
+const served = async (number, field, part) =>
+  (await fetched(`clip/${number}${part}${field ? `&field=${encodeURIComponent(field)}` : ''}`)).json();
+
+// The rest of a long clip, of which the first minute came first: its dancers take the place of those.
+export async function loadRest(clip, field) {
+  const whole = await clipOf(await served(clip.number, field, '?part=all'));
+  for (const key of ['figure', 'speed', 'keys', 'members', 'pairs', 'nearest', 'reach'])
+    if (key in whole) clip[key] = whole[key];
+  clip.partial = false;
 }
 
 // The last few clips stay in memory; more would fill it.

@@ -239,7 +239,10 @@ export function drawPath(figure, shift, from, to, width, colour, alpha) {
   pen.lineJoin = 'round';
   pen.beginPath();
   let up = true;
-  for (let i = from; i <= to; i += 2) {
+  // At most 600 points: strokes of longer paths take longer than the rest of the picture.
+  const stride = Math.max(2, Math.ceil((to - from) / 600));
+  if (stride > 8) pen.globalAlpha = 0.4 * alpha;
+  for (let i = from; i <= to; i += stride) {
     const p = project(
       figure.places[i * figure.width] + shift[0],
       figure.floor,
@@ -263,7 +266,8 @@ export function drawStage() {
   pen.fillRect(0, 0, canvas.width, canvas.height);
   const clip = state.clip;
   const figure = clip.figure;
-  if (!figure) {
+  const waits = clip.partial && state.t * figure?.rate > figure?.frames;
+  if (!figure || waits) {
     state.drawn = Math.floor(state.t * clip.fps + 1e-4);
     return;
   }
@@ -286,6 +290,17 @@ export function drawStage() {
     return [right[0] * at, right[1] * at];
   };
   drawPath(figure, place(0), 0, figure.frames - 1, 1.2 * ratio, css.dim, 0.5);
+  const near = Math.round(10 * figure.rate);
+  if (figure.frames > 4 * near)
+    drawPath(
+      figure,
+      place(0),
+      Math.max(0, frame - near),
+      Math.min(figure.frames - 1, frame + near),
+      1.2 * ratio,
+      css.dim,
+      0.6,
+    );
   drawPath(figure, place(0), Math.max(0, frame - Math.round(1.5 * figure.rate)), frame, 2.6 * ratio, css.accent, 0.9);
   const points = drawBody(figure, here, frame, { shift: place(0), label: copies ? 'this' : '' });
   let k = 1;

@@ -17,6 +17,8 @@ export const state = {
   click: false,
   mute: false,
   field: '',
+  // The window under the pointer.
+  hovered: null,
   drawn: 0,
   dirty: true,
   themeChosen: false,

@@ -1,5 +1,5 @@
 // The page: it follows its address, starts the controls, and draws.
-import { lanes } from './axis.js';
+import { lanes, rows } from './axis.js';
 import { chooseDancer, openItem, showNow } from './clip.js';
 import { advance, anchor, context, gain, metronome, play, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
@@ -7,10 +7,11 @@ import { drawCrowd } from './crowd.js';
 import { together } from './dancers.js';
 import { el, head, items, page, plain, root } from './data.js';
 import { canvas, conesNow, drawStage, sizeCanvas } from './figure.js';
+import { startLayout } from './layout.js';
 import { readLink, wholePage } from './link.js';
 import { shown, startList } from './list.js';
 import { camera, failed, state } from './state.js';
-import { drawLanes } from './timeline.js';
+import { drawLanes, layOut } from './timeline.js';
 
 async function followLink() {
   const h = readLink();
@@ -101,6 +102,9 @@ setTheme(
 
 about();
 startControls();
+startLayout();
+layOut(null);
+addEventListener('resize', () => layOut(state.clip));
 startList(openItem);
 (wholePage ? window : root).addEventListener('keydown', onKey);
 window.addEventListener('hashchange', () => followLink().catch(failed));
@@ -123,6 +127,7 @@ window.dancedataViewer = {
   setLoop,
   openItem,
   chooseDancer,
+  rows,
   get cones() {
     return conesNow();
   },
