@@ -79,7 +79,7 @@ def test_controls_that_find_no_room_are_in_a_sheet(browser: Browser, served: str
         assert box(browser, name)["right"] <= 420
     browser.js("document.querySelector('[data-dd=mirror]').click()")
     assert browser.js(f"return {V}.state.mirror")
-    browser.size(1440, 900)
+    browser.size(1920, 900)
     browser.wait("return document.querySelector('[data-dd=more]').offsetParent === null")
     assert browser.js(shown, "mirror")
 

@@ -5,7 +5,7 @@ import { chooseOf, collidesAt, coloursOf, nearestAt, otherOf, together, touching
 import { el, head, loadClip, loadMusic, loadOther, loadRest, page, plain, root } from './data.js';
 import { flagsNear } from './figure.js';
 import { enableControls } from './layout.js';
-import { writeLink } from './link.js';
+import { flushLink, writeLink } from './link.js';
 import { showSelected } from './list.js';
 import { camera, duration, failed, loopSeconds, state } from './state.js';
 import { layOut, redraw } from './timeline.js';
@@ -32,6 +32,10 @@ export async function openItem(item, at = {}) {
   }
   if (turn !== opening) return;
   enableControls(true);
+  root.classList.remove('ended');
+  // "Back" returns to the clip before, at its time; a link that is followed is in the history already.
+  const another = state.item && state.item !== item && !at.linked;
+  if (another) flushLink();
   Object.assign(state, {
     clip,
     item,
@@ -46,6 +50,7 @@ export async function openItem(item, at = {}) {
   if (clip.members) chooseOf(clip, at.dancer ?? null);
   el('loop').setAttribute('aria-pressed', false);
   camera.still = true;
+  camera.placed = false;
   zoomToStart();
   if (at.loop && at.loop[1] > at.loop[0] && at.loop[0] < clip.n) {
     const keep = state.t;
@@ -55,7 +60,7 @@ export async function openItem(item, at = {}) {
   }
   showAbout();
   showSelected();
-  writeLink();
+  writeLink(another);
   if (clip.partial) restOf(clip, field, turn).catch(failed);
   const name = at.with || el('with').value;
   await Promise.all([soundOf(clip, turn), name ? compareWith(name).catch(failed) : null]);

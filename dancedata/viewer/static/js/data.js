@@ -159,7 +159,9 @@ function sideFile(number, address) {
 }
 
 export async function fetched(address) {
-  const reply = await fetch(address);
+  const reply = await fetch(address).catch(error => {
+    throw Object.assign(error, { ended: true });
+  });
   if (!reply.ok) throw new Error(await reply.text());
   return reply;
 }

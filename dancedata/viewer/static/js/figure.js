@@ -65,7 +65,12 @@ export function aim(distance) {
     const depth = distance - (y * sp + away * cp);
     return depth < 0.1
       ? null
-      : [w / 2 + (right * focus) / depth, h * 0.5 - (up * focus) / depth, depth, focus / depth];
+      : [
+          w / 2 + h * camera.right + (right * focus) / depth,
+          h * (0.5 + camera.up) - (up * focus) / depth,
+          depth,
+          focus / depth,
+        ];
   };
 }
 
@@ -159,6 +164,12 @@ function lookAt(figure, t, mirrored) {
   const look = [0, 1, 2].map(k => figure.look[3 * i + k] * (1 - at + i) + figure.look[3 * next + k] * (at - i));
   const long = Math.hypot(...look) || 1;
   return look.map((v, k) => (mirrored && !k ? -v : v) / long);
+}
+
+// Where the dancer faces now, as a turn of the camera; 0 where that is unknown.
+export function facingNow() {
+  const look = state.clip.figure && lookAt(state.clip.figure, state.t, false);
+  return look ? Math.atan2(look[0], look[2]) : 0;
 }
 
 // `thin`: a figure that lies over another one is drawn as lines in a colour of its own. `colours`: middle, left, right.
@@ -274,8 +285,11 @@ export function drawStage() {
   const other = state.other?.figure;
   const frame = pose(figure, state.t, here);
   const move = state.playing && !camera.still ? 0.25 : 1;
-  camera.x += (here[0] - camera.x) * move;
-  camera.z += (here[2] - camera.z) * move;
+  if (state.follow || !camera.placed) {
+    camera.x += (here[0] - camera.x) * move;
+    camera.z += (here[2] - camera.z) * move;
+  }
+  camera.placed = true;
   camera.y = figure.floor + figure.room * 0.47 + Math.max(0, here[1] - figure.floor - figure.room);
   camera.still = false;
   const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);

@@ -5,17 +5,26 @@ import { state } from './state.js';
 const bar = el('bar');
 const lanesBox = el('tl');
 
+const spare = [...el('extra').children];
+// Those that leave the row first.
+const RARE = 'full camera follow volume link field theme help flag mute click over with body mirror'.split(' ');
+
 function showMore(on) {
   root.classList.toggle('more', on);
   el('more').setAttribute('aria-expanded', on);
 }
 
-// One row of controls in a low or a narrow window.
+// Controls stay in one row; those without room are in the sheet.
 export function fitControls() {
-  root.classList.remove('tight');
-  const oneRow = getComputedStyle(bar).flexWrap === 'nowrap';
-  root.classList.toggle('tight', oneRow && bar.scrollWidth > bar.clientWidth);
-  if (!root.classList.contains('tight')) showMore(false);
+  const sheet = el('sheet');
+  el('extra').replaceChildren(...spare);
+  el('more').hidden = true;
+  for (const name of RARE) {
+    if (bar.scrollWidth <= bar.clientWidth) break;
+    el('more').hidden = false;
+    sheet.append(el(name));
+  }
+  if (el('more').hidden) showMore(false);
 }
 
 // Height of the lanes, CSS pixels; null: as high as they are.

@@ -31,13 +31,14 @@ async function followLink() {
   const known =
     mine.length || !named
       ? {
+          linked: true,
           t: +h.t || 0,
           loop: loop && [+loop[1], +loop[2]],
           field: head.fields.includes(h.field) ? h.field : '',
           with: head.takes.includes(h.with) ? h.with : '',
           dancer: placeOf(item, h.clip),
         }
-      : {};
+      : { linked: true };
   await openItem(item, known);
   if (named && !mine.length)
     el('notes').textContent = `This dataset has no ${h.group === undefined ? 'clip' : 'group'} ${plain(named)}`;
