@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ import numpy as np
 from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
+from dancedata.plot.bodies import draw_body, draw_shadow
 from dancedata.viewer import Figure, Scene
 from dancedata.viewer.palette import Theme
 from dancedata.viewer.together import stretches
@@ -177,20 +178,20 @@ THEMES: dict[Theme, dict[str, str]] = {
     "dark": {
         "bg": "#14161a", "panel": "#1b1e24", "ink": "#e8eaed", "dim": "#98a1ad", "grid": "#2f3540",
         "shadow": "#08090b",
-        "path": "#f2b84b", "contact": "#2fbf9b", "wave": "#7a8698", "sides": "#d5d9df #56b4e9 #e69f00",
+        "path": "#f2b84b", "contact": "#2fbf9b", "wave": "#7a8698", "sides": "#d5d9df #7accf8 #d48500",
     },
     "light": {
         "bg": "#f6f7f8", "panel": "#ffffff", "ink": "#1c2126", "dim": "#5c6570", "grid": "#d3d8de",
-        "shadow": "#c3c9d1",
-        "path": "#8a5a00", "contact": "#00866a", "wave": "#77828f", "sides": "#4a525c #0072b2 #b85c00",
+        "shadow": "#8a929c",
+        "path": "#8a5a00", "contact": "#00866a", "wave": "#77828f", "sides": "#77818d #2a8ccb #a04c00",
     },
 }  # fmt: skip
 #: Seconds at the end in which the credit is shown.
 _CREDIT_S = 2.0
 #: Seconds of the path that are drawn strongly.
 _RECENT_S = 1.5
-#: Width of bones, and radius of the head and of the ring of a contact, metres.
-_BONE, _HEAD, _RING = 0.05, 0.1, 0.085
+#: Radius of the ring of a contact, metres.
+_RING = 0.085
 #: Rate at which the camera follows the dancer, per second.
 _FOLLOW = 1.2
 
@@ -301,12 +302,8 @@ class Frames:
         camera = Camera(width, height, (x, floor, z))
         self._floor(draw, camera)
         self._path(draw, camera, at)
-        joints = self.figure.joints[at]
-        flat = joints.copy()
-        flat[:, 1] = floor
-        self._bones(draw, self.figure, camera(flat), self._sides, shadow=True)
-        self._rings(draw, camera, self.figure, flat, at)
-        self._bones(draw, self.figure, camera(joints), self._sides, shadow=False)
+        self._under(draw, camera, self.figure, at, floor)
+        draw_body(draw, camera, self.figure, at, self._sides)
 
     def _floor(self, draw: ImageDraw, camera: Camera, reach: float = 3.0) -> None:
         x, floor, z = camera.target
@@ -333,25 +330,11 @@ class Frames:
             if len(points) > 1:
                 draw.line(points, fill=colour, width=width, joint="curve")
 
-    def _bones(
-        self, draw: ImageDraw, figure: Figure, places: Float64Array, sides: Sequence[str], *, shadow: bool
-    ) -> None:
-        """Draw the bones of joints (J, 3) of the picture, in the colours of the middle, left and right."""
-        if not np.isfinite(places).all():
-            return
-        scale = places[:, 2]
-        order = sorted(figure.bones, key=lambda bone: scale[list(bone)].sum())
-        for parent, joint in order:
-            width = max(2, round(_BONE * scale[[parent, joint]].mean()))
-            colour = self._colours["shadow"] if shadow else sides[figure.sides[joint]]
-            ends = places[parent, :2], places[joint, :2]
-            if not shadow:
-                _capsule(draw, *ends, width + 2 * FINER, self._colours["bg"])
-            _capsule(draw, *ends, width, colour)
-            if not shadow and figure.skeleton.joints[joint] == "head":
-                _disc(draw, places[joint, :2], _HEAD * scale[joint], sides[0])
-
-    def _rings(self, draw: ImageDraw, camera: Camera, figure: Figure, flat: Float64Array, at: int) -> None:
+    def _under(self, draw: ImageDraw, camera: Camera, figure: Figure, at: int, floor: float) -> None:
+        """Draw the shadow, and rings where feet touch the ground."""
+        draw_shadow(draw, camera, figure, at, floor, self._colours["shadow"], self._colours["bg"])
+        flat = figure.joints[at].copy()
+        flat[:, 1] = floor
         for touches, joint in zip(figure.contacts[at], figure.contact_joints, strict=True):
             x, y, scale = camera(flat[joint])
             if touches and np.isfinite(scale):
@@ -378,13 +361,6 @@ class Frames:
 def _pen(image: Image) -> ImageDraw:
     pen: ImageDraw = load("PIL.ImageDraw", "video").Draw(image)
     return pen
-
-
-def _capsule(draw: ImageDraw, a: Float64Array, b: Float64Array, width: float, colour: str) -> None:
-    """Draw a line with round ends."""
-    draw.line([tuple(a.tolist()), tuple(b.tolist())], fill=colour, width=round(width))
-    for end in (a, b):
-        _disc(draw, end, width / 2, colour)
 
 
 def _disc(draw: ImageDraw, centre: Float64Array, radius: float, colour: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.core.typing import override
+from dancedata.plot.bodies import draw_body
 from dancedata.plot.frames import _DISTANCE, _RECENT_S, FINER, Camera, Frames, Timeline, text_font
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.palette import Theme, colours_of
@@ -133,16 +134,11 @@ class GroupFrames(Frames):
             way[:, 1] = floor
             self._line(draw, camera(way), colours[0], 4)
         names: list[tuple[float, float, float]] = []
-        for shadow in (True, False):
-            for figure, colours, name in dancers:
-                joints = figure.joints[at].copy()
-                if not shadow:
-                    self._bones(draw, figure, camera(joints), colours, shadow=False)
-                    self._called(draw, camera(joints), name, colours[0], names)
-                    continue
-                joints[:, 1] = floor
-                self._bones(draw, figure, camera(joints), colours, shadow=True)
-                self._rings(draw, camera, figure, joints, at)
+        for figure, _, _ in dancers:
+            self._under(draw, camera, figure, at, floor)
+        for figure, colours, name in dancers:
+            draw_body(draw, camera, figure, at, colours)
+            self._called(draw, camera(figure.joints[at]), name, colours[0], names)
 
     def _called(
         self,

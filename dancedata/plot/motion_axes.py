@@ -121,7 +121,7 @@ def axes_or_new(axes: Axes | None, width: float, height: float) -> Axes:
 
 
 #: Colours of the middle, the left and the right of a body: distinguishable with every kind of colour vision.
-_SIDES = ("#4a525c", "#0072b2", "#c96a00")
+_SIDES = ("#4a525c", "#2a8ccb", "#a04c00")
 #: Metres between two poses, and inches of a metre.
 _SPACING, _INCHES = 1.1, 1.15
 #: Height of a raised hand above the floor.

@@ -111,6 +111,7 @@ class Movement:
     still: Still
     root_extent_m: ClipHistogram
     floor_m: ClipHistogram
+    feet_m: FiveNumbers
     lowest_m: FiveNumbers
     highest_m: FiveNumbers
     turns: ClipHistogram

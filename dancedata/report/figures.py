@@ -173,7 +173,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
         histogram_figure(d, "turns", lambda n: n.movement.turns, "Turn of the body",
                          "largest turn of the hips within a clip", "full turns"),
         histogram_figure(d, "floor_m", lambda n: n.movement.floor_m, "Height of the floor",
-                         f"2 % quantile of the feet's heights; {heights} m", "metres"),
+                         f"soles of toes in contact: {heights} m; feet from {number(moves.feet_m.min)} m", "metres"),
     ]  # fmt: skip
     if moves.contact:
         figures.append(_contacts(d))

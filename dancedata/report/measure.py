@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -24,8 +24,6 @@ from dancedata.viewer.figure import Figure
 STILL_M_S = 0.05
 #: A foot joint with a contact label that moves sideways faster than this slides.
 SLIDE_M_S = 0.15
-#: Quantile of the heights of the feet that is taken for the floor.
-FLOOR_QUANTILE = 0.02
 #: Points of a clip's path that are kept.
 _PATH_POINTS = 96
 #: Key motions are minima at least this deep, as a share of the clip's highest speed.
@@ -46,8 +44,9 @@ class ClipNumbers:
         Share of frames below STILL_M_S.
     root_extent_m, root_path_m
         Larger of the two horizontal extents of the root's path, and the length of the path.
-    floor_m, low_m, high_m
-        2 % quantile of the heights of the feet; lowest and highest joint.
+    floor_m, feet_m, low_m, high_m
+        Floor, from the toes in contact (see `floor_height`); 2 % quantile of the heights of the feet; lowest and
+        highest joint. In window scope the floor is the median over windows.
     turns
         Largest difference between two directions that the hips face, in full turns.
     sliding
@@ -72,6 +71,7 @@ class ClipNumbers:
     root_extent_m: float | None = None
     root_path_m: float | None = None
     floor_m: float | None = None
+    feet_m: float | None = None
     low_m: float | None = None
     high_m: float | None = None
     turns: float | None = None
@@ -175,7 +175,7 @@ class _Part:
 
     piece: Piece
     root: Float64Array
-    heights: tuple[float, float, float]
+    heights: tuple[float, float, float, float]
     names: tuple[str, ...]
     speed: Float64Array
     sliding: Float64Array
@@ -200,7 +200,7 @@ class _Part:
         return cls(
             piece=piece,
             root=joints[:, 0],
-            heights=_heights(joints, figure.skeleton.feet),
+            heights=_heights(figure, first),
             names=tuple(names[j] for j in body),
             speed=np.linalg.norm(np.diff(joints[:, body], axis=0), axis=2) * piece.rate,
             sliding=sliding,
@@ -213,12 +213,13 @@ class _Part:
         )
 
 
-def _heights(joints: Float64Array, feet: Sequence[int]) -> tuple[float, float, float]:
-    """Return the heights of the lowest and the highest joint, and of the floor."""
-    if not len(joints):
-        return 0.0, 0.0, 0.0
-    heights = joints[..., 1]
-    return float(heights.min()), float(heights.max()), float(np.quantile(heights[:, list(feet)], FLOOR_QUANTILE))
+def _heights(figure: Figure, first: int) -> tuple[float, float, float, float]:
+    """Return the heights of the lowest and the highest joint, of the floor, and of the lowest feet."""
+    if first >= figure.n_frames:
+        return 0.0, 0.0, 0.0, 0.0
+    kept = replace(figure, joints=figure.joints[first:], contacts=figure.contacts[first:])
+    heights = kept.joints[..., 1]
+    return float(heights.min()), float(heights.max()), kept.floor, kept.lowest
 
 
 def _sliding(figure: Figure, first: int) -> tuple[Float64Array, npt.NDArray[np.int64]]:
@@ -302,7 +303,8 @@ def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
         still=float((speed < STILL_M_S).mean()),
         root_extent_m=float(np.ptp(roots, axis=0).max()),
         root_path_m=sum(float(np.linalg.norm(step, axis=1).sum()) for step in steps),
-        floor_m=min(part.heights[2] for part in parts),
+        floor_m=float(np.median([part.heights[2] for part in parts])),
+        feet_m=min(part.heights[3] for part in parts),
         low_m=min(part.heights[0] for part in parts),
         high_m=max(part.heights[1] for part in parts),
         turns=max(turns, default=None),

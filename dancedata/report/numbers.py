@@ -235,6 +235,7 @@ def _movement(measured: Measured, scales: Scales) -> Movement:
         still=Still(**vars(_over_clips(measured, lambda n: n.still)), below_m_s=STILL_M_S),
         root_extent_m=_of_clips(measured, scales.root_extent_m, lambda n: n.root_extent_m),
         floor_m=_of_clips(measured, scales.floor_m, lambda n: n.floor_m),
+        feet_m=_over_clips(measured, lambda n: n.feet_m),
         lowest_m=_over_clips(measured, lambda n: n.low_m),
         highest_m=_over_clips(measured, lambda n: n.high_m),
         turns=_of_clips(measured, scales.turns, lambda n: n.turns),

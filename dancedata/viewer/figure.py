@@ -17,10 +17,10 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader, Pose
+from dancedata.viewer.body import floor_height, lowest_feet, standing_height
+from dancedata.viewer.limbs import Limbs, chest_looks, looks, sides_of
 
 BoolArray = npt.NDArray[np.bool_]
-#: Quantile of the heights of the feet that is the floor: a foot that sinks in for a few frames does not lower it.
-_FLOOR_SHARE = 0.02
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
 _BODY = 22
 #: Metres; far larger numbers cannot be distinguished from the square of a distance that overflows.
@@ -77,6 +77,8 @@ class Figure:
         (4,) joints of the columns of `contacts`.
     contacts_stored
         Whether the contacts are those of the dataset; if not, they were computed by the rule "velocity".
+    facing
+        (T, 3) unit vectors in which the head faces; None where rotations are unknown.
     """
 
     joints: Float64Array
@@ -85,6 +87,7 @@ class Figure:
     contacts: BoolArray
     contact_joints: tuple[int, ...]
     contacts_stored: bool = False
+    facing: Float64Array | None = None
 
     @classmethod
     def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
@@ -112,7 +115,7 @@ class Figure:
                 allowed=f"at most {_FARTHEST_M:g} m, of numbers in the unit that --unit names",
             )
         if pose.motion is not None:
-            return cls.of_joints(pose.joints, pose.motion.skeleton, pose.grid)
+            return replace(cls.of_joints(pose.joints, pose.motion.skeleton, pose.grid), facing=looks(pose.motion))
         skeleton = next((s for s in (body, *SKELETONS.values()) if s.joints == pose.names), None)
         return cls.of_joints(pose.joints, skeleton or SMPLX55.subset("part", pose.names), pose.grid)
 
@@ -128,7 +131,8 @@ class Figure:
         pose = reader.pose(rows)
         checked_joints(pose.joints)
         skeleton = reader.representation.skeleton if pose.motion is None else pose.motion.skeleton
-        figure = cls.of_joints(pose.joints, skeleton, pose.grid)
+        facing = None if pose.motion is None else looks(pose.motion)
+        figure = replace(cls.of_joints(pose.joints, skeleton, pose.grid), facing=facing)
         columns = reader.representation.columns
         group = next((g for g in columns.groups if g.name in ("contact", "foot_contact") and g.width == 4), None)
         if group is None:
@@ -136,7 +140,7 @@ class Figure:
         joints = tuple(skeleton.joints.index(part) for part in group.parts if part in skeleton.joints)
         order = joints if len(joints) == 4 else skeleton.feet
         stored = np.asarray(rows[:, columns.slice(group.name)], dtype=np.float64) > 0.5
-        return cls(pose.joints, skeleton, pose.grid, stored, order, contacts_stored=True)
+        return replace(figure, contacts=stored, contact_joints=order, contacts_stored=True)
 
     @property
     def n_frames(self) -> int:
@@ -151,15 +155,32 @@ class Figure:
     @cached_property
     def sides(self) -> tuple[int, ...]:
         """Side of each joint: 0 in the middle, 1 left, 2 right."""
-        sides = [0] * self.skeleton.n_joints
-        for left, right in self.skeleton.pairs:
-            sides[left], sides[right] = 1, 2
-        return tuple(sides)
+        return sides_of(self.skeleton)
+
+    @cached_property
+    def limbs(self) -> Limbs:
+        """Girth of the bones."""
+        return Limbs.of(self.joints[0], self.skeleton)
+
+    @cached_property
+    def look(self) -> Float64Array | None:
+        """Where the head faces, (T, 3) unit vectors; where rotations are unknown, the chest. None without a head."""
+        return self.facing if self.facing is not None else chest_looks(self.joints, self.skeleton)
 
     @cached_property
     def floor(self) -> float:
-        """Height of the floor, metres: the 2nd percentile of the heights of the feet."""
-        return float(np.quantile(self.joints[:, list(self.skeleton.feet), 1], _FLOOR_SHARE))
+        """Height of the floor, metres: that of the soles while toes are in contact; see `floor_height`."""
+        return floor_height(self.joints, self.contacts, self.contact_joints, self.skeleton)
+
+    @cached_property
+    def lowest(self) -> float:
+        """The 2nd percentile of the heights of the feet, metres."""
+        return lowest_feet(self.joints, self.skeleton.feet)
+
+    @cached_property
+    def tall(self) -> float:
+        """Height of the dancer when standing, metres."""
+        return standing_height(self.joints[0], self.skeleton)
 
     @cached_property
     def movement(self) -> Movement:
@@ -194,7 +215,8 @@ class Figure:
                 found=f"{self.n_frames} frames at {self.grid} per second",
                 allowed=f"more than {first}",
             )
-        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames])
+        facing = None if self.facing is None else self.facing[frames]
+        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing)
 
     def shifted(self, by: npt.ArrayLike) -> Figure:
         """Return the figure moved by (3,) metres."""
@@ -206,7 +228,9 @@ class Figure:
         for left, right in self.skeleton.pairs:
             order[left], order[right] = right, left
         feet = [self.contact_joints.index(int(order[joint])) for joint in self.contact_joints]
-        return replace(self, joints=self.joints[:, order] * (-1, 1, 1), contacts=self.contacts[:, feet])
+        facing = None if self.facing is None else self.facing * (-1, 1, 1)
+        joints = self.joints[:, order] * (-1, 1, 1)
+        return replace(self, joints=joints, contacts=self.contacts[:, feet], facing=facing)
 
     def resampled(self, grid: FrameGrid, seconds: float) -> Figure:
         """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
@@ -217,7 +241,8 @@ class Figure:
         upper = np.minimum(lower + 1, self.n_frames - 1)
         share = (frames - lower)[:, None, None]
         joints = self.joints[lower] * (1 - share) + self.joints[upper] * share
-        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower])
+        facing = None if self.facing is None else self.facing[lower]
+        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing)
 
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.

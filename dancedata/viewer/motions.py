@@ -161,19 +161,19 @@ class MotionScenes(SceneList):
         return replace(members[0], members=members, n_source=len(members))
 
     @override
-    def scene(self, item: Item, field: str | None = None) -> Scene:
+    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
         name = item.clip.group or item.clip.id
         loaded = self._loaded[name]
         rhythm, notes = self._rhythm(name, item)
         if loaded.problem:
             return Scene(item, self.grid, "", None, None, rhythm, (), (), (f"no figure: {loaded.problem}", *notes))
-        figures = loaded.figures
+        figures = loaded.figures if first_s is None else [figure.part(0, first_s) for figure in loaded.figures]
         notes = ["contacts are not stored in files: they were computed by the rule velocity", *notes]
         if not item.members:
             figure = figures[max(0, item.clip.member)]
             movement = figure.movement if figure.n_frames > 1 else None
             return Scene(item, self.grid, "", figure, movement, rhythm, (), (), tuple(notes))
-        members = tuple(self.scene(member) for member in item.members)
+        members = tuple(self.scene(member, first_s=first_s) for member in item.members)
         together = Together.of(figures)
         return Scene(item, self.grid, "", None, None, rhythm, (), (), tuple(notes), members, together)
 

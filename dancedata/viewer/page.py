@@ -17,6 +17,8 @@ from dancedata.viewer.scene_list import Item, SceneList
 
 _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
+#: Indentation, empty lines and lines of comment, which a page does not need; no string of the files spans lines.
+_LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ def page_parts() -> Parts:
     """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
     script = "'use strict';\n(() => {\n" + "".join(_modules("viewer", {}).values()) + "})();\n"
     css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))
-    return Parts(css, body, script)
+    return Parts(_LAYOUT.sub("", css), body, _LAYOUT.sub("", script))
 
 
 def _modules(name: str, read: dict[str, str]) -> dict[str, str]:

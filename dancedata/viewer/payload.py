@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.viewer.figure import Figure
+from dancedata.viewer.limbs import HEAD
 from dancedata.viewer.palette import DANCERS
 from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Scene
 from dancedata.viewer.together import Pair, Together
@@ -95,13 +96,18 @@ def figure_payload(figure: Figure) -> Json:
     steps = np.round((figure.joints - origin) / unit).astype(np.int64).astype(np.int16)
     columns = np.ascontiguousarray(np.diff(steps.reshape(len(steps), -1), axis=0, prepend=np.int16(0)).T)
     planes = np.ascontiguousarray(columns.astype("<i2").view(np.uint8).reshape(-1, 2).T)
+    limbs, look = figure.limbs, figure.look
+    looks = {} if look is None else {"look": packed(np.round(127 * look).astype(np.int8))}
     bits = (figure.contacts * np.array([1, 2, 4, 8], dtype=np.uint8)).sum(axis=1).astype(np.uint8)
     return {
         "frames": figure.n_frames, "rate": float(figure.grid.rate), "unit": unit, "origin": origin.tolist(),
         "joints": list(skeleton.joints), "parents": list(skeleton.parents), "sides": list(figure.sides),
         "pairs": [list(pair) for pair in skeleton.pairs], "feet": list(figure.contact_joints),
         "data": packed(planes), "contacts": packed(bits), "stored": figure.contacts_stored,
-        "floor": round(figure.floor, 4),
+        "floor": round(figure.floor, 4), "lowest": round(figure.lowest, 4), "tall": round(figure.tall, 4),
+        "girths": [[round(radius, 4) for radius in girth] for girth in limbs.girths], "tones": list(limbs.tones),
+        "tips": [[*tip[:3], *(round(x, 4) for x in tip[3:])] for tip in limbs.tips], "head": limbs.head,
+        "skull": HEAD, **looks,
     }  # fmt: skip
 
 

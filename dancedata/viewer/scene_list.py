@@ -198,8 +198,16 @@ class SceneList(ABC):
         """The items in their order, numbered from 0."""
 
     @abstractmethod
-    def scene(self, item: Item, field: str | None = None) -> Scene:
-        """Read an item; `field`, one of `fields`, is drawn."""
+    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
+        """Read an item.
+
+        Parameters
+        ----------
+        field
+            Motion field to draw, one of `fields`. Default: the first.
+        first_s
+            Seconds of the dancers that are enough, from the first frame on. Default: all.
+        """
 
     @abstractmethod
     def about(self) -> dict[str, Any]:

@@ -107,13 +107,16 @@ class Scenes(SceneList):
                 items.append(self._group(members) if dancers[0].group else members[0])
         return tuple(items)
 
-    def scene(self, item: Item, field: str | None = None) -> Scene:
+    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
         """Read an item.
 
         Parameters
         ----------
         field
             Motion field to draw, one of `readers`. Default: that of these scenes.
+        first_s
+            Seconds of the dancers that are read, from the first frame on; music, windows and flags are those of the
+            whole item. Default: all.
 
         Raises
         ------
@@ -124,11 +127,11 @@ class Scenes(SceneList):
         """
         name = self.field if field is None else self._drawable(field)
         if item.members:
-            return self._group_scene(item, name)
-        figure, problem = self._figure(item, name)
+            return self._group_scene(item, name, first_s)
+        figure, problem = self._figure(item, name, first_s)
         rhythm = self._rhythm(item)
         return Scene(
-            item, self.store.grid, name or "", figure, self._movement(item, figure), rhythm,
+            item, self.store.grid, name or "", figure, self._movement(item, figure, first_s), rhythm,
             self.windows_of(item), self._flags_of(item), tuple(_notes(self.store, figure, problem, rhythm)),
         )  # fmt: skip
 
@@ -177,20 +180,25 @@ class Scenes(SceneList):
             return self.store.read_clip(item.clip.id, field)
         return self.store.read(item.window, field)
 
-    def _figure(self, item: Item, name: str | None) -> tuple[Figure | None, str]:
+    def _figure(self, item: Item, name: str | None, first_s: float | None) -> tuple[Figure | None, str]:
         if name is None:
             fields = [f for f in self.store.fields if self.store.field(f).kind == "motion"]
             return None, f"no figure: {', '.join(fields) or 'no field'} holds neither rotations nor joint positions"
         try:
-            return Figure.of_columns(self._rows(item, name), self.readers[name]), ""
+            return Figure.of_columns(self._first(item, name, first_s), self.readers[name]), ""
         except DataError as error:
             return None, f"no figure: {error}"
 
-    def _movement(self, item: Item, figure: Figure | None) -> Movement | None:
+    def _first(self, item: Item, field: str, seconds: float | None) -> npt.NDArray[Any]:
+        """Return the rows of the first seconds of an item; all of them for None."""
+        rows = self._rows(item, field)
+        return rows if seconds is None else rows[: max(1, round(seconds * float(self.store.field(field).rate)))]
+
+    def _movement(self, item: Item, figure: Figure | None, first_s: float | None) -> Movement | None:
         for name in self.store.fields:
             stored = self.store.field(name)
             if stored.kind == "keymotion" and stored.columns.names == ("speed", "minimum", "prominence"):
-                return Movement.of(KeyMotion.from_rows(self._rows(item, name)), stored.grid, name)
+                return Movement.of(KeyMotion.from_rows(self._first(item, name, first_s)), stored.grid, name)
         return None if figure is None or figure.n_frames < 2 else figure.movement
 
     def _rhythm(self, item: Item) -> Rhythm:
@@ -223,8 +231,8 @@ class Scenes(SceneList):
         n_source = self._sizes[first.clip.split].get(first.clip.group, len(members))
         return replace(first, members=members, n_source=n_source, source=source)
 
-    def _group_scene(self, item: Item, name: str | None) -> Scene:
-        members = tuple(self.scene(member, name) for member in item.members)
+    def _group_scene(self, item: Item, name: str | None, first_s: float | None) -> Scene:
+        members = tuple(self.scene(member, name, first_s=first_s) for member in item.members)
         figures = [scene.figure for scene in members if scene.figure is not None]
         together, notes = None, list(dict.fromkeys(note for scene in members for note in scene.notes))
         if item.n_source > len(members):

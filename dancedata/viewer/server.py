@@ -7,7 +7,9 @@ import json
 import secrets
 import sys
 import threading
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -36,6 +38,10 @@ _HEADERS = {
 }
 #: Seconds after which a connection without a request is closed.
 _IDLE_S = 60
+#: Seconds of the dancers in the first answer for a long clip, and how long a clip is to be one.
+FIRST_S, LONG_S = 60.0, 120.0
+#: Clips that are kept as they were answered, and the most bytes of them.
+_KEPT, _KEPT_BYTES = 8, 64_000_000
 
 
 class ViewServer(ThreadingHTTPServer):
@@ -107,7 +113,8 @@ class _Handler(BaseHTTPRequestHandler):
         elif not self._is_secret(self._cookie()):
             self._send(Answer.of(403, "open the address that dancedata view printed"))
         else:
-            self._send(self.server.site.answer(url.path, query.get("field", [None])[0]))
+            first = query.get("part", [""])[0] == "first"
+            self._send(self.server.site.answer(url.path, query.get("field", [None])[0], first=first))
 
     def do_HEAD(self) -> None:
         """Answer a request for the headers."""
@@ -179,13 +186,14 @@ class Site:
         self._measured = 0
         self._lock, self._decoding = threading.Lock(), threading.Lock()
         self._last_music: tuple[Item, Answer] | None = None
+        self._answers: OrderedDict[tuple[int, str | None, bool], Future[Answer]] = OrderedDict()
 
     @property
     def policy(self) -> str:
         """Content security policy of the page: it may fetch from its server, and no other page frames it."""
         return f"{page_parts().policy}; connect-src 'self'; frame-ancestors 'none'"
 
-    def answer(self, path: str, name: str | None) -> Answer:
+    def answer(self, path: str, name: str | None, *, first: bool = False) -> Answer:
         """Answer a path.
 
         Parameters
@@ -194,6 +202,8 @@ class Site:
             Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/sliding".
         name
             Motion field to draw; None: the default.
+        first
+            Whether the first minute of the dancers of a long clip is enough.
         """
         parts = path.removeprefix("/").split("/")
         try:
@@ -204,25 +214,56 @@ class Site:
             if parts == ["sliding"]:
                 return _json(self._sliding_so_far())
             if parts[0] == "clip" and len(parts) in (2, 3, 4):
-                return self._clip(parts[1:], name)
+                return self._clip(parts[1:], name, first)
         except StoreError as error:
             return Answer.of(409 if self.scenes.changed() else 500, str(error))
         except DanceDataError as error:
             return Answer.of(400, str(error))
         return _NOT_FOUND
 
-    def _clip(self, parts: Sequence[str], name: str | None) -> Answer:
+    def _clip(self, parts: Sequence[str], name: str | None, first: bool) -> Answer:
         item = _numbered(parts[0], self.scenes.items)
         if item is None:
             return _NOT_FOUND
         if len(parts) == 1:
-            return _json(scene_payload(self.scenes.scene(item, name)))
+            return self._scene(item, name, first and float(self.scenes.grid.seconds(item.n_frames)) > LONG_S)
         if parts[1:] == ["music"]:
             return self._music(item)
         comparison = _numbered(parts[2], self.comparisons) if len(parts) == 3 and parts[1] == "with" else None
         if comparison is None:
             return _NOT_FOUND
         return _json(comparison_payload(comparison, self.scenes.scene(item, name)))
+
+    def _scene(self, item: Item, name: str | None, first: bool) -> Answer:
+        """Answer with a clip; requests for the same one at the same time wait for one answer, which is kept."""
+        key = (item.number, name, first)
+        with self._lock:
+            kept = self._answers.get(key)
+            mine = kept is None
+            if kept is None:
+                kept = self._answers[key] = Future()
+            self._answers.move_to_end(key)
+        if mine:
+            try:
+                scene = self.scenes.scene(item, name, first_s=FIRST_S if first else None)
+                payload = scene_payload(scene)
+                kept.set_result(_json({**payload, "partial": True} if first else payload))
+            except BaseException as error:
+                self._answers.pop(key, None)
+                kept.set_exception(error)
+                raise
+            self._forget()
+        return kept.result()
+
+    def _forget(self) -> None:
+        """Drop the answers that were asked for longest ago, until few enough are kept."""
+        with self._lock:
+            done = [key for key, answer in self._answers.items() if answer.done()]
+            sizes = {key: len(self._answers[key].result().body) for key in done}
+            for key in done[:-1]:
+                if len(sizes) <= _KEPT and sum(sizes.values()) <= _KEPT_BYTES:
+                    break
+                del sizes[key], self._answers[key]
 
     def _music(self, item: Item) -> Answer:
         """Answer with the music of an item; songs are decoded whole, so one after the other, and the last is kept."""

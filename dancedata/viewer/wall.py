@@ -85,7 +85,8 @@ class Wall(SceneList):
         return [(song or self._name, takes) for song, takes in songs.items() if len(takes) > 1]
 
     @override
-    def scene(self, item: Item, field: str | None = None) -> Scene:
+    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
+        # Numbers are of whole motions, so all is read.
         first = self.scenes.scene(self.first(item), field)
         notes, grid = list(first.notes), None if first.figure is None else first.figure.grid
         if self._left_out or item.n_source > len(item.members):

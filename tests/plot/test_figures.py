@@ -8,6 +8,7 @@ import pytest
 import dancedata
 from dancedata import plot
 from dancedata.core.errors import UsageError
+from dancedata.viewer import Scenes
 from tests.messages import raises_message
 
 pytest.importorskip("matplotlib")
@@ -47,7 +48,8 @@ def test_motion_draws_every_bone_of_every_pose(demo: Path, tmp_path: Path) -> No
     joints = dancedata.decode(clip.read("edge151"), "edge151", fps=30).joints()
     lines = [line for line in axes.lines if len(line.get_xdata()) == 2 and line.get_linestyle() == "-"]
     assert len(lines) == 3 * 23 + 1
-    floor = np.quantile(joints[:, [7, 8, 10, 11], 1], 0.02)
+    scenes = Scenes(ds)
+    floor = scenes.scene(scenes.find(clip.id)).figure.floor
     np.testing.assert_allclose(lines[0].get_ydata(), joints[0, [0, 1], 1] - floor, atol=1e-6)
     lengths = [np.hypot(*(np.diff(line.get_data()[k])[0] for k in (0, 1))) for line in lines[:23]]
     bones = np.linalg.norm(joints[0, 1:] - joints[0, list(ds.skeleton.parents[1:])], axis=1)

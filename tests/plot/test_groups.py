@@ -26,7 +26,7 @@ def frames_of(path: Path, group: str, theme: str = "dark", size: tuple[int, int]
 
 def pixels(picture: np.ndarray, colour: str) -> int:
     rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-    return int((np.abs(picture.astype(int) - rgb).sum(axis=2) < 12).sum())
+    return int((np.abs(picture.astype(int) - rgb).sum(axis=2) < 30).sum())
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])

@@ -77,7 +77,7 @@ def test_the_dancer_is_drawn_where_the_joints_are(demo: Path) -> None:
     frames = Frames(scene, scene.figure, (640, 480), np.arange(scene.figure.n_frames) / 30, "dark")
     picture = np.asarray(frames.image(20))[:390]
     left, right = (
-        (np.abs(picture.astype(int) - rgb).sum(axis=2) < 12).sum() for rgb in ((86, 180, 233), (230, 159, 0))
+        (np.abs(picture.astype(int) - rgb).sum(axis=2) < 12).sum() for rgb in ((122, 204, 248), (212, 133, 0))
     )
     assert left > 300
     assert right > 300

@@ -35,6 +35,8 @@ def test_both_themes_exist_and_the_system_chooses() -> None:
 @pytest.mark.parametrize("block", [0, 1])
 def test_contrast(block: int) -> None:
     palette = colours(BLOCKS[block][1])
+    assert luminance(palette["left"]) > luminance(palette["right"])
+    assert contrast(palette["left"], palette["right"]) >= 1.6
     for ground in ("bg", "panel"):
         for name in ("ink", "dim", "link", "bad", "look"):
             assert contrast(palette[name], palette[ground]) >= 4.5, (name, ground)
@@ -45,6 +47,9 @@ def test_contrast(block: int) -> None:
 @pytest.mark.parametrize("theme", list(THEMES))
 def test_contrast_of_videos(theme: str) -> None:
     palette = THEMES[theme]
+    _, left, right = palette["sides"].split()
+    assert luminance(left) > luminance(right)
+    assert contrast(left, right) >= 1.6  # two tones of grey in print
     for ground in ("bg", "panel"):
         for name in ("ink", "dim"):
             assert contrast(palette[name], palette[ground]) >= 4.5, (name, ground)

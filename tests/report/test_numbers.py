@@ -74,7 +74,9 @@ def test_floor_path_and_contacts(demo: Path, document: Any, joints: dict[str, np
         labels = {c.id: c.read("edge151")[:, :4] > 0.5 for c in ds.clips}
     for row in document["clips"]:
         j = joints[row["clip"]]
-        assert row["floor_m"] == pytest.approx(np.quantile(j[:, [7, 8, 10, 11], 1], 0.02))
+        assert row["feet_m"] == pytest.approx(np.quantile(j[:, [7, 8, 10, 11], 1], 0.02))
+        toes = j[:, [10, 11], 1][labels[row["clip"]][:, 2:]]
+        assert row["floor_m"] == pytest.approx(np.median(toes) - 0.025, abs=0.003)  # a body of 1.7 m or so
         assert row["root_extent_m"] == pytest.approx(np.ptp(j[:, 0][:, [0, 2]], axis=0).max())
         contact = labels[row["clip"]]
         speed = np.linalg.norm(np.diff(j[:, [7, 8, 10, 11]][..., [0, 2]], axis=0), axis=2) * 30

@@ -114,8 +114,8 @@ def test_a_request_begins_with_a_group_a_dancer_or_a_window(crowd: Path) -> None
 def test_a_group_of_which_a_dancer_cannot_be_drawn(groups: Scenes, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = groups._figure
 
-    def broken(item: Item, name: str) -> tuple[Figure | None, str]:
-        return (None, "no figure: broken") if item.clip.member == 1 else plain(item, name)
+    def broken(item: Item, *more: object) -> tuple[Figure | None, str]:
+        return (None, "no figure: broken") if item.clip.member == 1 else plain(item, *more)
 
     monkeypatch.setattr(groups, "_figure", broken)
     scene = groups.scene(groups.find(TWO))

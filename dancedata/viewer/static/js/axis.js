@@ -10,15 +10,22 @@ export const rows = {};
 
 export const xOf = s => (LABEL + ((s - view.from) / (view.to - view.from)) * (lanes.width / ratio - LABEL)) * ratio;
 
+// Seconds of a CSS pixel.
+const perPixel = () => (view.to - view.from) / Math.max(1, lanes.width / ratio - LABEL);
+
 export function drawCurve(c, curve, row, colour, width) {
   c.strokeStyle = colour;
   c.lineWidth = width * ratio;
   c.beginPath();
+  // Means of what falls on two pixels: a line through more would be a block.
+  const each = Math.max(1, Math.floor(curve.rate * perPixel() * 2));
   const first = Math.max(0, Math.floor(view.from * curve.rate) - 1);
-  for (let i = first; i < curve.values.length && i / curve.rate <= view.to + 1; i++) {
+  for (let i = first - (first % each); i < curve.values.length && i / curve.rate <= view.to + 1; i += each) {
+    const part = each > 1 ? curve.values.subarray(i, i + each) : [curve.values[i]];
+    const mean = part.reduce((sum, v) => sum + v, 0) / part.length;
     c.lineTo(
-      xOf(i / curve.rate + curve.delay),
-      (row.y + row.h - (curve.values[i] / (curve.max || 1)) * row.h) * ratio,
+      xOf((i + (part.length - 1) / 2) / curve.rate + curve.delay),
+      (row.y + row.h - (mean / (curve.max || 1)) * row.h) * ratio,
     );
   }
   c.stroke();
@@ -29,7 +36,9 @@ export function drawSpeed(c, dancer, row, max, colour, size) {
   const speed = dancer.speed;
   drawCurve(c, { ...speed, max }, row, colour, 1.5);
   c.fillStyle = css.ink;
-  for (const [at, deep] of dancer.keys || []) {
+  const keys = (dancer.keys || []).filter(([at]) => at >= view.from && at <= view.to);
+  if (keys.length * perPixel() * 5 > view.to - view.from) return;
+  for (const [at, deep] of keys) {
     if (deep < speed.max * 0.03) continue;
     const i = Math.max(0, Math.min(speed.values.length - 1, Math.round((at - speed.delay) * speed.rate)));
     const x = xOf(at);
@@ -46,8 +55,9 @@ export function drawSpeed(c, dancer, row, max, colour, size) {
 
 // Bars from the first to the last frame of each stretch.
 export function drawSpans(c, spans, rate, y, height) {
+  const least = spans.length * perPixel() * 4 > view.to - view.from ? 0 : ratio;
   for (const [start, end] of spans)
-    c.fillRect(xOf(start / rate), y * ratio, Math.max(ratio, xOf(end / rate) - xOf(start / rate)), height * ratio);
+    c.fillRect(xOf(start / rate), y * ratio, Math.max(least, xOf(end / rate) - xOf(start / rate)), height * ratio);
 }
 
 // Stretches of frames in which a foot joint is in contact: some bit of `bits` is set.

@@ -2,9 +2,10 @@
 import { view } from './axis.js';
 import { play, setLoop } from './clock.js';
 import { chooseOf, collidesAt, coloursOf, nearestAt, otherOf, together, touching } from './dancers.js';
-import { el, head, loadClip, loadMusic, loadOther, page, plain, root } from './data.js';
+import { el, head, loadClip, loadMusic, loadOther, loadRest, page, plain, root } from './data.js';
 import { flagsNear } from './figure.js';
-import { writeLink } from './link.js';
+import { enableControls } from './layout.js';
+import { flushLink, writeLink } from './link.js';
 import { showSelected } from './list.js';
 import { camera, duration, failed, loopSeconds, state } from './state.js';
 import { layOut, redraw } from './timeline.js';
@@ -17,14 +18,24 @@ export async function openItem(item, at = {}) {
   const was = state.playing;
   if (was) await play(false);
   const field = at.field || state.field;
+  const said = setTimeout(() => {
+    if (turn === opening) el('notes').textContent = `loading ${plain(item.name)}…`;
+  }, 200);
   let clip;
   try {
     clip = await loadClip(item.number, field);
   } catch (error) {
     if (turn === opening) failed(error);
     return;
+  } finally {
+    clearTimeout(said);
   }
   if (turn !== opening) return;
+  enableControls(true);
+  root.classList.remove('ended');
+  // "Back" returns to the clip before, at its time; a link that is followed is in the history already.
+  const another = state.item && state.item !== item && !at.linked;
+  if (another) flushLink();
   Object.assign(state, {
     clip,
     item,
@@ -32,12 +43,14 @@ export async function openItem(item, at = {}) {
     loop: null,
     other: null,
     compared: null,
+    hovered: null,
     field: field && clip.field,
     dancer: null,
   });
   if (clip.members) chooseOf(clip, at.dancer ?? null);
   el('loop').setAttribute('aria-pressed', false);
   camera.still = true;
+  camera.placed = false;
   zoomToStart();
   if (at.loop && at.loop[1] > at.loop[0] && at.loop[0] < clip.n) {
     const keep = state.t;
@@ -47,7 +60,8 @@ export async function openItem(item, at = {}) {
   }
   showAbout();
   showSelected();
-  writeLink();
+  writeLink(another);
+  if (clip.partial) restOf(clip, field, turn).catch(failed);
   const name = at.with || el('with').value;
   await Promise.all([soundOf(clip, turn), name ? compareWith(name).catch(failed) : null]);
   if (was && turn === opening) play(true);
@@ -57,6 +71,15 @@ function zoomToStart() {
   view.from = 0;
   view.to = duration();
   layOut(state.clip);
+  redraw();
+}
+
+async function restOf(clip, field, turn) {
+  await loadRest(clip, field);
+  if (turn !== opening) return;
+  if (clip.members) chooseOf(clip, state.dancer);
+  layOut(clip);
+  showAbout();
   redraw();
 }
 
@@ -166,7 +189,8 @@ export function showAbout() {
       : clip.windows.length + (clip.windows.length === 1 ? ' window' : ' windows'),
     clip.beats.length && `${clip.beats.length} beats`,
     clip.bpm && `${round(clip.bpm)} BPM`,
-    f && !together() && `floor at ${(Math.round(f.floor * 100) / 100 || 0).toFixed(2)} m`,
+    f && !together() && `floor at ${metres(f.floor)} m, feet from ${metres(f.lowest)} m`,
+    clip.partial && 'first minute; the rest is loading',
     clip.loading ? 'music is loading' : !clip.wave && clip.beats.length && 'no music: press C to hear the beats',
   ]
     .filter(Boolean)
@@ -182,6 +206,7 @@ export function showAbout() {
   el('mirror').title = together() ? 'Choose a dancer to see the mirrored copy' : 'Mirrored copy  (M)';
 }
 
+const metres = x => (Math.round(x * 100) / 100 || 0).toFixed(2);
 const round = x => String(Math.round(x * 1000) / 1000);
 const flagText = f =>
   f[1].replace(/_/g, ' ') +
@@ -228,7 +253,9 @@ export function showNow() {
   if (together()) text += groupNow(clip);
   if (el('clock').textContent !== text) el('clock').textContent = text;
   const whose = f => (together() ? `${clip.members[f[5]].called}: ` : '') + flagText(f);
-  const said = near.slice(0, 2).map(whose).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
+  const w = state.hovered;
+  const window = w && `window ${clip.windows.indexOf(w)}: frames ${w[0]} to ${w[0] + w[1] - 1}`;
+  const said = window || near.slice(0, 2).map(whose).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
   if (el('toast').textContent !== said) el('toast').textContent = plain(said);
   let last = -9;
   for (const beat of clip.beats) if (beat <= state.t + 1e-6) last = beat;

@@ -21,7 +21,11 @@ async function wakeSound() {
   }
   if (context && context.state !== 'running')
     await Promise.race([context.resume(), new Promise(r => setTimeout(r, 400))]);
-  if (gain) gain.gain.value = state.mute ? 0 : 1;
+  setGain();
+}
+
+export function setGain() {
+  if (gain) gain.gain.value = state.mute ? 0 : state.volume;
 }
 
 // Position at an instant of the clock; in a loop it comes round.

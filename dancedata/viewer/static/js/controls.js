@@ -1,12 +1,13 @@
 // Buttons, keys, themes and the camera.
 import { lanes } from './axis.js';
 import { chooseDancer, compareWith, nextDancer, openItem, showAbout } from './clip.js';
-import { advance, gain, play, restart, seek, setLoop } from './clock.js';
+import { fullScreen, lookFrom, startCamera, turn } from './camera.js';
+import { advance, play, restart, seek, setGain, setLoop } from './clock.js';
 import { dancerAt } from './crowd.js';
 import { together } from './dancers.js';
-import { el, head, plain, root } from './data.js';
+import { el, head, plain } from './data.js';
 import { canvas, ratio, readColours } from './figure.js';
-import { linkNow, wholePage, writeLink } from './link.js';
+import { linkNow, writeLink } from './link.js';
 import { step } from './list.js';
 import { camera, duration, failed, frameRate, state } from './state.js';
 import { loopAt, redraw, zoomAround } from './timeline.js';
@@ -74,6 +75,7 @@ const KEYS = [
   [']', ']', 'next clip', () => step(1)],
   ['l', 'L', 'loop the window under the cursor', () => el('loop').click()],
   ['m', 'M', 'mirrored copy', mirrorKey],
+  ['b', 'B', 'body or sticks', () => el('body').click()],
   ['o', 'O', 'overlay, or side by side', () => el('over').click()],
   ['c', 'C', 'metronome', () => el('click').click()],
   ['u', 'U', 'mute the music', () => el('mute').click()],
@@ -83,6 +85,19 @@ const KEYS = [
         ['g', 'G', 'the whole group', () => chooseDancer(null)],
       ]
     : []),
+  ['r', 'R', 'camera as at the beginning; a double click on the stage, too', () => lookFrom('reset')],
+  ...['front', 'left', 'back', 'top'].map((name, k) => [
+    `F${k + 1}`,
+    `F${k + 1}`,
+    name === 'top' ? 'from the top' : name === 'left' ? "from the dancer's left" : `from the ${name}`,
+    () => lookFrom(name),
+  ]),
+  ['a', 'A', 'turn the camera to the left', () => turn(-0.15, 0)],
+  ['e', 'E', 'turn it to the right', () => turn(0.15, 0)],
+  ['w', 'W', 'turn it up', () => turn(0, 0.1)],
+  ['s', 'S', 'turn it down', () => turn(0, -0.1)],
+  ['t', 'T', 'camera follows the dancer, or stays', () => el('follow').click()],
+  ['z', 'Z', 'full screen', fullScreen],
   ['f', 'F', 'next quality flag; with shift the one before', e => nextFlag(e.shiftKey)],
   ...Object.keys(RATES).map(k => [k, k, `${RATES[k]} times the speed`, () => setRate(RATES[k])]),
   ['+', '+', 'zoom the time axis in', () => zoomAround(state.t, 0.7)],
@@ -129,10 +144,11 @@ export function startControls() {
   });
   click('mirror', toggle('mirror'));
   click('over', toggle('over'));
+  click('body', toggle('body'));
   click('click', toggle('click'));
   click('mute', () => {
     setMode('mute', !state.mute);
-    if (gain) gain.gain.value = state.mute ? 0 : 1;
+    setGain();
   });
   click('flag', () => nextFlag(false));
   click('help', () => el('keys').showModal());
@@ -170,7 +186,23 @@ export function startControls() {
     row.insertCell().append(kbd);
     row.insertCell().textContent = what;
   }
-  startCamera();
+  click('zoomin', () => zoomAround(state.t, 0.5));
+  click('zoomout', () => zoomAround(state.t, 2));
+  click('full', fullScreen);
+  click('follow', toggle('follow'));
+  el('volume').addEventListener('input', () => {
+    setMode('mute', false);
+    state.volume = +el('volume').value;
+    setGain();
+  });
+  el('volume').addEventListener('change', () => el('volume').blur());
+  lanes.addEventListener('dancer', e => chooseDancer(e.detail));
+  startCamera(e => {
+    if (!together()) return;
+    const box = canvas.getBoundingClientRect();
+    const k = dancerAt((e.clientX - box.left) * ratio, (e.clientY - box.top) * ratio);
+    if (k !== null) chooseDancer(k);
+  });
 }
 
 async function copyLink() {
@@ -184,45 +216,4 @@ async function copyLink() {
   setTimeout(() => {
     el('link').textContent = 'Copy link';
   }, 1200);
-}
-
-function startCamera() {
-  let from = null;
-  let moved = 0;
-  lanes.addEventListener('dancer', e => chooseDancer(e.detail));
-  canvas.addEventListener('pointerdown', e => {
-    from = [e.clientX, e.clientY];
-    moved = 0;
-    canvas.setPointerCapture(e.pointerId);
-  });
-  canvas.addEventListener('pointermove', e => {
-    if (!from) return;
-    moved += Math.abs(e.clientX - from[0]) + Math.abs(e.clientY - from[1]);
-    camera.yaw -= (e.clientX - from[0]) * 0.008;
-    camera.pitch = Math.max(-0.1, Math.min(1.5, camera.pitch + (e.clientY - from[1]) * 0.006));
-    from = [e.clientX, e.clientY];
-    state.dirty = true;
-  });
-  canvas.addEventListener('pointerup', e => {
-    const box = canvas.getBoundingClientRect();
-    const k =
-      from && moved < 4 && together()
-        ? dancerAt((e.clientX - box.left) * ratio, (e.clientY - box.top) * ratio)
-        : null;
-    if (k !== null) chooseDancer(k);
-  });
-  for (const end of ['pointerup', 'pointercancel'])
-    canvas.addEventListener(end, () => {
-      from = null;
-    });
-  canvas.addEventListener(
-    'wheel',
-    e => {
-      if (!wholePage && !root.contains(document.activeElement)) return;
-      e.preventDefault();
-      camera.zoom = Math.max(0.3, Math.min(6, camera.zoom * Math.exp(e.deltaY * 0.001)));
-      state.dirty = true;
-    },
-    { passive: false },
-  );
 }

@@ -40,8 +40,11 @@ function follow(drawn, floor, room) {
   const xs = drawn.map(one => one.places[0]);
   const zs = drawn.map(one => one.places[2]);
   const move = state.playing && !camera.still ? 0.12 : 1;
-  camera.x += ((Math.min(...xs) + Math.max(...xs)) / 2 - camera.x) * move;
-  camera.z += ((Math.min(...zs) + Math.max(...zs)) / 2 - camera.z) * move;
+  if (state.follow || !camera.placed) {
+    camera.x += ((Math.min(...xs) + Math.max(...xs)) / 2 - camera.x) * move;
+    camera.z += ((Math.min(...zs) + Math.max(...zs)) / 2 - camera.z) * move;
+  }
+  camera.placed = true;
   camera.y = floor + room * 0.47;
   camera.still = false;
 }

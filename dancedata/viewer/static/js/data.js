@@ -58,12 +58,12 @@ async function figureOf(packed) {
     }
   }
   const figure = { ...packed, places, width, count: width / 3, contacts: await unpacked(packed.contacts) };
+  figure.look = packed.look && new Int8Array((await unpacked(packed.look)).buffer);
   figure.mirror = packed.joints.map((_, j) => j);
   for (const [a, b] of packed.pairs) {
     figure.mirror[a] = b;
     figure.mirror[b] = a;
   }
-  figure.tall = tallness(figure);
   figure.room = roomOf(figure);
   figure.thick = packed.joints.map(name => thickness(figure, name));
   return figure;
@@ -79,19 +79,6 @@ function roomOf(figure) {
   }
   const high = tops.sort()[Math.floor(0.99 * (figure.frames - 1))] + 0.1 * figure.tall;
   return Math.max(0.7 * figure.tall, Math.min(figure.tall, high));
-}
-
-// Height of a dancer who stands: the bones from a foot to the root and on to the head. For the camera.
-function tallness(figure) {
-  const to = j => {
-    if (figure.parents[j] < 0) return 0;
-    const a = 3 * j;
-    const b = 3 * figure.parents[j];
-    const p = figure.places;
-    return Math.hypot(p[a] - p[b], p[a + 1] - p[b + 1], p[a + 2] - p[b + 2]) + to(figure.parents[j]);
-  };
-  const middle = figure.joints.map((_, j) => (figure.sides[j] ? 0 : to(j)));
-  return Math.max(0.05, to(figure.feet[2] ?? figure.feet[0]) + Math.max(...middle)) * 0.98 || 1.7;
 }
 
 // Width of a bone, for a dancer of 1.7 m.
@@ -172,17 +159,29 @@ function sideFile(number, address) {
 }
 
 export async function fetched(address) {
-  const reply = await fetch(address);
+  const reply = await fetch(address).catch(error => {
+    throw Object.assign(error, { ended: true });
+  });
   if (!reply.ok) throw new Error(await reply.text());
   return reply;
 }
 
 async function payloadOf(number, field) {
-  if (page.server)
-    return (await fetched(`clip/${number}${field ? `?field=${encodeURIComponent(field)}` : ''}`)).json();
+  if (page.server) return served(number, field, '?part=first');
   if (page.clips[number]) return page.clips[number];
   if (page.side?.[number]) return sideFile(number, page.side[number]);
   throw new Error('this clip is not part of this page');
+}
+
+const served = async (number, field, part) =>
+  (await fetched(`clip/${number}${part}${field ? `&field=${encodeURIComponent(field)}` : ''}`)).json();
+
+// The rest of a long clip, of which the first minute came first: its dancers take the place of those.
+export async function loadRest(clip, field) {
+  const whole = await clipOf(await served(clip.number, field, '?part=all'));
+  for (const key of ['figure', 'speed', 'keys', 'members', 'pairs', 'nearest', 'reach'])
+    if (key in whole) clip[key] = whole[key];
+  clip.partial = false;
 }
 
 // The last few clips stay in memory; more would fill it.

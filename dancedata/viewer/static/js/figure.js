@@ -1,4 +1,5 @@
 // The stage: the dancer in perspective, drawn on a canvas.
+import { blend, conesOf, drawCones, spotOf } from './body.js';
 import { el } from './data.js';
 import { camera, frameRate, state } from './state.js';
 
@@ -18,6 +19,7 @@ const COLOURS = [
   'flag',
   'floor',
   'shadow',
+  'pool',
   'wave',
   'win',
   'other',
@@ -63,7 +65,12 @@ export function aim(distance) {
     const depth = distance - (y * sp + away * cp);
     return depth < 0.1
       ? null
-      : [w / 2 + (right * focus) / depth, h * 0.5 - (up * focus) / depth, depth, focus / depth];
+      : [
+          w / 2 + h * camera.right + (right * focus) / depth,
+          h * (0.5 + camera.up) - (up * focus) / depth,
+          depth,
+          focus / depth,
+        ];
   };
 }
 
@@ -131,55 +138,57 @@ export function triangle(ink, x, y, r, colour, edge) {
   }
 }
 
+// A blob under each joint, the darker the lower the joint is.
 export function drawShadow(figure, places, { shift = [0, 0], thin = false, alpha = 1 }) {
-  pen.lineCap = 'round';
-  pen.globalAlpha = (thin ? 0.12 : 0.32) * alpha;
-  for (let j = 1; j < figure.count; j++) {
-    if (!figure.thick[j]) continue;
-    const ground = i => project(places[3 * i] + shift[0], figure.floor, places[3 * i + 2] + shift[1]);
-    const a = ground(j);
-    const b = ground(figure.parents[j]);
-    if (a && b) stroke(a, b, figure.thick[j] * a[3] * 0.8, css.shadow);
+  const spot = spotOf(css.shadow);
+  const scale = figure.tall / 1.7;
+  const flat = Math.max(0.15, Math.sin(camera.pitch));
+  for (let j = 0; j < figure.count; j++) {
+    if (j && !figure.thick[j]) continue;
+    const p = project(places[3 * j] + shift[0], figure.floor, places[3 * j + 2] + shift[1]);
+    if (!p) continue;
+    const high = Math.max(0, places[3 * j + 1] - figure.floor) / scale;
+    const r = (0.11 + Math.max(...figure.girths[j]) + 0.12 * high) * scale * p[3];
+    pen.globalAlpha = (thin ? 0.3 : 0.95) * alpha * Math.exp(-2.4 * Math.max(0, high - 0.03));
+    pen.drawImage(spot, p[0] - r, p[1] - r * flat, 2 * r, 2 * r * flat);
   }
   pen.globalAlpha = 1;
+}
+
+// Where the head faces at a time; null where that is unknown.
+function lookAt(figure, t, mirrored) {
+  if (!figure.look) return null;
+  const at = Math.max(0, Math.min(figure.frames - 1, t * figure.rate));
+  const i = Math.floor(at);
+  const next = Math.min(figure.frames - 1, i + 1);
+  const look = [0, 1, 2].map(k => figure.look[3 * i + k] * (1 - at + i) + figure.look[3 * next + k] * (at - i));
+  const long = Math.hypot(...look) || 1;
+  return look.map((v, k) => (mirrored && !k ? -v : v) / long);
+}
+
+// Where the dancer faces now, as a turn of the camera; 0 where that is unknown.
+export function facingNow() {
+  const look = state.clip.figure && lookAt(state.clip.figure, state.t, false);
+  return look ? Math.atan2(look[0], look[2]) : 0;
 }
 
 // `thin`: a figure that lies over another one is drawn as lines in a colour of its own. `colours`: middle, left, right.
 export function drawBody(figure, places, frame, options) {
   const { shift = [0, 0], swap = false, thin = false, alpha = 1, label = '', colours = null } = options;
-  const tones = colours || [css.mid, css.left, css.right];
+  // Not transparent: parts behind others would show through.
+  const tones = (colours || [css.mid, css.left, css.right]).map(tone => blend(tone, css.bg, alpha));
   const points = [];
-  const parents = figure.parents;
   for (let j = 0; j < figure.count; j++)
     points.push(project(places[3 * j] + shift[0], places[3 * j + 1], places[3 * j + 2] + shift[1]));
   if (!colours) drawShadow(figure, places, options); // those of a group lie below all dancers
   pen.lineCap = 'round';
   pen.globalAlpha = alpha;
   drawContacts(figure, places, frame, shift, swap);
-  const order = [];
-  for (let j = 1; j < figure.count; j++) if (points[j] && points[parents[j]] && figure.thick[j]) order.push(j);
-  order.sort((a, b) => points[b][2] + points[parents[b]][2] - points[a][2] - points[parents[a]][2]);
-  for (const j of order) {
-    const a = points[parents[j]];
-    const b = points[j];
-    const width = ((figure.thick[j] * (a[3] + b[3])) / 2) * (thin ? 0.3 : 1);
-    if (!thin) stroke(a, b, width + 2.5 * ratio, css.bg);
-    stroke(a, b, Math.max(width, 1.2 * ratio), thin ? css.other : tones[figure.sides[j]]);
-    if (/^head$/i.test(figure.joints[j])) {
-      const r = ((0.095 * figure.tall) / 1.7) * b[3];
-      pen.beginPath();
-      pen.arc(b[0], b[1] - 0.03 * b[3], r, 0, 7);
-      if (thin) {
-        pen.strokeStyle = css.other;
-        pen.lineWidth = 1.6 * ratio;
-        pen.stroke();
-      } else {
-        pen.fillStyle = tones[0];
-        pen.fill();
-      }
-    }
-  }
   pen.globalAlpha = 1;
+  if (state.body && !thin) {
+    const cones = conesOf(figure, places, lookAt(figure, state.t, swap));
+    drawCones(pen, cones, project, shift, [...tones, blend(tones[0], '#000000', 0.35)]);
+  } else drawSticks(figure, points, thin, thin ? [blend(css.other, css.bg, alpha)] : tones);
   if (label && points[0]) {
     const p = project(places[0] + shift[0], figure.floor, places[2] + shift[1]);
     pen.fillStyle = thin ? css.other : css.dim;
@@ -191,6 +200,27 @@ export function drawBody(figure, places, frame, options) {
   return points;
 }
 
+function drawSticks(figure, points, thin, tones) {
+  const parents = figure.parents;
+  const order = [];
+  for (let j = 1; j < figure.count; j++) if (points[j] && points[parents[j]] && figure.thick[j]) order.push(j);
+  order.sort((a, b) => points[b][2] + points[parents[b]][2] - points[a][2] - points[parents[a]][2]);
+  for (const j of order) {
+    const a = points[parents[j]];
+    const b = points[j];
+    const width = ((figure.thick[j] * (a[3] + b[3])) / 2) * (thin ? 0.3 : 1);
+    if (!thin) stroke(a, b, width + 2.5 * ratio, css.bg);
+    stroke(a, b, Math.max(width, 1.2 * ratio), tones[thin ? 0 : figure.sides[j]]);
+    if (j === figure.head) {
+      pen.beginPath();
+      pen.arc(b[0], b[1] - 0.03 * b[3], ((0.095 * figure.tall) / 1.7) * b[3], 0, 7);
+      pen.fillStyle = pen.strokeStyle = tones[0];
+      pen.lineWidth = 1.6 * ratio;
+      thin ? pen.stroke() : pen.fill();
+    }
+  }
+}
+
 // `beyond`: how far the dancers of a group are from the middle, metres.
 export function drawFloor(figure, beyond = 0) {
   const step = figure.tall / 3.4;
@@ -198,6 +228,13 @@ export function drawFloor(figure, beyond = 0) {
   const sx = Math.round(camera.x / step);
   const sz = Math.round(camera.z / step);
   const y = figure.floor;
+  const middle = project(camera.x, y, camera.z);
+  if (middle) {
+    // A pool of light, on which shadows are seen.
+    const r = step * (reach + 1) * middle[3];
+    const flat = Math.max(0.15, Math.sin(camera.pitch));
+    pen.drawImage(spotOf(css.pool), middle[0] - r, middle[1] - r * flat, 2 * r, 2 * r * flat);
+  }
   for (let k = -reach; k <= reach; k++) {
     const bold = i => (i % 2 ? 0.9 : 1.6) * ratio;
     const at = (i, j) => project(i * step, y, j * step);
@@ -213,7 +250,10 @@ export function drawPath(figure, shift, from, to, width, colour, alpha) {
   pen.lineJoin = 'round';
   pen.beginPath();
   let up = true;
-  for (let i = from; i <= to; i += 2) {
+  // At most 600 points: strokes of longer paths take longer than the rest of the picture.
+  const stride = Math.max(2, Math.ceil((to - from) / 600));
+  if (stride > 8) pen.globalAlpha = 0.4 * alpha;
+  for (let i = from; i <= to; i += stride) {
     const p = project(
       figure.places[i * figure.width] + shift[0],
       figure.floor,
@@ -229,20 +269,27 @@ export function drawPath(figure, shift, from, to, width, colour, alpha) {
 const here = new Float32Array(3 * 1024);
 const there = new Float32Array(3 * 1024);
 
+// The cones of the clip's figure, as they are drawn now.
+export const conesNow = () => conesOf(state.clip.figure, here, lookAt(state.clip.figure, state.t, false));
+
 export function drawStage() {
   pen.fillStyle = css.bg;
   pen.fillRect(0, 0, canvas.width, canvas.height);
   const clip = state.clip;
   const figure = clip.figure;
-  if (!figure) {
+  const waits = clip.partial && state.t * figure?.rate > figure?.frames;
+  if (!figure || waits) {
     state.drawn = Math.floor(state.t * clip.fps + 1e-4);
     return;
   }
   const other = state.other?.figure;
   const frame = pose(figure, state.t, here);
   const move = state.playing && !camera.still ? 0.25 : 1;
-  camera.x += (here[0] - camera.x) * move;
-  camera.z += (here[2] - camera.z) * move;
+  if (state.follow || !camera.placed) {
+    camera.x += (here[0] - camera.x) * move;
+    camera.z += (here[2] - camera.z) * move;
+  }
+  camera.placed = true;
   camera.y = figure.floor + figure.room * 0.47 + Math.max(0, here[1] - figure.floor - figure.room);
   camera.still = false;
   const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);
@@ -257,6 +304,17 @@ export function drawStage() {
     return [right[0] * at, right[1] * at];
   };
   drawPath(figure, place(0), 0, figure.frames - 1, 1.2 * ratio, css.dim, 0.5);
+  const near = Math.round(10 * figure.rate);
+  if (figure.frames > 4 * near)
+    drawPath(
+      figure,
+      place(0),
+      Math.max(0, frame - near),
+      Math.min(figure.frames - 1, frame + near),
+      1.2 * ratio,
+      css.dim,
+      0.6,
+    );
   drawPath(figure, place(0), Math.max(0, frame - Math.round(1.5 * figure.rate)), frame, 2.6 * ratio, css.accent, 0.9);
   const points = drawBody(figure, here, frame, { shift: place(0), label: copies ? 'this' : '' });
   let k = 1;

@@ -15,24 +15,37 @@ export function linkNow() {
   if (state.other) parts.push(`with=${encodeURIComponent(state.other.name)}`);
   if (state.mirror) parts.push('mirror=1');
   if (state.over) parts.push('over=1');
+  if (!state.body) parts.push('body=0');
   if (state.themeChosen) parts.push(`theme=${document.documentElement.dataset.theme}`);
   return `#${parts.join('&')}`;
 }
 
 let linkTimer = 0;
+let pending = null;
 
-export function writeLink() {
+// Writes what is due to be written, now.
+export function flushLink() {
   clearTimeout(linkTimer);
+  pending?.();
+  pending = null;
+}
+
+// `another`: as a further entry of the history.
+export function writeLink(another = false) {
+  clearTimeout(linkTimer);
+  if (!wholePage) return;
   const before = location.hash;
-  // Not over a link that was opened meanwhile and is still to be followed.
-  if (wholePage)
-    linkTimer = setTimeout(() => {
-      try {
-        if (location.hash === before) history.replaceState(null, '', linkNow());
-      } catch (_e) {
-        /* a page inside another one has no address */
-      }
-    }, 120);
+  const link = linkNow();
+  pending = () => {
+    try {
+      // Not over a link that was opened meanwhile and is still to be followed.
+      if (location.hash === before) history[another ? 'pushState' : 'replaceState'](null, '', link);
+    } catch (_e) {
+      /* a page inside another one has no address */
+    }
+  };
+  if (another) flushLink();
+  else linkTimer = setTimeout(flushLink, 120);
 }
 
 // The address, or where a saved page begins. Not URLSearchParams: it reads a plus sign as a space.

@@ -41,6 +41,8 @@ function filterItems() {
   const order = SORTS[el('sort').value];
   if (order) shown = shown.slice().sort((a, b) => order(a, b) || a.number - b.number);
   el('count').textContent = `${shown.length} of ${items.length}`;
+  el('none').hidden = !!shown.length;
+  el('nonetext').textContent = text ? `no clip matches '${plain(el('q').value)}'` : 'no clip matches';
   rowBox.style.height = `${shown.length * ROW + 12}px`;
   drawRows(true);
 }
@@ -55,7 +57,14 @@ function rowOf(item, place) {
   row.setAttribute('role', 'option');
   row.setAttribute('aria-posinset', place + 1);
   row.setAttribute('aria-setsize', shown.length);
-  name.textContent = row.title = plain(item.name);
+  row.title = plain(item.name);
+  // The ends of long names are what differs: the middle gives way.
+  const cut = row.title.length > 24 ? row.title.length - 12 : row.title.length;
+  for (const part of [row.title.slice(0, cut), row.title.slice(cut)]) {
+    const piece = document.createElement('span');
+    piece.textContent = part;
+    name.append(piece);
+  }
   count.className = 'n';
   if (item.flags) {
     count.textContent = `▲ ${item.flags}`;
@@ -147,6 +156,12 @@ export function startList(openItem) {
     listBox.scrollTop = 0;
     filterItems();
     if (el('sort').value === 'sliding') measureSliding().catch(failed);
+  });
+  el('clear').addEventListener('click', () => {
+    for (const name of ['q', 'split', 'genre']) el(name).value = '';
+    el('flagged').checked = false;
+    filterItems();
+    el('q').focus();
   });
   listBox.addEventListener('scroll', () => drawRows(false));
   listBox.addEventListener('keydown', e => {

@@ -3,8 +3,8 @@ import { contactSpans, drawCurve, drawSpans, drawSpeed, rows, xOf } from './axis
 import { coloursOf, together } from './dancers.js';
 import { css, ratio, triangle } from './figure.js';
 
-export function layOutGroup(clip, next) {
-  const tall = clip.members.length > 4 ? 20 : 30;
+export function layOutGroup(clip, next, low) {
+  const tall = low ? 18 : clip.members.length > 4 ? 20 : 30;
   for (const [k] of clip.members.entries()) next(`dancer${k}`, tall, 3);
   if (!clip.pairs.length) return;
   next('apart', 32, 5);

@@ -1,5 +1,5 @@
 // What is shown, and the camera: one object each, which every module reads.
-import { el, plain } from './data.js';
+import { el, plain, root } from './data.js';
 
 export const state = {
   clip: null,
@@ -11,11 +11,16 @@ export const state = {
   rate: 1,
   loop: null,
   mirror: false,
+  body: true,
   over: false,
   other: null,
   click: false,
   mute: false,
+  volume: 1,
+  follow: true,
   field: '',
+  // The window under the pointer.
+  hovered: null,
   drawn: 0,
   dirty: true,
   themeChosen: false,
@@ -25,11 +30,26 @@ export const duration = () => (state.clip ? state.clip.seconds : 0);
 export const frameRate = () => (state.clip.figure ? state.clip.figure.rate : state.clip.fps);
 export const loopSeconds = () =>
   state.loop && [state.loop[0] / state.clip.fps, Math.min(duration(), state.loop[1] / state.clip.fps)];
-export const camera = { yaw: 0.55, pitch: 0.2, zoom: 1, x: 0, y: 0, z: 0, still: true };
+// `right`, `up`: how far the picture is moved, in heights of the stage. `placed`: whether it has been near this clip.
+export const camera = {
+  yaw: 0.55,
+  pitch: 0.2,
+  zoom: 1,
+  right: 0,
+  up: 0,
+  x: 0,
+  y: 0,
+  z: 0,
+  still: true,
+  placed: false,
+};
 
 export function failed(error) {
   const gone = /rebuilt/.test(error.message);
+  root.classList.toggle('ended', !!error.ended);
   el('notes').textContent = gone
     ? 'The dataset was built again: start dancedata view again.'
-    : plain(String(error.message || error));
+    : error.ended
+      ? 'The server has ended: start dancedata view again. The end of this link, from #, opens this moment there.'
+      : plain(String(error.message || error));
 }

@@ -9,31 +9,29 @@ import { duration, loopSeconds, state } from './state.js';
 const ink = lanes.getContext('2d');
 let base = null;
 
-export function layOut(clip) {
+// What the lanes hold before the first clip is there.
+const NO_CLIP = { onset: 1, speed: 1, figure: { feet: [0, 0, 0, 0] }, windows: [], flags: [], beats: [] };
+
+export function layOut(found) {
+  const clip = found || NO_CLIP;
+  const low = innerHeight < 720;
   let y = 20;
   const next = (name, height, gap) => {
     rows[name] = { y, h: height };
-    y += height + gap;
+    y += height + (low ? Math.min(gap, 3) : gap);
   };
   for (const name of Object.keys(rows)) delete rows[name];
-  next('music', clip.wave || clip.onset ? (together() ? 44 : 58) : 18, 4);
-  if (together()) layOutGroup(clip, next);
-  else next('speed', clip.speed ? 40 : 14, 6);
+  next('music', clip.wave || clip.onset ? (low ? 34 : together() ? 44 : 58) : 18, 4);
+  if (together()) layOutGroup(clip, next, low);
+  else next('speed', clip.speed ? (low ? 28 : 40) : 14, 6);
   if (state.other?.distance) next('distance', 30, 6);
   if (!together()) {
-    rows.contact = { y, h: 11 };
-    y += (clip.figure ? clip.figure.feet.length : 1) * 11 + 5;
+    rows.contact = { y, h: low ? 11 : 13 };
+    y += (clip.figure ? clip.figure.feet.length : 1) * rows.contact.h + 4;
   }
-  next('windows', Math.max(14, windowRows(clip) * 3.4), 5);
+  next('windows', 8, 7);
   next('flags', 15, 3);
   lanes.style.height = `${y}px`;
-}
-
-// How many windows lie over each other, at most 10 rows.
-function windowRows(clip) {
-  if (clip.windows.length < 2) return 1;
-  const stride = Math.max(1, clip.windows[1][0] - clip.windows[0][0]);
-  return Math.min(10, Math.max(1, Math.ceil(clip.windows[0][1] / stride)));
 }
 
 const secondsAt = e => {
@@ -87,6 +85,17 @@ export function drawLanes() {
     ink.globalAlpha = 1;
     for (const s of loop) ink.fillRect(xOf(s) - ratio, top, 2 * ratio, lanes.height);
   }
+  for (const [start, end, colour] of [
+    loop && [...loop, css.accent],
+    state.hovered && [
+      state.hovered[0] / clip.fps,
+      (state.hovered[0] + state.hovered[1]) / clip.fps,
+      css.ink,
+    ],
+  ].filter(Boolean)) {
+    ink.fillStyle = colour;
+    ink.fillRect(xOf(start), (rows.windows.y + 2) * ratio, xOf(end) - xOf(start), 4 * ratio);
+  }
   const x = xOf(state.t);
   ink.fillStyle = css.ink;
   ink.fillRect(x - ratio * 0.75, 0, 1.5 * ratio, lanes.height);
@@ -132,8 +141,7 @@ function drawBase(c, clip) {
     );
   if (clip.figure && !together()) drawFeet(c, clip.figure);
   drawWindows(c, clip);
-  for (const f of clip.flags)
-    if (f[0] !== null) triangle(c, xOf(f[0]), (rows.flags.y + 7) * ratio, 5 * ratio, css.flag, null);
+  drawFlags(c, clip);
   c.restore();
 }
 
@@ -142,8 +150,8 @@ function labelLanes(label, clip) {
   label(clip.wave ? 'music' : clip.onset ? 'onset' : 'no music', mid('music'));
   if (together()) labelGroup(label, clip);
   else if (clip.speed) {
-    label('speed', rows.speed.y + 12);
-    label('key  ◆', rows.speed.y + 28);
+    label('speed', rows.speed.y + rows.speed.h * 0.3 - 1);
+    label('key motion ◆', rows.speed.y + rows.speed.h * 0.8 - 2);
   } else label('no speed', mid('speed'));
   const top = rows.distance && Math.max(1, state.other.distance.max);
   if (rows.distance) {
@@ -152,7 +160,7 @@ function labelLanes(label, clip) {
   }
   const feet = clip.figure ? clip.figure.feet.map(j => clip.figure.joints[j]) : ['no contacts'];
   for (const [k, name] of together() ? [] : feet.entries())
-    label(shortName(name), rows.contact.y + orderOf(k) * rows.contact.h + 5);
+    label(shortName(name), rows.contact.y + (orderOf(k) + 0.5) * rows.contact.h - 1);
   label('windows', mid('windows'));
   label('flags', mid('flags'));
 }
@@ -171,16 +179,45 @@ const orderOf = k =>
     ? [0, 2, 1, 3][k]
     : k;
 
+// Triangles; a strip of how many there are where they would lie over each other.
+function drawFlags(c, clip) {
+  const { y, h } = rows.flags;
+  const times = clip.flags.map(f => f[0]).filter(t => t !== null && t >= view.from && t <= view.to);
+  const counts = new Map();
+  for (const t of times) {
+    const place = Math.floor((xOf(t) - LABEL * ratio) / (6 * ratio));
+    counts.set(place, (counts.get(place) || 0) + 1);
+  }
+  if (counts.size < (0.3 * (lanes.width / ratio - LABEL)) / 6) {
+    for (const t of times) triangle(c, xOf(t), (y + 7) * ratio, 5 * ratio, css.flag, null);
+    return;
+  }
+  const most = Math.max(...counts.values());
+  c.fillStyle = css.flag;
+  for (const [place, count] of counts) {
+    c.globalAlpha = 0.15 + (0.85 * count) / most;
+    c.fillRect((LABEL + 6 * place) * ratio, y * ratio, 6 * ratio, (h - 3) * ratio);
+  }
+  c.globalAlpha = 1;
+}
+
+const clockOf = (s, step) => {
+  const digits = step < 1 ? 1 : 0;
+  if (duration() < 60) return s.toFixed(digits);
+  const rest = (s - 60 * Math.floor(s / 60 + 1e-9)).toFixed(digits);
+  return `${Math.floor(s / 60 + 1e-9)}:${rest.padStart(digits ? 4 : 2, '0')}`;
+};
+
 function drawAxis(c) {
   const span = view.to - view.from;
-  const most = Math.min(16, (lanes.width / ratio - LABEL) / 34);
+  const most = Math.min(16, (lanes.width / ratio - LABEL) / (duration() < 60 ? 34 : 46));
   const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300].find(s => span / s <= most) || 600;
   c.fillStyle = css.dim;
   for (let k = Math.ceil(view.from / step - 1e-9); k * step <= view.to + 1e-9; k++) {
     const s = k * step;
     const x = xOf(s);
     c.textAlign = x > lanes.width - 14 * ratio ? 'right' : 'center';
-    c.fillText(step < 1 ? s.toFixed(1) : String(Math.round(s)), x, 7 * ratio);
+    c.fillText(clockOf(s, step), x, 7 * ratio);
     c.fillRect(x, 14 * ratio, ratio, 3 * ratio);
   }
 }
@@ -212,22 +249,25 @@ function drawMusic(c, clip) {
   if (clip.wave) {
     c.fillStyle = css.wave;
     const n = clip.wave.length;
-    const each = duration() / n;
+    const each = clip.sound.duration / n;
     const wide = Math.max(ratio, xOf(each) - xOf(0));
     for (let i = Math.max(0, Math.floor(view.from / each)); i < n && i * each <= view.to; i++) {
       const half = (clip.wave[i] * h * ratio) / 2;
       c.fillRect(xOf(i * each), (y + h / 2) * ratio - half, wide, 2 * half + ratio);
     }
   }
-  if (clip.onset) {
+  if (clip.onset && !(clip.wave && view.to - view.from > 180)) {
     c.globalAlpha = clip.wave ? 0.75 : 1;
     drawCurve(c, clip.onset, rows.music, clip.wave ? css.ink : css.wave, clip.wave ? 1 : 1.4);
     c.globalAlpha = 1;
   }
   const last = together() ? `dancer${clip.members.length - 1}` : 'speed';
   const low = clip.speed || together() ? rows[last].y + rows[last].h : y + h;
-  // Beats that nearly touch keep their points; lines would hide the music.
-  const dense = clip.beats.length > 1 && (xOf(clip.beats[1]) - xOf(clip.beats[0])) / ratio < 7;
+  // Beats that nearly touch keep their points; lines would hide the music, and points below 3 px as well.
+  const n = clip.beats.length;
+  const each = n > 1 ? (xOf(clip.beats[n - 1]) - xOf(clip.beats[0])) / (n - 1) / ratio : 9;
+  if (each < 3) return;
+  const dense = each < 7;
   c.fillStyle = css.accent;
   for (const beat of clip.beats) {
     const x = xOf(beat);
@@ -244,39 +284,49 @@ function drawMusic(c, clip) {
 function drawFeet(c, figure) {
   figure.feet.forEach((joint, bit) => {
     c.fillStyle = [css.mid, css.left, css.right][figure.sides[joint]];
-    drawSpans(c, contactSpans(figure, 1 << bit), figure.rate, rows.contact.y + orderOf(bit) * rows.contact.h, 8);
+    drawSpans(c, contactSpans(figure, 1 << bit), figure.rate, rows.contact.y + orderOf(bit) * rows.contact.h, rows.contact.h - 3);
   });
 }
 
-const windowY = (k, count) => rows.windows.y + (k % count) * 3.4;
-
+// One tick for each first frame; those that would touch are one.
 function drawWindows(c, clip) {
-  const count = windowRows(clip);
-  const thick = clip.windows.length === 1 ? 6 : 2.4;
+  const { y, h } = rows.windows;
   c.fillStyle = css.win;
-  clip.windows.forEach(([start, length], k) => {
-    const a = xOf(start / clip.fps);
-    const b = xOf((start + length) / clip.fps);
-    c.fillRect(a + ratio, windowY(k, count) * ratio, Math.max(ratio, b - a - 2 * ratio), thick * ratio);
-  });
+  let last = -9;
+  for (const [start] of clip.windows) {
+    const x = xOf(start / clip.fps);
+    if (x - last < 3 * ratio) continue;
+    c.fillRect(Math.round(x), y * ratio, Math.ceil(ratio), h * ratio);
+    last = x;
+  }
 }
 
-// The window below the pointer; else the one whose middle is nearest.
-function windowAt(s, y) {
+// The window whose first frame is nearest; with `inside` the one around an instant whose middle is nearest.
+function windowAt(s, inside) {
   const clip = state.clip;
-  const count = windowRows(clip);
-  const mine = clip.windows
-    .map((w, k) => ({ w, k }))
-    .filter(({ w }) => w[0] / clip.fps <= s + 1e-6 && s < (w[0] + w[1]) / clip.fps);
-  const away = ({ w, k }) =>
-    (y === undefined ? 0 : Math.abs(windowY(k, count) + 1.2 - y) * 1000) + Math.abs((w[0] + w[1] / 2) / clip.fps - s);
-  return mine.length ? mine.reduce((a, b) => (away(a) <= away(b) ? a : b)).w : null;
+  const away = ([start, length]) => Math.abs((start + (inside ? length / 2 : 0)) / clip.fps - s);
+  const found = clip.windows.filter(
+    ([start, length]) => !inside || (start / clip.fps <= s + 1e-6 && s < (start + length) / clip.fps),
+  );
+  return found.length ? found.reduce((a, b) => (away(a) <= away(b) ? a : b)) : null;
 }
 
-export function loopAt(s, y) {
-  const found = windowAt(s, y);
+export function loopAt(s, inside = true) {
+  const found = windowAt(s, inside);
   if (found) setLoop([found[0], found[0] + found[1]]);
   return !!found;
+}
+
+const overWindows = y => y >= rows.windows.y - 4 && y < rows.windows.y + rows.windows.h + 4;
+
+// The window under the pointer is a bar, and in words beside the clock.
+function hover(e) {
+  const y = e.clientY - lanes.getBoundingClientRect().top;
+  const found = state.clip && e.type !== 'pointerleave' && overWindows(y) ? windowAt(secondsAt(e), false) : null;
+  if (found !== state.hovered) {
+    state.hovered = found;
+    state.dirty = true;
+  }
 }
 
 // The dancer whose lane is at a height; null where there is none.
@@ -292,13 +342,12 @@ let scrubbing = false;
 lanes.addEventListener('pointerdown', e => {
   if (!state.clip) return;
   const y = e.clientY - lanes.getBoundingClientRect().top;
-  const w = rows.windows;
   const k = together() && e.clientX - lanes.getBoundingClientRect().left < LABEL ? laneAt(y) : null;
   if (k !== null) {
     lanes.dispatchEvent(new CustomEvent('dancer', { detail: k }));
     return;
   }
-  if (y >= w.y - 2 && y < w.y + w.h + 2 && loopAt(secondsAt(e), y)) return;
+  if (overWindows(y) && loopAt(secondsAt(e), false)) return;
   scrubbing = true;
   lanes.setPointerCapture(e.pointerId);
   seek(secondsAt(e));
@@ -306,7 +355,9 @@ lanes.addEventListener('pointerdown', e => {
 
 lanes.addEventListener('pointermove', e => {
   if (scrubbing) seek(secondsAt(e));
+  else hover(e);
 });
+lanes.addEventListener('pointerleave', hover);
 
 lanes.addEventListener('pointerup', () => {
   scrubbing = false;

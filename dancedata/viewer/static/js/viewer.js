@@ -1,16 +1,17 @@
 // The page: it follows its address, starts the controls, and draws.
-import { lanes } from './axis.js';
+import { lanes, rows } from './axis.js';
 import { chooseDancer, openItem, showNow } from './clip.js';
 import { advance, anchor, context, gain, metronome, play, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
 import { drawCrowd } from './crowd.js';
 import { together } from './dancers.js';
 import { el, head, items, page, plain, root } from './data.js';
-import { canvas, drawStage, sizeCanvas } from './figure.js';
+import { canvas, conesNow, drawStage, sizeCanvas } from './figure.js';
+import { startLayout } from './layout.js';
 import { readLink, wholePage } from './link.js';
 import { shown, startList } from './list.js';
 import { camera, failed, state } from './state.js';
-import { drawLanes } from './timeline.js';
+import { drawLanes, layOut } from './timeline.js';
 
 async function followLink() {
   const h = readLink();
@@ -26,16 +27,18 @@ async function followLink() {
   if (!item) return;
   setMode('mirror', h.mirror === '1');
   setMode('over', h.over === '1');
+  setMode('body', h.body !== '0');
   const known =
     mine.length || !named
       ? {
+          linked: true,
           t: +h.t || 0,
           loop: loop && [+loop[1], +loop[2]],
           field: head.fields.includes(h.field) ? h.field : '',
           with: head.takes.includes(h.with) ? h.with : '',
           dancer: placeOf(item, h.clip),
         }
-      : {};
+      : { linked: true };
   await openItem(item, known);
   if (named && !mine.length)
     el('notes').textContent = `This dataset has no ${h.group === undefined ? 'clip' : 'group'} ${plain(named)}`;
@@ -100,6 +103,9 @@ setTheme(
 
 about();
 startControls();
+startLayout();
+layOut(null);
+addEventListener('resize', () => layOut(state.clip));
 startList(openItem);
 (wholePage ? window : root).addEventListener('keydown', onKey);
 window.addEventListener('hashchange', () => followLink().catch(failed));
@@ -122,6 +128,10 @@ window.dancedataViewer = {
   setLoop,
   openItem,
   chooseDancer,
+  rows,
+  get cones() {
+    return conesNow();
+  },
   get shown() {
     return shown;
   },

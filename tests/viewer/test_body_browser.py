@@ -1,0 +1,133 @@
+"""The body in a real browser: cones as in Python, two tones of grey, a face, and shadows by height."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.viewer import Scenes
+from dancedata.viewer.page import clip_page
+from dancedata.viewer.view import ViewRequest
+from tests.report.test_colours import luminance
+from tests.viewer.helpers import Browser, serving
+from tests.viewer.test_browser import V, at
+
+#: Pixels of the stage, [r, g, b, ...] in rows.
+PIXELS = (
+    "const c = document.querySelector('[data-dd=figure]');"
+    "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; const out = [];"
+    "for (let i = 0; i < d.length; i += 4) out.push(d[i] << 16 | d[i + 1] << 8 | d[i + 2]); return [c.width, out]"
+)
+DRAWN = "await new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))"
+
+
+def stage(browser: Browser) -> np.ndarray:
+    """The stage, (H, W, 3)."""
+    browser.later(f"{V}.state.dirty = true; {DRAWN}")
+    width, values = browser.js(PIXELS)
+    packed = np.array(values).reshape(-1, width)
+    return np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=-1)
+
+
+def sides(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Luminances (WCAG) of the pixels of blue and of orange limbs."""
+    red, _, blue = np.moveaxis(picture, -1, 0)
+    light = np.where(picture / 255 <= 0.03928, picture / 255 / 12.92, ((picture / 255 + 0.055) / 1.055) ** 2.4)
+    light = light @ (0.2126, 0.7152, 0.0722)
+    return light[blue - red > 50], light[red - blue > 90]
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_limbs_of_both_sides_have_two_tones_of_grey(browser: Browser, served: str, theme: str) -> None:
+    browser.open(at(served, "wav", f"&t=1&theme={theme}"))
+    assert luminance("#ffffff") == 1
+    left, right = sides(stage(browser))
+    assert min(len(left), len(right)) > 500
+    assert (np.median(left) + 0.05) / (np.median(right) + 0.05) >= 1.5
+
+
+def test_b_switches_between_body_and_sticks(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav", "&t=1"))
+    pressed = "return document.querySelector('[data-dd=body]').getAttribute('aria-pressed')"
+    assert browser.js(pressed) == "true"
+    body = stage(browser)
+    browser.key("b")
+    assert browser.js(pressed) == "false"
+    sticks = stage(browser)
+    # A body is more than twice as wide, and shaded.
+    assert len(sides(body)[0]) > 1.3 * len(sides(sticks)[0]) > 200
+    assert len(np.unique(sides(body)[0])) > 2 * len(np.unique(sides(sticks)[0]))
+    browser.wait("return location.hash.includes('body=0')")
+    browser.open(served.partition("#")[0] + browser.js("return location.hash"))
+    np.testing.assert_array_equal(stage(browser), sticks)
+    browser.key("b")
+    np.testing.assert_array_equal(stage(browser), body)
+    assert browser.log() == []
+
+
+def test_cones_are_those_of_python(browser: Browser, served: str, odd: Path) -> None:
+    scenes = Scenes(dancedata.open(odd))
+    figure = scenes.scene(scenes.find("wav")).figure
+    assert figure is not None
+    browser.open(at(served, "wav", "&t=2"))
+    browser.later(DRAWN)
+    found = browser.js(f"return {V}.cones")
+    wanted = figure.limbs.cones(figure.joints[60], figure.look[60])
+    np.testing.assert_allclose([cone[0] for cone in found], wanted.begin, atol=0.004)
+    np.testing.assert_allclose([cone[1] for cone in found], wanted.end, atol=0.004)
+    np.testing.assert_allclose([cone[2:4] for cone in found], wanted.radii, atol=1e-4)
+    assert [cone[4] for cone in found] == list(wanted.tones)
+
+
+def test_a_face_is_seen_from_the_front_only(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav", "&t=1&theme=dark"))
+    turn = f"const l = {V}.state.clip.figure.look; {V}.camera.yaw = Math.atan2(l[90], l[92]) + arguments[0];"
+    changed = []
+    for yaw in (0.0, np.pi):
+        browser.js(f"{V}.camera.zoom = 1; {turn}", yaw)
+        with_face = stage(browser)
+        faceless = f"const f = {V}.state.clip.figure; window.skull = f.skull; f.skull = skull.slice(0, 2)"
+        browser.js(faceless)  # without nose and eyes
+        changed.append(int((stage(browser) != with_face).any(axis=-1).sum()))
+        browser.js(f"{V}.state.clip.figure.skull = window.skull")
+    assert changed[0] > 15
+    assert changed[1] < 0.1 * changed[0]
+
+
+def test_a_shadow_is_darker_the_lower_the_body(browser: Browser, served: str) -> None:
+    dark = []
+    for lift in (0.0, 0.5):
+        browser.open(at(served, "wav", "&t=1&theme=dark"))
+        browser.js(
+            f"const f = {V}.state.clip.figure;"
+            "for (let i = 1; i < f.places.length; i += 3) f.places[i] += arguments[0]", lift
+        )  # fmt: skip
+        dark.append(int((stage(browser).sum(axis=-1) < 60).sum()))
+    assert dark[0] > 20
+    assert dark[1] < 0.3 * dark[0]
+
+
+def test_copies_and_comparisons_have_bodies(browser: Browser, odd: Path, source: Path) -> None:
+    with serving(ViewRequest(odd, "wav", source=source)) as address:
+        browser.open(f"{address}&t=1")
+        alone = len(sides(stage(browser))[0])
+        browser.open(f"{address}&t=1&mirror=1&with=original")
+        browser.wait(f"return {V}.state.other")
+        three = stage(browser)
+        browser.open(f"{address}&t=1&mirror=1&with=original&body=0")
+        browser.wait(f"return {V}.state.other")
+        sticks = stage(browser)
+    assert len(sides(three)[0]) > 1.3 * len(sides(sticks)[0])
+    assert len(sides(three)[0]) > 0.4 * alone  # the camera is farther away
+    assert browser.log() == []
+
+
+def test_an_exported_page_has_a_body(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    scenes = Scenes(dancedata.open(odd))
+    page = tmp_path / "page.html"
+    page.write_text(clip_page(scenes, scenes.items[:1]))
+    browser.open(page.as_uri())
+    body = stage(browser)
+    browser.key("b")
+    assert len(sides(body)[0]) > 1.3 * len(sides(stage(browser))[0])
