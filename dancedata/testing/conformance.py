@@ -15,7 +15,7 @@ import json
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import Scan
+from dancedata.core.codebook import DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -207,7 +208,9 @@ def check_audio_feature(cls: type[Any]) -> None:
 def _check_audio_feature(feature: Any) -> None:
     _check_columns(feature.columns)
     require(bool(feature.packages), "packages names what the numbers depend on")
-    require(feature.dtype in ("float32", "float16"), f"dtype on disk is float32 or float16, not {feature.dtype}")
+    require(feature.dtype in get_args(DType), f"dtype on disk is one of {get_args(DType)}, not {feature.dtype}")
+    is_code = feature.dtype not in ("float32", "float16")
+    require(is_code == (feature.codebook is not None), "whole numbers have a codebook, real values have none")
     if feature.from_files:
         refused = "a signal, of which there is no file, is an error"
         raises(DanceDataError, lambda: feature.extract(random_signal(2.0, 44100), feature.grid), refused)
