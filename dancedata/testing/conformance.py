@@ -85,7 +85,7 @@ def check_dataset(cls: type[Any], folder: Path) -> None:
     for source in sources:
         reader.make_example(source)
     scan, other = (reader.scan(source) for source in sources)
-    _check_scan(scan)
+    _check_scan(scan, has_audio=cls.has_audio)
     require(reader.scan(sources[0]) == scan, "two scans of a folder are equal")
     require([c.id for c in other.clips] == [c.id for c in scan.clips], "two examples hold the same clips")
     for ref, same in zip(scan.clips, other.clips, strict=True):
@@ -349,7 +349,7 @@ def _check_columns(columns: Any) -> None:
     require(json.loads(json.dumps(columns.to_json())) == columns.to_json(), "columns are JSON")
 
 
-def _check_scan(scan: Scan) -> None:
+def _check_scan(scan: Scan, *, has_audio: bool) -> None:
     from dancedata.audio.signal import load_audio
     from dancedata.store.schema import check_name
 
@@ -359,7 +359,10 @@ def _check_scan(scan: Scan) -> None:
     for ref in scan.clips:
         check_name(ref.split, "split")
         require(ref.motion_path.is_file(), f"clip {ref.id}: the motion file exists")
-        require(ref.audio_path is not None and ref.audio_path.is_file(), f"clip {ref.id}: the music exists")
+        exists = ref.audio_path is not None and ref.audio_path.is_file()
+        require(
+            exists if has_audio else ref.audio_path is None, f"clip {ref.id}: the music exists, as `has_audio` says"
+        )
     for path in {c.audio_path for c in scan.clips if c.audio_path is not None}:
         require(load_audio(path).n_samples > 0, f"{path}: the music can be decoded")
 
