@@ -78,7 +78,8 @@ def test_scan_of_columns(source: Path) -> None:
     )
     assert "AIST Dance Video Database" in notes(scan)
     assert f"Styles: none of 1 clips, whose genre is empty: {AIST}" in notes(scan)
-    assert f"Columns: 1 clip in {TEST_FOLDER}/ as well" in notes(scan)
+    assert f"Columns: 1 clip in {TEST_FOLDER}/ as well, not read: {TEST}" in notes(scan)
+    assert next(c.motion_path for c in scan.clips if c.id == TEST) == source / COLUMNS_FOLDER / f"{TEST}.npy"
     own = InfiniteDance(motion="columns", clips="own").scan(source)
     assert rejects(own, "other_dataset") == [AIST]
     assert splits(own) == {OWN: "train", LIVE: "train", TEST: "test"}
@@ -94,14 +95,20 @@ def test_test_columns_of_their_own_folder(source: Path) -> None:
 def test_origins(source: Path) -> None:
     """Lists of datasets first; then names as those datasets publish them; then an own fit; never a guess."""
     columns = source / COLUMNS_FOLDER
-    for name in ("042", "kthjazz_gCH_sFM_cAll_d02_mCH_ch01_x_006", "gHO_sBM_cAll_d19_mHO3_ch01", "strange"):
+    for name in (
+        "042",
+        "kthjazz_gCH_sFM_cAll_d02_mCH_ch01_x_006",
+        "gHO_sBM_cAll_d19_mHO3_ch01",
+        "kthmisc_x",
+        "strange",
+    ):
         (columns / f"{name}.npy").write_bytes(b"")
-    (source / "partition" / "finedance_eval.txt").write_text("042")
+    (source / "partition" / "finedance_eval.txt").write_text("042\nkthmisc_x")
     scan = InfiniteDance(motion="columns", split="all").scan(source)
     origins = {clip.id: dict(clip.columns)["origin"] for clip in scan.clips}
     assert origins == {
         "042": "finedance", "kthjazz_gCH_sFM_cAll_d02_mCH_ch01_x_006": "motorica",
-        "gHO_sBM_cAll_d19_mHO3_ch01": "aist++", "strange": "unknown", AIST: "aist++",
+        "gHO_sBM_cAll_d19_mHO3_ch01": "aist++", "kthmisc_x": "finedance", "strange": "unknown", AIST: "aist++",
         OWN: "infinitedance", LIVE: "infinitedance", TEST: "infinitedance",
     }  # fmt: skip
     assert "unknown: on no list of one dataset" in notes(scan)

@@ -143,6 +143,21 @@ def test_statistics_of_codes_are_counts(build: Callable[..., Store], tmp_path: P
     assert "file.tokens" in (tmp_path / "report" / "page.html").read_text(encoding="utf-8")
 
 
+def test_rows_without_a_code_are_not_counted(
+    source: Path, build: Callable[..., Store], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = np.full((ROWS, WIDTH), -1)
+    rows[:4, 1] = [FIRST[1] + 5, -1, FIRST[1] + 5, FIRST[1] + 2]
+    for clip in RECORDS:
+        np.save(source / "tokens" / f"{clip}.npy", rows)
+    stats = build().stats["fields"]["file.tokens"]
+    assert (stats["n"], stats["min"], stats["max"]) == (3 * ROWS, [-1, 2, -1], [-1, 5, -1])
+    assert [sum(level) for level in stats["counts"]] == [0, 9, 0]
+    assert stats["counts"][1] == [0, 0, 3, 0, 0, 6, 0, 0]
+    monkeypatch.setattr("dancedata.store.stats._MOST_COUNTS", sum(SIZES) - 1)
+    assert set(build().stats["fields"]["file.tokens"]) == {"n", "min", "max"}
+
+
 def test_codes_of_music_are_shared(source: Path, build: Callable[..., Store]) -> None:
     save(source, "m")
     store = build({"of": "music", "path": "tokens/{music}.npy"})
