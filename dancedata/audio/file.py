@@ -1,17 +1,18 @@
 """Rows of music that were computed elsewhere, from an .npy file of each clip or song."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
 from string import Formatter
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef
+from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number, as_fraction, as_rate
@@ -50,7 +51,8 @@ class FileRows(AudioFeature):
         Most seconds by which a file may be longer or shorter than its clip's motion. Others set the clip aside. None:
         lengths are not compared, for files of whole songs.
     dtype
-        Type on disk. Files have numbers with a point, of any size.
+        Type on disk: float32 or float16; for codes int16, int32 or uint8. Files have numbers with a point, of any
+        size; those of codes whole ones.
     begins
         What `origin_s` counts from: "music", its second 0, which is frame 0 unless a clip states another
         `audio_start`; or "clip", frame 0.
@@ -59,6 +61,14 @@ class FileRows(AudioFeature):
     resample
         How rows get the field's rate: "none", they have it; "nearest", the row nearest in time, of two the later;
         "linear", between rows.
+    codebook
+        Name, sizes, sha256 and pad of the codebook of codes, one size per column; None for real values. A flat file
+        of codes has the columns of a row one after another.
+    first_codes
+        What the files have for code 0 of each column; none: 0. InfiniteDance's third level counts from 5120.
+    of
+        "music"; or "motion": rows describe the dancer, so a dataset has them among the fields of motion, from frame 0
+        to the last frame. They have no mirror image.
     """
 
     version: ClassVar[int] = 1
@@ -70,10 +80,13 @@ class FileRows(AudioFeature):
     rate: Number = 0
     columns_per_row: int = 0
     tolerance_s: Number | None = "1/10"
-    dtype: Literal["float32", "float16"] = "float32"
+    dtype: DType = "float32"
     begins: Literal["music", "clip"] = "music"
     origin_s: Number = 0
     resample: Literal["none", "nearest", "linear"] = "none"
+    codebook: Codebook | None = field(default=None, metadata={"added": True})
+    first_codes: tuple[int, ...] = field(default=(), metadata={"added": True})
+    of: Literal["music", "motion"] = field(default="music", metadata={"added": True})
 
     def __post_init__(self) -> None:
         # As text, so that 25, 25.0 and "25" are one recipe.
@@ -88,15 +101,42 @@ class FileRows(AudioFeature):
             allowed = f"1 to {_MAX_COLUMNS:,}"
             raise UsageError("file: columns_per_row is out of range", found=self.columns_per_row, allowed=allowed)
         for name, values in (
-            ("dtype", ("float32", "float16")),
+            ("dtype", get_args(DType)),
             ("begins", ("music", "clip")),
             ("resample", ("none", "nearest", "linear")),
+            ("of", ("music", "motion")),
         ):
             if getattr(self, name) not in values:
                 raise UsageError(
                     f"file: invalid {name}", found=quoted(getattr(self, name)), allowed=" or ".join(values)
                 )
         self._check_pattern()
+        self._check_codes()
+        if self.of == "motion" and (self.begins, self.origin_s) != ("clip", "0"):
+            raise UsageError(
+                "file: rows of motion begin at frame 0 of their clip",
+                found=f"begins: {self.begins}, origin_s: {self.origin_s}",
+                fix="set begins: clip, and leave origin_s out",
+            )
+
+    def _check_codes(self) -> None:
+        is_code = self.dtype not in ("float32", "float16")
+        if (self.codebook is not None) != is_code:
+            found = f"dtype {self.dtype} " + ("without a codebook" if is_code else "with a codebook")
+            fix = "such as dtype: int16, codebook: {name: vq, sizes: [512]}; real values have neither"
+            raise UsageError("file: codes need a type of whole numbers and a codebook", found=found, fix=fix)
+        if self.codebook is None:
+            if self.first_codes:
+                raise UsageError("file: first_codes are of codes", fix="name their codebook, or leave them out")
+            return
+        self.codebook.check(self.columns_per_row, self.dtype)
+        if self.resample == "linear":
+            raise UsageError("file: codes cannot be averaged", found="resample: linear", fix="set resample: nearest")
+        if len(self.first_codes) not in (0, self.columns_per_row):
+            allowed = f"{self.columns_per_row} numbers, one per column, or none"
+            raise UsageError(
+                "file: first_codes has the wrong length", found=str(list(self.first_codes)), allowed=allowed
+            )
 
     def _check_pattern(self) -> None:
         try:
@@ -125,7 +165,12 @@ class FileRows(AudioFeature):
     @property
     @override
     def columns(self) -> Columns:
-        return Columns((Group("features", self.columns_per_row, "1"),))
+        return Columns((Group("features" if self.codebook is None else "code", self.columns_per_row, "1"),))
+
+    @property
+    @override
+    def of_motion(self) -> bool:
+        return self.of == "motion"
 
     @override
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
@@ -184,9 +229,21 @@ class FileRows(AudioFeature):
         Raises
         ------
         DataError
-            As `open_arrays`; ``bad_shape`` for another width, ``bad_dtype`` for whole numbers, ``empty``.
+            As `open_arrays`; ``bad_shape`` for another width, ``bad_dtype`` for whole numbers that are not codes, or
+            codes that are not, ``empty``.
         """
         shape, dtype = npy_header(path)
+        is_code = self.codebook is not None
+        if is_code and len(shape) == 1:
+            if shape[0] % self.columns_per_row:
+                raise DataError(
+                    "the codes of the file do not fill its last row",
+                    reason="bad_shape",
+                    where=str(path),
+                    found=f"{shape[0]} codes",
+                    allowed=f"a multiple of {self.columns_per_row}, the codes of a row",
+                )
+            shape = shape[0] // self.columns_per_row, self.columns_per_row
         if len(shape) != 2 or shape[1] != self.columns_per_row:
             raise DataError(
                 "the file of features has the wrong shape",
@@ -195,13 +252,21 @@ class FileRows(AudioFeature):
                 found=str(shape),
                 allowed=f"(rows, {self.columns_per_row}), as columns_per_row says",
             )
-        if dtype.kind != "f":
+        if is_code and dtype.kind not in "iu":
+            raise DataError(
+                "the file of codes does not hold whole numbers",
+                reason="bad_dtype",
+                where=str(path),
+                found=str(dtype),
+                allowed="a type of whole numbers",
+            )
+        if not is_code and dtype.kind != "f":
             raise DataError(
                 "the file of features holds whole numbers",
                 reason="bad_dtype",
                 where=str(path),
                 found=str(dtype),
-                allowed="float16, float32 or float64: codes are no measurements",
+                allowed="float16, float32 or float64; codes need a codebook",
             )
         if not shape[0]:
             raise DataError("the file of features has no rows", reason="empty", where=str(path))
@@ -241,10 +306,12 @@ class FileRows(AudioFeature):
         Raises
         ------
         DataError
-            As `length`; ``nan`` for values that are not finite, or do not fit into `dtype`.
+            As `length`; ``nan`` for values that are not finite, or do not fit into `dtype`; ``bad_code``.
         """
         self.length(path)
         values = read_npy(path)
+        if self.codebook is not None:
+            values = self._codes(path, values.reshape(-1, self.columns_per_row), self.codebook)
         with np.errstate(over="ignore"):
             finite = np.isfinite(values.astype(self.dtype))
         if not finite.all():
@@ -268,6 +335,23 @@ class FileRows(AudioFeature):
             return (low + weight * (high - low)).astype(self.dtype)
         nearest = np.array([min(k + (2 * rest >= scale), last) for k, rest in places], np.int64)
         return values[nearest].astype(self.dtype)
+
+    def _codes(self, path: Path, values: NDArray[Any], codebook: Codebook) -> NDArray[Any]:
+        """Return codes from 0 on; DataError for one that the codebook does not have."""
+        first = np.array(self.first_codes or (0,) * self.columns_per_row, np.int64)
+        sizes, is_pad = np.array(codebook.sizes, np.int64), values == codebook.pad
+        bad = ~is_pad & ((values < first) | (values >= first + sizes))
+        if bad.any():
+            row, column = (int(k) for k in np.argwhere(bad)[0])
+            raise DataError(
+                "a code is not one of its codebook",
+                reason="bad_code",
+                where=f"{path}, row {row}, column {column}",
+                found=f"{values[row, column]}; {int(bad.any(axis=1).sum())} of {len(values)} rows",
+                allowed=f"{first[column]} to {first[column] + sizes[column] - 1}, or {codebook.pad} for none",
+                fix="check first_codes and the codebook's sizes",
+            )
+        return np.where(is_pad, codebook.pad, values.astype(np.int64) - first)
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from dancedata.core.typing import override
 class Drop(SampleAugmentation):
     """Fields of a sample that are masked with a probability, for classifier-free guidance (Ho and Salimans 2022).
 
-    All rows of a masked field are 0, after normalising, and ``<field>_dropped`` is true in the sample: a trainer
-    puts its embedding of "no condition" there. EDGE masks its music with a probability of 0.25. It works on reading,
-    for every field.
+    All rows of a masked field are 0, after normalising, and of codes the pad; ``<field>_dropped`` is true in the
+    sample: a trainer puts its embedding of "no condition" there. EDGE masks its music with a probability of 0.25. It
+    works on reading, for every field.
 
     Attributes
     ----------

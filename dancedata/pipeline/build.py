@@ -173,7 +173,9 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
         length=recipe.windows.length,
         stride=recipe.windows.stride,
         order=recipe.windows.order,
-        fields=tuple(Field(f.name, f.kind, f.columns, f.grid.rate, f.dtype) for f in recipe.fields),
+        fields=tuple(
+            Field(f.name, f.stored_kind, f.columns, f.grid.rate, f.dtype, f.codebook) for f in recipe.fields
+        ),
         skeleton=recipe.skeleton,
         meta=meta,
     )

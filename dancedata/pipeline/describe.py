@@ -210,6 +210,7 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
         "groups": list(field.columns.names),
         "rate": str(field.rate),
         "dtype": field.dtype,
+        **({} if field.codebook is None else {"codebook": field.codebook.to_json()}),
         "axes": store.meta.get("axes", {}).get(name),
     }
 
@@ -245,6 +246,9 @@ def describe_store(path: Path) -> str:
     for name, field in info["fields"].items():
         groups = shown(", ".join(map(shown, field["groups"])), _NOTE)
         axes = f"; {shown(field['axes'])}" if field["axes"] else ""
+        if book := field.get("codebook"):
+            sizes = " x ".join(map(str, book["sizes"]))
+            axes += f"; codes of {shown(book['name'], _NOTE)}, {shown(sizes, _NOTE)}, pad {book['pad']}"
         lines.append(
             f"  {name}: {field['columns']} columns ({groups}), {field['rate']} per second, {field['dtype']}{axes}"
         )

@@ -79,6 +79,12 @@ def place(job: FeatureJob, ref: ClipRef, n_rows: int) -> Placed:
     return feature.placed(n_rows, feature.begin_s(ref.audio_start), job.grid)
 
 
+def _n_rows(job: FeatureJob, ref: ClipRef, file: FeatureFile) -> int:
+    """Return the rows of a file on the clip's grid, from frame 0 on."""
+    placed = place(job, ref, file.n_rows)
+    return placed.first + placed.n_rows
+
+
 def frames_within(
     recipe: Recipe, ref: ClipRef, files: Mapping[str, FeatureFile], n_frames: int, rate: Fraction
 ) -> tuple[int, int] | Reject:
@@ -99,10 +105,16 @@ def frames_within(
     for job in recipe.file_jobs:
         feature, file = feature_of(job), files[job.name]
         file_s, motion_s = feature.grid.seconds(file.n_rows), FrameGrid(rate).seconds(n_frames)
-        if feature.tolerance_s is not None and abs(file_s - motion_s) > Fraction(feature.tolerance_s):
+        tolerance = None if feature.tolerance_s is None else Fraction(feature.tolerance_s)
+        frames = FrameGrid(rate).resampled_length(n_frames, recipe.grid)
+        # Rows of motion reach into the last row of the clip, whatever the tolerance.
+        is_short = feature.of_motion and recipe.grid.rows_down(frames, of=job.grid) > _n_rows(job, ref, file)
+        if is_short or (tolerance is not None and abs(file_s - motion_s) > tolerance):
             seconds = {"feature_s": round(float(file_s), 3), "motion_s": round(float(motion_s), 3)}
             detail = f"field {job.name}: {file.path} has {file.n_rows} rows, {float(file_s):.3f} s; the motion has "
             detail += f"{float(motion_s):.3f} s; the tolerance is {feature.tolerance_s} s"
+            if is_short:
+                detail += "; rows of motion last as long as it"
             fix = f"check audio.{job.name}.rate; set tolerance_s if the difference is known, null for whole songs"
             return Reject("feature_length", ref.id, str(file.path), detail=detail, numbers=seconds, fix=fix)
         try:
@@ -152,6 +164,8 @@ def file_key(job: FeatureJob, sha256: str, placed: Placed) -> str:
         phase=str(placed.phase),
         resample=feature.resample,
         dtype=feature.dtype,
+        # Only where there are any, so that keys of real values stay.
+        **({} if feature.codebook is None else {"codes": [feature.codebook.to_json(), list(feature.first_codes)]}),
     )
 
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from dancedata.audio.file import Placed
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject
@@ -68,6 +71,12 @@ def extract_features(
 def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
     """Return a clip as it is stored."""
     ref, motion, signal = clip.source.ref, clip.motion, clip.source.signal
+    of_motion = {job.name: job for job in recipe.file_jobs if job.feature.of_motion}
+    frames = motion.n_frames if recipe.scope == "track" else recipe.windows.length
+    from_files = {
+        name: _OwnRows(clip.audio[name], recipe.grid.rows_up(frames, of=job.grid), recipe.scope == "window")
+        for name, job in of_motion.items()
+    }
     return StoredClip(
         id=ref.id,
         split=ref.split,
@@ -82,8 +91,8 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
         lists=ref.lists,
         n_frames=motion.n_frames,
         starts=clip.starts,
-        motion=motion.stored(recipe, clip.starts),
-        audio=dict(clip.audio),
+        motion={**motion.stored(recipe, clip.starts), **from_files},
+        audio={name: blocks for name, blocks in clip.audio.items() if name not in of_motion},
         group=ref.group,
         member=ref.member,
         role=ref.role,
@@ -95,6 +104,27 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
         made_of=clip.source.made_of,
         columns={**dict(ref.keys), **dict(ref.columns)},
     )
+
+
+@dataclass(frozen=True)
+class _OwnRows:
+    """Rows of motion from a file: (T, D) of a clip, at most `n_rows`; or (W, L, D) of its windows."""
+
+    blocks: Blocks
+    n_rows: int
+    by_window: bool
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        first = self.blocks[0]
+        if self.by_window:
+            return len(self.blocks), self.n_rows, first.array.shape[1]
+        return min(self.n_rows, first.array.shape[0] - first.offset), first.array.shape[1]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        array = np.asarray(self.blocks[0].array)  # of one file
+        rows = [array[block.offset : block.offset + self.n_rows] for block in self.blocks]
+        return np.asarray(np.stack(rows) if self.by_window else rows[0], dtype=dtype)
 
 
 class _Window(NamedTuple):

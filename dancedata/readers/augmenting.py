@@ -290,7 +290,16 @@ def _numbered(steps: Iterator[_Step]) -> Iterator[_Step]:
 def _check(step: _Step, sample_fields: Sequence[SampleField], store: Store) -> None:
     """Raise UsageError if an augmentation cannot change samples with these fields."""
     augmentation = step.augmentation
+    changes_rows = type(augmentation).change_sample is not SampleAugmentation.change_sample
     for field in sample_fields:
+        codebook = store.field(field.name).codebook
+        if codebook is not None and changes_rows and field.kind != "audio":
+            raise UsageError(
+                f"the augmentation {step.name} cannot change codes",
+                where=str(store.path),
+                found=f"field {field.name}, codes of {codebook.name}",
+                fix="leave out the field, or the augmentation",
+            )
         try:
             augmentation.check_sample(field)
         except UsageError as error:

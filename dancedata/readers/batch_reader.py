@@ -212,6 +212,12 @@ class FieldReader:
         return scale, offset
 
 
+def blank_of(store: Store, name: str) -> int:
+    """Return what rows of a field hold that are masked, or of nobody: 0, or the pad of a codebook."""
+    codebook = store.field(name).codebook
+    return 0 if codebook is None else codebook.pad
+
+
 class BatchReader:
     """Reads batches of windows into arrays. Reading changes no state, so any number of threads may use it."""
 
@@ -274,7 +280,7 @@ class BatchReader:
                     target[nth] = scaled
         for nth, place in enumerate(request.places):
             for name in self._augmenter.dropped(request.epoch, place):
-                out[name][nth] = 0
+                out[name][nth] = blank_of(self._store, name)
 
     def _rows(
         self, field: FieldReader, request: Request, order: Sequence[int], target: Array

@@ -82,7 +82,11 @@ default_collate_fn_map[Sample] = collate
 
 
 def pad_clips(
-    samples: Sequence[dict[str, Any]], *, multiple: int = 1, length: int | None = None, value: float = 0.0
+    samples: Sequence[dict[str, Any]],
+    *,
+    multiple: int = 1,
+    length: int | None = None,
+    value: float | Mapping[str, float] = 0.0,
 ) -> dict[str, Any]:
     """Make a batch of clips, each filled up at its end to the length of the longest.
 
@@ -97,7 +101,7 @@ def pad_clips(
     length
         Rows of every field instead, for one shape; fields of other rates have the same number.
     value
-        What they are filled with.
+        What they are filled with; by field, where some hold codes, as ``dataset.blanks`` has it.
 
     Returns
     -------
@@ -108,7 +112,8 @@ def pad_clips(
     Raises
     ------
     UsageError
-        If a clip has more rows than `length`, `multiple` is not above 0, or there is no clip.
+        If a clip has more rows than `length`, `multiple` is not above 0, there is no clip, or a field of codes has no
+        value of its own.
 
     Examples
     --------
@@ -123,6 +128,13 @@ def pad_clips(
     batch["mask"] = {}
     for name, clips in fields.items():
         longest = int(lengths[name].max())
+        is_label = clips[0].dtype == torch.bool
+        stated = value.get(name) if isinstance(value, Mapping) else None
+        if stated is None and not is_label and not clips[0].is_floating_point():
+            raise UsageError(
+                f"nothing states what codes of {name} are filled up with: 0 is a code",
+                fix="give the pad of each field: pad_clips(samples, value=dataset.blanks)",
+            )
         if length is not None and longest > length:
             raise UsageError(
                 f"a clip does not fit into a batch of {length} rows",
@@ -131,7 +143,8 @@ def pad_clips(
                 fix="give a larger length, or read crops: ClipDataset(..., crop_frames=...)",
             )
         total = length if length is not None else -(-longest // multiple) * multiple
-        filler = False if clips[0].dtype == torch.bool else value
+        default = 0.0 if isinstance(value, Mapping) else value
+        filler = False if is_label else default if stated is None else stated
         padded = clips[0].new_full((len(clips), total, *clips[0].shape[1:]), filler)
         for row, clip in zip(padded, clips, strict=True):
             row[: len(clip)] = clip

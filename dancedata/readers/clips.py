@@ -14,7 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.typing import override
 from dancedata.readers.arguments import whole
 from dancedata.readers.augmenting import Augment
-from dancedata.readers.batch_reader import Request
+from dancedata.readers.batch_reader import Request, blank_of
 from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
 from dancedata.readers.scalers import ScalerLike
@@ -242,5 +242,5 @@ class ClipDataset(SplitDataset):
         if field in self._normalizers:
             rows = self._normalizers[field].normalize(rows, clip=self.clip).astype(np.float32, copy=False)
         if field in self._augmenter.dropped(request.epoch, place):
-            rows = np.zeros_like(rows)
+            rows = np.full_like(rows, blank_of(self.store, field))
         return torch.from_numpy(rows)

@@ -17,7 +17,7 @@ from dancedata.core.spatial import middle_of
 from dancedata.core.typing import override
 from dancedata.readers.arguments import whole
 from dancedata.readers.augmenting import Augment
-from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request
+from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, blank_of
 from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.split_dataset import Changes, SplitDataset
@@ -296,10 +296,9 @@ class GroupReader(BatchReader):
                 rows = self._rows_of_group(field, request, nth, members)
                 for person in range(len(members)):
                     self._copy(field, rows[person], target[person])
-                codebook = self._store.field(field.name).codebook
-                target[len(members) :] = 0 if codebook is None else codebook.pad
+                target[len(members) :] = blank_of(self._store, field.name)
             for name in self._augmenter.dropped(request.epoch, place):
-                out[name][nth] = 0
+                out[name][nth] = blank_of(self._store, name)
 
     def _read_ahead(self, request: Request, order: Sequence[int]) -> None:
         """Ask the system for the pages of the windows; of groups, for all dancers."""

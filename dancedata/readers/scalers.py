@@ -17,6 +17,7 @@ from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import MinMax
 from dancedata.store.scaling import Reader, Scaling
+from dancedata.store.schema import Field
 
 _log = logging.getLogger(__name__)
 #: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
@@ -45,7 +46,7 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
     else:
         shared = [name for name in scaler.fields if name in fields]
         by_field = {
-            n: scaler.normalizer(n) for n in shared if n in scaler.normalized or store.field(n).kind == "motion"
+            n: scaler.normalizer(n) for n in shared if n in scaler.normalized or _is_real_motion(store.field(n))
         }
         if not by_field:
             raise UsageError(
@@ -67,7 +68,7 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
 def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | Sequence[str]) -> tuple[str, ...]:
     """Return the fields to normalise: motion if `normalize` is True, else those it names."""
     if isinstance(normalize, bool):
-        return tuple(name for name in fields if normalize and store.field(name).kind == "motion")
+        return tuple(name for name in fields if normalize and _is_real_motion(store.field(name)))
     names = (normalize,) if isinstance(normalize, str) else tuple(normalize)
     for name in names:
         if name not in fields:
@@ -76,7 +77,18 @@ def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | S
                 allowed=", ".join(fields),
                 fix=did_you_mean(name, fields),
             )
+        if (codebook := store.field(name).codebook) is not None:
+            raise UsageError(
+                f"codes are never normalised: field {name!r}",
+                where=str(store.path),
+                found=f"codes of {codebook.name}",
+                fix="leave the field out of normalize",
+            )
     return names
+
+
+def _is_real_motion(field: Field) -> bool:
+    return field.kind == "motion" and field.codebook is None
 
 
 def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
@@ -84,6 +96,12 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
     mirrors: dict[str, Mirror] = {}
     for field in map(store.field, fields):
         if field.kind == "motion":
+            if field.codebook is not None:
+                raise UsageError(
+                    f"field {field.name!r} cannot be mirrored: codes have no mirror image",
+                    where=str(store.path),
+                    fix="read it with mirror=0; the codes of mirrored dances are those of a dataset of their own",
+                )
             if field.columns.mirror is None:
                 raise _no_mirror(store, field.name)
             mirrors[field.name] = field.columns.mirror

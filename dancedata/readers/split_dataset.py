@@ -19,7 +19,7 @@ from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
-from dancedata.readers.batch_reader import Request
+from dancedata.readers.batch_reader import Request, blank_of
 from dancedata.readers.draws import uniform
 from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.music_beats import StartAt, estimated_tempo
@@ -226,12 +226,18 @@ class SplitDataset(EpochDataset):
         """Names of the fields that are normalised."""
         return tuple(self._normalizers)
 
+    @property
+    def blanks(self) -> dict[str, int]:
+        """What rows of each field hold where there is nobody, or nothing is to be seen: 0, or the pad of codes."""
+        return {name: blank_of(self.store, name) for name in self.fields}
+
     def state_dict(self) -> dict[str, Any]:
         """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint.
 
         They are those of the fields that are normalised, or whose scaler was named.
         """
-        motion = [name for name in self.fields if self._widened and self.store.field(name).kind == "motion"]
+        fields = [self.store.field(name) for name in self.fields] if self._widened else []
+        motion = [field.name for field in fields if field.kind == "motion" and field.codebook is None]
         names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
         return {"scalers": {name: self.normalizer(name).sha256 for name in names}}
 

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowGrid
@@ -73,9 +74,19 @@ class FieldSpec(ABC):
         """The D columns."""
 
     @property
-    def dtype(self) -> Literal["float32", "float16"]:
+    def dtype(self) -> DType:
         """Type on disk."""
         return "float32"
+
+    @property
+    def codebook(self) -> Codebook | None:
+        """The codebook of a field of codes; None for real values."""
+        return None
+
+    @property
+    def stored_kind(self) -> Kind:
+        """Kind of the field in a dataset."""
+        return self.kind
 
     @abstractmethod
     def document(self) -> dict[str, Any]:
@@ -173,9 +184,19 @@ class FeatureJob(FieldSpec):
         return self.feature.columns
 
     @property
-    def dtype(self) -> Literal["float32", "float16"]:
+    def dtype(self) -> DType:
         """The feature's type on disk."""
         return self.feature.dtype
+
+    @property
+    def codebook(self) -> Codebook | None:
+        """The feature's codebook."""
+        return self.feature.codebook
+
+    @property
+    def stored_kind(self) -> Kind:
+        """Motion for rows that describe the dancer, else audio."""
+        return "motion" if self.feature.of_motion else "audio"
 
     @property
     def scope(self) -> Literal["track", "window"]:

@@ -112,6 +112,11 @@ def make_slots(
                 f"audio.{job.name}: rows from files have no copies at another speed; "
                 f"fix: leave out augment.{timed[0]}, or the field"
             )
+        if augment and job.feature.of_motion:
+            problems.append(
+                f"audio.{job.name}: rows of motion from files have no copies: a copy needs files of its own; "
+                f"fix: leave out augment.{augment[0].name}, or the field"
+            )
     for job in audio if grid is not None else ():
         # A rate that a feature cannot compute at is an error now, not after all music was decoded.
         problems.catch(partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")

@@ -403,6 +403,6 @@ def _fields(d: Document) -> list[Finding]:
             count = f"{len(field.constant)} of {field.width} columns of {name}"
             text = f"{count} never change: {listed(field.constant, 4)}"
             sentences.append(Finding("note", text, f"columns_{name}"))
-        elif not field.columns:
+        elif not field.columns and not field.rows:
             sentences.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
     return sentences

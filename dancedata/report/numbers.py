@@ -324,7 +324,7 @@ def _shared(store: Store, key: Callable[[ClipView], str], alike: Sequence[AlikeS
 def _field(store: Store, name: str) -> FieldNumbers:
     """Return a field with the numbers of stats.json, over the rows that train windows cover."""
     field, stats = store.field(name), store.stats["fields"].get(name)
-    columns = () if stats is None else _ranges(field.columns.labels, stats)
+    columns = () if stats is None or field.codebook is not None else _ranges(field.columns.labels, stats)
     return FieldNumbers(
         kind=field.kind,
         width=field.columns.width,

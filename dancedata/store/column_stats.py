@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -70,6 +70,15 @@ class CountedRows:
                     filled += total
         # Turns -0.0 into 0.0: the two are equal, so a sort may put either one first.
         out += np.float32(0)
+
+    def rows(self) -> Iterator[tuple[npt.NDArray[Any], Counts]]:
+        """Yield the rows that count, some at a time, with their counts."""
+        step = max(1, _MAPPED_BYTES // self._row_bytes)
+        with open(self.path, "rb") as file:
+            for begin in range(0, len(self.counts), step):
+                counts = self.counts[begin : begin + step]
+                rows = self._mapped(file.fileno(), begin, len(counts))
+                yield rows[counts > 0], counts[counts > 0]
 
     @property
     def _row_bytes(self) -> int:

@@ -522,7 +522,7 @@ class Store(SegmentQueries):
         StoreError
             If there are no train windows to fit it on.
         UsageError
-            If the field has no mirror.
+            For a field of codes, or if the field has no mirror.
         """
         f = self.field(field)
         scaler = self._side_files.scaler(f)

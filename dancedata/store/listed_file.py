@@ -56,6 +56,13 @@ class SideFiles:
 
     def scaler(self, f: Field) -> MinMax:
         """Return the min-max scaler of a field that stats.json holds; StoreError if there is none."""
+        if f.codebook is not None:
+            raise UsageError(
+                "codes have no scaler: they are never normalised",
+                where=str(self._folder),
+                found=f"field {f.name}, codes of {f.codebook.name}",
+                fix="leave the field out of normalize",
+            )
         if f.name not in self.stats["fields"]:
             raise StoreError(
                 "there is no scaler without train windows",

@@ -220,7 +220,9 @@ class Scaling:
 
 
 def _stored(store: Store, field: str) -> MinMax | None:
-    return store.normalizer(field) if field in store.fields and field in store.stats["fields"] else None
+    if field not in store.fields or store.field(field).codebook is not None or field not in store.stats["fields"]:
+        return None
+    return store.normalizer(field)
 
 
 def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

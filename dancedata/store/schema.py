@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid, as_rate
@@ -38,33 +39,8 @@ _SHARD = re.compile(r".+-(\d{5,}-of-\d{5,}|tables|segments)\.h5\Z")
 Kind = Literal["motion", "keymotion", "audio", "scene"]
 Scope = Literal["track", "window"]
 Order = Literal["time", "name"]
-DType = Literal["float32", "float16", "int16", "int32", "uint8"]
 _KINDS = ("motion", "keymotion", "audio", "scene")
 _DTYPES = {"real": ("float32", "float16"), "code": ("int16", "int32", "uint8")}
-
-
-@dataclass(frozen=True)
-class Codebook:
-    """The codebook that the codes of a field are numbers in.
-
-    Attributes
-    ----------
-    sizes
-        Number of codes of each column, which is a level.
-    sha256
-        Hash of the codebook's file; "" if unknown.
-    pad
-        Code of frames without one.
-    """
-
-    name: str
-    sizes: tuple[int, ...]
-    sha256: str = ""
-    pad: int = -1
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the entry in dataset.json."""
-        return {"name": self.name, "sizes": list(self.sizes), "sha256": self.sha256, "pad": self.pad}
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.codebook import Codebook
 from dancedata.core.errors import StoreError
 from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.hdf5 import SparseFile
-from dancedata.store.schema import FORMAT, Codebook, Field
+from dancedata.store.schema import FORMAT, Field
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import LazyArray
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.codebook import Codebook
 from dancedata.store.column_stats import (
     QUANTILES,
     ColumnStats,
@@ -31,6 +32,8 @@ from dancedata.store.shard_writer import SameColumns
 _MOST_THREADS = 4
 #: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
 _BLOCK_VALUES = 1 << 24
+#: Most codes whose counts stats.json lists.
+_MOST_COUNTS = 65_536
 #: Handing columns of smaller blocks to threads takes longer than their statistics.
 _THREADED_VALUES = 1 << 18
 
@@ -64,7 +67,7 @@ def compute_stats(
     -------
     dict
         stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear interpolation) and
-        EDGE's min-max scaler. Without train windows: no fields, and a note.
+        EDGE's min-max scaler; of codes n, min, max and counts alone. Without train windows: no fields, and a note.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     result: dict[str, Any] = {
@@ -80,10 +83,35 @@ def compute_stats(
     for f in header.fields:
         stats: list[ColumnStats] = []
         sources = _covered(out, header, f, train)
+        if f.codebook is not None:
+            result["fields"][f.name] = _code_summary(sources, f.codebook)
+            continue
         for columns, once in _groups(f, shards):
             stats += _column_stats(_each_once(sources, train, f) if once else sources, columns, block_values)
         result["fields"][f.name] = _summary(sum(int(source.counts.sum()) for source in sources), stats)
     return result
+
+
+def _code_summary(sources: Sequence[CountedRows], codebook: Codebook) -> dict[str, Any]:
+    """Return how often each code of each column occurs; rows without a code do not count to min and max.
+
+    In window scope a row counts as often as windows have it. Above 65,536 codes their counts are left out.
+    """
+    n = sum(int(source.counts.sum()) for source in sources)
+    counts = [np.zeros(size, dtype=np.int64) for size in codebook.sizes]
+    for source in sources:
+        for rows, weights in source.rows():
+            for level, size in enumerate(codebook.sizes):
+                column = rows[:, level].astype(np.int64)
+                coded = column != codebook.pad
+                counts[level] += np.bincount(column[coded], weights[coded], minlength=size).astype(np.int64)
+    used = [np.flatnonzero(level) for level in counts]
+    summary: dict[str, Any] = {
+        "n": n,
+        "min": [int(codes[0]) if len(codes) else codebook.pad for codes in used],
+        "max": [int(codes[-1]) if len(codes) else codebook.pad for codes in used],
+    }
+    return summary | ({"counts": [c.tolist() for c in counts]} if sum(codebook.sizes) <= _MOST_COUNTS else {})
 
 
 def _groups(f: Field, same: Sequence[SameColumns]) -> Iterator[tuple[slice, bool]]:

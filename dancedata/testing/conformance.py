@@ -15,7 +15,7 @@ import json
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ import numpy.typing as npt
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import Scan
+from dancedata.core.codebook import DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -84,7 +85,7 @@ def check_dataset(cls: type[Any], folder: Path) -> None:
     for source in sources:
         reader.make_example(source)
     scan, other = (reader.scan(source) for source in sources)
-    _check_scan(scan)
+    _check_scan(scan, has_audio=cls.has_audio)
     require(reader.scan(sources[0]) == scan, "two scans of a folder are equal")
     require([c.id for c in other.clips] == [c.id for c in scan.clips], "two examples hold the same clips")
     for ref, same in zip(scan.clips, other.clips, strict=True):
@@ -207,7 +208,9 @@ def check_audio_feature(cls: type[Any]) -> None:
 def _check_audio_feature(feature: Any) -> None:
     _check_columns(feature.columns)
     require(bool(feature.packages), "packages names what the numbers depend on")
-    require(feature.dtype in ("float32", "float16"), f"dtype on disk is float32 or float16, not {feature.dtype}")
+    require(feature.dtype in get_args(DType), f"dtype on disk is one of {get_args(DType)}, not {feature.dtype}")
+    is_code = feature.dtype not in ("float32", "float16")
+    require(is_code == (feature.codebook is not None), "whole numbers have a codebook, real values have none")
     if feature.from_files:
         refused = "a signal, of which there is no file, is an error"
         raises(DanceDataError, lambda: feature.extract(random_signal(2.0, 44100), feature.grid), refused)
@@ -346,7 +349,7 @@ def _check_columns(columns: Any) -> None:
     require(json.loads(json.dumps(columns.to_json())) == columns.to_json(), "columns are JSON")
 
 
-def _check_scan(scan: Scan) -> None:
+def _check_scan(scan: Scan, *, has_audio: bool) -> None:
     from dancedata.audio.signal import load_audio
     from dancedata.store.schema import check_name
 
@@ -356,7 +359,10 @@ def _check_scan(scan: Scan) -> None:
     for ref in scan.clips:
         check_name(ref.split, "split")
         require(ref.motion_path.is_file(), f"clip {ref.id}: the motion file exists")
-        require(ref.audio_path is not None and ref.audio_path.is_file(), f"clip {ref.id}: the music exists")
+        exists = ref.audio_path is not None and ref.audio_path.is_file()
+        require(
+            exists if has_audio else ref.audio_path is None, f"clip {ref.id}: the music exists, as `has_audio` says"
+        )
     for path in {c.audio_path for c in scan.clips if c.audio_path is not None}:
         require(load_audio(path).n_samples > 0, f"{path}: the music can be decoded")
 

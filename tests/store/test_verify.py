@@ -13,12 +13,13 @@ import h5py
 import numpy as np
 import pytest
 
+from dancedata.core.codebook import Codebook
 from dancedata.core.columns import Columns, Group
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.leaves import leaf_hashes
-from dancedata.store.schema import Codebook, Field
+from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
 
 TRAIN = "train-00000-of-00001.h5"

@@ -3,12 +3,13 @@
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -43,14 +44,24 @@ class AudioFeature(Plugin):
     from_files: ClassVar[bool] = False
 
     @property
+    def of_motion(self) -> bool:
+        """Whether rows describe the dancer, not the music: every clip then has rows of its own."""
+        return False
+
+    @property
     @abstractmethod
     def columns(self) -> Columns:
         """The D columns."""
 
     @property
-    def dtype(self) -> Literal["float32", "float16"]:
+    def dtype(self) -> DType:
         """Type on disk."""
         return "float32"
+
+    @property
+    def codebook(self) -> Codebook | None:
+        """What the values are codes of; None for real values."""
+        return None
 
     @abstractmethod
     def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:

@@ -31,6 +31,8 @@ class Dataset(Plugin):
         Whether `scan` writes a source that does not exist.
     explicit_only
         Whether it accepts many layouts, so that `check` takes it only by name.
+    has_audio
+        Whether clips have music; False where it was published as features alone.
     may_share_audio
         Whether the licence allows the music to be passed on, in a page or a video. False where that is unknown.
     genre_ids
@@ -39,6 +41,7 @@ class Dataset(Plugin):
 
     licence: ClassVar[str]
     citation: ClassVar[str]
+    has_audio: ClassVar[bool] = True
     may_share_audio: ClassVar[bool] = False
     generates: ClassVar[bool] = False
     explicit_only: ClassVar[bool] = False

@@ -15,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted
+from dancedata.datasets._upright import up_axis
 from dancedata.datasets.files import require_finite
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.formats.arrays import ArrayFile, open_arrays
@@ -24,8 +25,8 @@ from dancedata.synthetic.music import wav_bytes
 KEYS = ("smpl_poses", "smpl_trans")
 SUFFIX = "_smpl"
 JOINTS = 24
-#: Bound of the deviation of matrices from rotations, and of the cosine of the axis that is taken as up.
-_TOLERANCE, _UPRIGHT = 1e-3, 0.8
+#: Bound of the deviation of matrices from rotations.
+_TOLERANCE = 1e-3
 _HEAD = SMPL24.index("head")
 _DOWNLOAD_AGAIN = "download the file again"
 
@@ -90,7 +91,7 @@ def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "
     grid = FrameGrid(rate)
     as_stored = {k: Motion(places[k], rotvec_from_matrix(matrices[k]), grid, SMPL24) for k in finite}
     spine = np.mean([_spine(motion) for motion in as_stored.values()], axis=0)
-    upright, rest = UPRIGHT[_up(path, spine, up)], SMPL24.offsets[0]
+    upright, rest = UPRIGHT[up_axis(path, spine, up, "i-dancers")], SMPL24.offsets[0]
     turned = []
     for motion in (as_stored[member] for member in members):
         rotations = motion.rotations.copy()
@@ -115,24 +116,6 @@ def _spine(motion: Motion) -> Floats:
     """Return the vector from pelvis to head, on average."""
     joints = motion.joints()
     return np.asarray((joints[:, _HEAD] - joints[:, 0]).mean(axis=0))
-
-
-def _up(path: Path, spine: Floats, up: str) -> str:
-    """Return the axis that is up; DataError where the spines do not say so clearly, or clearly contradict `up`."""
-    cosines = dict(zip("xyz", spine / max(float(np.linalg.norm(spine)), 1e-9), strict=True))
-    clear = next((axis for axis, value in cosines.items() if abs(value) >= _UPRIGHT), "")
-    if up != "auto" and (not clear or (clear == up and cosines[up] > 0)):
-        return up
-    if up == "auto" and clear in ("y", "z") and cosines[clear] > 0:
-        return clear
-    raise DataError(
-        "the axis that is up is not clear" if up == "auto" else f"heads are not above pelvises along +{up}",
-        reason="bad_axes",
-        where=str(path),
-        found="cosines of the spines " + ", ".join(f"{axis} {value:.2f}" for axis, value in cosines.items()),
-        allowed=f"at least {_UPRIGHT} along +y or +z",
-        fix="set dataset.i-dancers.up to the axis that is up, y or z, or leave the file out",
-    )
 
 
 def _require_rotations(path: Path, dancer: int, matrices: Floats) -> None:

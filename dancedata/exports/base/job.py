@@ -107,7 +107,7 @@ _OPTIONAL: dict[str, Any] = {
 def field_json(job: ExportJob, name: str, **more: Any) -> dict[str, Any]:
     """Return the description of a field as plain JSON data, with its scaler where there are train windows."""
     entry = {**job.store.field(name).to_json(), **more}
-    if "train" in job.store.splits and len(job.store.windows("train")):
+    if job.store.field(name).codebook is None and "train" in job.store.splits and len(job.store.windows("train")):
         scaler = job.store.normalizer(name)
         entry |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
     return entry

@@ -1,0 +1,130 @@
+"""One file of InfiniteDance -> canonical motion: a fit of SMPL-X, or 264 columns."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.bodies import SMPLX22
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
+from dancedata.core.text import listed, quoted
+from dancedata.datasets._rotations import require_rotations
+from dancedata.datasets._upright import up_axis
+from dancedata.datasets.files import require_finite
+from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.formats.arrays import open_arrays
+from dancedata.representations.humanml264 import Humanml264
+
+RATE = 30
+KEYS = ("body_pose", "global_orient", "transl")
+#: Joints of `body_pose`: SMPL-X's body without the root; SMPL's 23 end with the hands.
+BODY, SMPL_BODY = 21, 23
+AXES = ("y", "z", "-y")
+COLUMNS = 264
+_HEAD = SMPLX22.index("head")
+_DOWNLOAD_AGAIN = "download the file again"
+_OTHER_COLUMNS = {263: "; 263 are HumanML3D's", 266: "; 266 have the root's x and z as well"}
+
+Floats = NDArray[np.float64]
+
+
+def load_fit(path: Path, up: str = "auto") -> Motion:
+    """Read a fit of SMPL-X's body.
+
+    Parameters
+    ----------
+    path
+        A file of joblib, or a pickle; read with the allow-list unpickler, so nothing in it is executed.
+    up
+        Axis that is up in the file, "y", "z" or "-y" (a camera's axes); "auto": that along which the head is above
+        the pelvis, on average over the frames.
+
+    Returns
+    -------
+    Motion
+        30 FPS, metres, +Y up; rotations (T, 22, 3) of SMPLX22; ``transl`` is SMPL-X's translation. Of a ``body_pose``
+        of 69 numbers the last two joints, SMPL's hands, are not used.
+
+    Raises
+    ------
+    DataError
+        ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``,
+        ``not_rotations``, or ``bad_axes`` if no axis is clearly up.
+    """
+    with open_arrays(path) as arrays:
+        missing = [key for key in KEYS if key not in arrays.names]
+        if missing:
+            raise DataError(
+                f"the motion file has no {' and no '.join(missing)}",
+                reason="missing_key",
+                where=str(path),
+                found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
+                allowed=f"a dict with {', '.join(KEYS)}",
+                fix=_DOWNLOAD_AGAIN,
+            )
+        pose, root, places = (arrays.read(key) for key in KEYS)
+    if pose.ndim < 2 or pose[:1].size not in (0, 3 * BODY, 3 * SMPL_BODY):
+        raise _bad_shape(path, "body_pose", pose.shape, "(T, 63) or (T, 21, 3); of SMPL (T, 69) or (T, 23, 3)")
+    n = len(pose)
+    for key, array in (("global_orient", root), ("transl", places)):
+        if not array.ndim or array[:1].size not in (0, 3):
+            raise _bad_shape(path, key, array.shape, "(T, 3)")
+        if len(array) != n:
+            raise DataError(
+                f"body_pose and {key} differ in length",
+                reason="length_mismatch",
+                where=str(path),
+                found=f"{n} and {len(array)} frames",
+                fix=_DOWNLOAD_AGAIN,
+            )
+    if not n:
+        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+    for key, array in zip(KEYS, (pose, root, places), strict=True):
+        require_finite(path, key, array, _DOWNLOAD_AGAIN)
+    places = places.reshape(n, 3)
+    rotations = np.concatenate([root.reshape(n, 1, 3), pose.reshape(n, -1, 3)[:, :BODY]], axis=1)
+    require_rotations(path, "body_pose", rotations, places, SMPLX22.parents)
+    grid, rest = FrameGrid.of(RATE), SMPLX22.offsets[0]
+    joints = Motion(places, rotations, grid, SMPLX22).joints()
+    upright = UPRIGHT[up_axis(path, (joints[:, _HEAD] - joints[:, 0]).mean(axis=0), up, "infinitedance", AXES)]
+    rotations[:, 0] = rotvec_from_matrix(upright @ matrix_from_rotvec(rotations[:, 0]))
+    return Motion((places + rest) @ upright.T - rest, rotations, grid, SMPLX22)
+
+
+def load_columns(path: Path) -> Motion:
+    """Read a file of 264 columns as the joints that they hold, with rotations fitted to them.
+
+    Returns
+    -------
+    Motion
+        As `Humanml264.decode`, 30 FPS: a clip begins at the origin, facing +Z.
+
+    Raises
+    ------
+    DataError
+        ``broken_file``, ``bad_shape``, ``empty``, or ``nan`` with frame and column.
+    """
+    with open_arrays(path) as arrays:
+        shape = arrays.shape("") if arrays.names == ("",) else ()
+        columns = arrays.read("") if len(shape) == 2 and shape[1] == COLUMNS else None
+    if columns is None:
+        hint = _OTHER_COLUMNS.get(shape[1], "") if len(shape) == 2 else ""
+        raise _bad_shape(path, "the array", shape, f"(T, {COLUMNS}){hint}")
+    if not len(columns):
+        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+    require_finite(path, "the array", columns, _DOWNLOAD_AGAIN, columns=True)
+    return Humanml264().decode(columns, FrameGrid.of(RATE))
+
+
+def _bad_shape(path: Path, key: str, shape: tuple[int, ...], allowed: str) -> DataError:
+    return DataError(
+        f"{key} has the wrong shape",
+        reason="bad_shape",
+        where=str(path),
+        found=str(shape),
+        allowed=allowed,
+        fix=_DOWNLOAD_AGAIN,
+    )

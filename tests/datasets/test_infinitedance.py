@@ -1,0 +1,389 @@
+"""The dataset reader infinitedance: lists, styles, origins, fits, columns, tokens and features without audio."""
+
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import dancedata
+from dancedata.core.bodies import SMPLX22
+from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.datasets.infinitedance import InfiniteDance
+from dancedata.datasets.infinitedance.example import FIRST_CODES, write_example
+from dancedata.datasets.infinitedance.motion import load_columns, load_fit
+from dancedata.datasets.infinitedance.reader import (
+    COLUMNS_FOLDER,
+    FITS_FOLDER,
+    MUQ_FOLDER,
+    MUSIC55_FOLDER,
+    TEST_FOLDER,
+    TOKENS_FOLDER,
+)
+from dancedata.readers import WindowDataset
+from dancedata.recipes.parse import load_recipe
+from dancedata.store import Store, verify_store
+from tests.datasets.scans import notes, rejects, splits
+from tests.messages import raises_message
+from tests.video_files import joblib_bytes
+
+OWN, LIVE, AIST, TEST = "video_0001", "my clip 2 (live)", "gBR_sBM_cAll_d04_mBR0_ch02", "video_0002"
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    write_example(tmp_path / "мой dänce")
+    return tmp_path / "мой dänce"
+
+
+def fit_of(source: Path, clip: str = OWN) -> dict[str, Any]:
+    content: dict[str, Any] = pickle.loads((source / FITS_FOLDER / f"{clip}.pkl").read_bytes())
+    return content
+
+
+def change(path: Path, **changes: Any) -> None:
+    """Replace values of a fit; None removes a key."""
+    content = {**pickle.loads(path.read_bytes()), **changes}
+    path.write_bytes(joblib_bytes({key: value for key, value in content.items() if value is not None}))
+
+
+# ---- scan
+
+
+def test_scan_of_fits(source: Path) -> None:
+    scan = InfiniteDance().scan(source)
+    assert splits(scan) == {OWN: "train", LIVE: "train", TEST: "test"}
+    first = next(clip for clip in scan.clips if clip.id == OWN)
+    assert (first.audio_path, first.music, first.genre, first.columns) == (
+        None, OWN, "Popular", (("origin", "infinitedance"),),
+    )  # fmt: skip
+    assert first.lists == ("All_cleandata_train", "All_train", "infinitedance_train")
+    assert rejects(scan, "missing_motion") == [AIST]
+    assert "3 files; 9,748 fits were published); no audio" in notes(scan)
+    assert "3 names of All_cleandata_train.txt are train, 1 of test_eval861.txt test, no val" in notes(scan)
+
+
+def test_scan_of_columns(source: Path) -> None:
+    scan = InfiniteDance(motion="columns").scan(source)
+    assert splits(scan) == {OWN: "train", LIVE: "train", AIST: "train", TEST: "test"}
+    assert not scan.rejects
+    aist = next(clip for clip in scan.clips if clip.id == AIST)
+    assert (aist.music, aist.dancer, aist.genre, aist.columns) == ("mBR0", "d04", "", (("origin", "aist++"),))
+    assert "Origin of the clips: 1 aist++, 3 infinitedance; clips of other datasets keep their own terms" in notes(
+        scan
+    )
+    assert "AIST Dance Video Database" in notes(scan)
+    assert f"Styles: none of 1 clips, whose genre is empty: {AIST}" in notes(scan)
+    assert f"Columns: 1 clip in {TEST_FOLDER}/ as well, not read: {TEST}" in notes(scan)
+    assert next(c.motion_path for c in scan.clips if c.id == TEST) == source / COLUMNS_FOLDER / f"{TEST}.npy"
+    own = InfiniteDance(motion="columns", clips="own").scan(source)
+    assert rejects(own, "other_dataset") == [AIST]
+    assert splits(own) == {OWN: "train", LIVE: "train", TEST: "test"}
+
+
+def test_test_columns_of_their_own_folder(source: Path) -> None:
+    (source / COLUMNS_FOLDER / f"{TEST}.npy").unlink()
+    scan = InfiniteDance(motion="columns").scan(source)
+    assert next(c.motion_path for c in scan.clips if c.id == TEST) == source / TEST_FOLDER / f"{TEST}.npy"
+    assert "as well" not in notes(scan)
+
+
+def test_origins(source: Path) -> None:
+    """Lists of datasets first; then names as those datasets publish them; then an own fit; never a guess."""
+    columns = source / COLUMNS_FOLDER
+    for name in (
+        "042",
+        "kthjazz_gCH_sFM_cAll_d02_mCH_ch01_x_006",
+        "gHO_sBM_cAll_d19_mHO3_ch01",
+        "kthmisc_x",
+        "strange",
+    ):
+        (columns / f"{name}.npy").write_bytes(b"")
+    (source / "partition" / "finedance_eval.txt").write_text("042\nkthmisc_x")
+    scan = InfiniteDance(motion="columns", split="all").scan(source)
+    origins = {clip.id: dict(clip.columns)["origin"] for clip in scan.clips}
+    assert origins == {
+        "042": "finedance", "kthjazz_gCH_sFM_cAll_d02_mCH_ch01_x_006": "motorica",
+        "gHO_sBM_cAll_d19_mHO3_ch01": "aist++", "kthmisc_x": "finedance", "strange": "unknown", AIST: "aist++",
+        OWN: "infinitedance", LIVE: "infinitedance", TEST: "infinitedance",
+    }  # fmt: skip
+    assert "unknown: on no list of one dataset" in notes(scan)
+
+
+def test_full_lists_and_no_split(source: Path) -> None:
+    (source / "partition" / "All_train.txt").write_text(OWN)
+    scan = InfiniteDance(split="full").scan(source)
+    assert splits(scan) == {OWN: "train", TEST: "test"}
+    assert rejects(scan, "unassigned") == [LIVE]
+    everything = InfiniteDance(split="all").scan(source)
+    assert set(splits(everything).values()) == {"all"}
+    assert not InfiniteDance(split="all").official_split
+
+
+def test_lists_with_missing_names_and_without_a_final_newline(source: Path) -> None:
+    (source / "partition" / "All_cleandata_train.txt").write_text(f"{LIVE}\r\n\nno such clip\n{OWN}")
+    scan = InfiniteDance().scan(source)
+    assert splits(scan) == {OWN: "train", LIVE: "train", TEST: "test"}
+    assert rejects(scan, "missing_motion") == ["no such clip"]
+
+
+def test_lists_that_cannot_be_used(source: Path) -> None:
+    (source / "partition" / "test_eval861.txt").write_text(f"{TEST}\n{OWN}\n")
+    with raises_message(SourceError):
+        InfiniteDance().scan(source)
+    (source / "partition" / "test_eval861.txt").unlink()
+    with raises_message(SourceError):
+        InfiniteDance().scan(source)
+
+
+def test_songs_of_both_lists_are_named(source: Path) -> None:
+    other = "gBR_sFM_cAll_d05_mBR0_ch07"
+    (source / COLUMNS_FOLDER / f"{AIST}.npy").rename(source / COLUMNS_FOLDER / f"{other}.npy")
+    (source / "partition" / "test_eval861.txt").write_text(f"{TEST}\n{other}\n")
+    assert "songs of AIST++ in both: mBR0" in notes(InfiniteDance(motion="columns").scan(source))
+
+
+def test_names_with_an_at_sign_are_left_out(source: Path) -> None:
+    """InfiniteDance's retrieval names pieces NAME@START_END."""
+    fits = source / FITS_FOLDER
+    (fits / f"{OWN}@0_96.pkl").write_bytes((fits / f"{OWN}.pkl").read_bytes())
+    scan = InfiniteDance().scan(source)
+    assert rejects(scan, "extra_file") == [f"{FITS_FOLDER}/{OWN}@0_96.pkl"]
+    assert "separates names from frames" in scan.rejects[-1].detail
+
+
+def test_styles(source: Path) -> None:
+    styles = source / "styles"
+    (styles / f"{OWN}.json").write_text('{"style": "Latin"}')
+    (styles / f"{LIVE}.json").write_text('["Folk"]')
+    (styles / "all_style_map.json").write_text(json.dumps({OWN: "Popular"}))
+    scan = InfiniteDance().scan(source)
+    assert {clip.id: clip.genre for clip in scan.clips} == {OWN: "Popular", LIVE: "", TEST: "Modern"}
+    assert f"1 files contradict all_style_map.json, which counts: {OWN} ('Latin', not 'Popular')" in notes(scan)
+    assert rejects(scan, "bad_style") == [LIVE]
+    (styles / "all_style_map.json").write_text('{"video_0001": 3}')
+    with raises_message(SourceError):
+        InfiniteDance().scan(source)
+
+
+def test_the_folder_above(source: Path) -> None:
+    (source.parent / "repo").mkdir()
+    source.rename(source.parent / "repo" / "InfiniteDanceData")
+    assert len(InfiniteDance().scan(source.parent / "repo").clips) == 3
+
+
+def test_archives_that_were_not_unpacked(source: Path) -> None:
+    (source / FITS_FOLDER).rename(source / "elsewhere")
+    with raises_message(SourceError):
+        InfiniteDance().scan(source)
+
+
+@pytest.mark.parametrize("bad", [{"motion": "tokens"}, {"split": "by-video"}, {"clips": "others"}, {"up": "x"}])
+def test_invalid_parameters(bad: dict[str, Any]) -> None:
+    with raises_message(UsageError):
+        InfiniteDance(**bad)
+
+
+# ---- fits
+
+
+def test_a_fit(source: Path) -> None:
+    content = fit_of(source)
+    motion = load_fit(source / FITS_FOLDER / f"{OWN}.pkl")
+    assert (motion.n_frames, motion.grid.rate, motion.skeleton) == (182, 30, SMPLX22)
+    np.testing.assert_allclose(motion.translation, content["transl"], atol=1e-6)
+    np.testing.assert_allclose(motion.rotations[:, 1:], content["body_pose"].reshape(182, 21, 3), atol=1e-6)
+    assert (motion.joints()[:, 15, 1] > motion.joints()[:, 0, 1]).all()
+
+
+@pytest.mark.parametrize("shape", [(182, 63), (182, 21, 3), (182, 69), (182, 23, 3)])
+@pytest.mark.parametrize("compress", [0, 3])
+def test_shapes_of_joblib_files(source: Path, shape: tuple[int, ...], compress: int) -> None:
+    path = source / FITS_FOLDER / f"{OWN}.pkl"
+    expected = load_fit(path)
+    content = fit_of(source)
+    pose = content["body_pose"].reshape(182, 63)
+    if np.prod(shape[1:]) == 69:
+        pose = np.concatenate([pose, np.full((182, 6), 0.3, np.float32)], axis=1)
+    path.write_bytes(joblib_bytes({**content, "body_pose": pose.reshape(shape)}, compress=compress))
+    np.testing.assert_array_equal(load_fit(path).rotations, expected.rotations)
+
+
+@pytest.mark.parametrize(("up", "turn"), [("z", [np.pi / 2, 0, 0]), ("-y", [np.pi, 0, 0]), ("y", [0, 0, 0])])
+def test_the_axis_that_is_up_is_told(source: Path, up: str, turn: list[float]) -> None:
+    path = source / FITS_FOLDER / f"{OWN}.pkl"
+    expected = load_fit(path).joints()
+    content, world = fit_of(source), Rotation.from_rotvec(turn)
+    rest = SMPLX22.offsets[0]
+    change(
+        path,
+        global_orient=(world * Rotation.from_rotvec(content["global_orient"])).as_rotvec(),
+        transl=world.apply(content["transl"] + rest) - rest,
+    )
+    for stated in ("auto", up):
+        np.testing.assert_allclose(load_fit(path, stated).joints(), expected, atol=1e-5)
+    with raises_message(DataError):
+        load_fit(path, "z" if up != "z" else "y")
+
+
+def test_an_axis_that_is_not_clear_is_asked_for(source: Path) -> None:
+    path = source / FITS_FOLDER / f"{OWN}.pkl"
+    lying = Rotation.from_rotvec([np.pi / 4, 0, 0])
+    change(path, global_orient=(lying * Rotation.from_rotvec(fit_of(source)["global_orient"])).as_rotvec())
+    with raises_message(DataError):
+        load_fit(path)
+    assert load_fit(path, "y").n_frames == 182
+
+
+BAD: dict[str, tuple[str, Callable[[dict[str, Any]], dict[str, Any]]]] = {
+    "no pose": ("missing_key", lambda c: {"body_pose": None}),
+    "hands": ("bad_shape", lambda c: {"body_pose": np.zeros((182, 156))}),
+    "flat": ("bad_shape", lambda c: {"body_pose": c["body_pose"].reshape(-1)}),
+    "root": ("bad_shape", lambda c: {"global_orient": c["global_orient"][:, :2]}),
+    "lengths": ("length_mismatch", lambda c: {"transl": c["transl"][1:]}),
+    "empty": ("empty", lambda c: {key: value[:0] for key, value in c.items()}),
+    "nan": ("nan", lambda c: {"transl": np.where(np.arange(182)[:, None] == 7, np.nan, c["transl"])}),
+    "degrees": ("not_rotations", lambda c: {"body_pose": np.degrees(c["body_pose"])}),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_fits(source: Path, case: str) -> None:
+    reason, make = BAD[case]
+    path = source / FITS_FOLDER / f"{OWN}.pkl"
+    change(path, **make(fit_of(source)))
+    with raises_message(DataError) as caught:
+        load_fit(path)
+    assert caught.value.reason == reason
+
+
+def test_files_that_run_code_are_refused(source: Path, unpickled_marker: Any) -> None:
+    marker, attack = unpickled_marker
+    path = source / FITS_FOLDER / f"{OWN}.pkl"
+    path.write_bytes(attack())
+    with pytest.raises(DataError) as caught:
+        load_fit(path)
+    assert caught.value.reason == "unsafe_pickle"
+    assert not marker.exists()
+
+
+# ---- columns
+
+
+@pytest.mark.parametrize("width", [262, 263, 266])
+def test_columns_of_another_width(source: Path, width: int) -> None:
+    path = source / COLUMNS_FOLDER / f"{OWN}.npy"
+    np.save(path, np.zeros((90, width), np.float32))
+    with raises_message(DataError):
+        load_columns(path)
+
+
+def test_bad_columns(source: Path) -> None:
+    path = source / COLUMNS_FOLDER / f"{OWN}.npy"
+    columns = np.load(path)
+    columns[5, 100] = np.nan
+    np.save(path, columns)
+    with raises_message(DataError):
+        load_columns(path)
+    np.save(path, columns[:0])
+    with raises_message(DataError):
+        load_columns(path)
+    np.save(path, np.array([{}], dtype=object), allow_pickle=True)
+    with pytest.raises(DataError) as caught:
+        load_columns(path)
+    assert caught.value.reason == "unsafe_pickle"
+
+
+def test_columns_are_the_dance_of_the_fit(source: Path) -> None:
+    """The published columns have no last frame; their dancer is on one body, at the origin and facing +Z."""
+    fit, columns = (load(source / folder) for load, folder in (
+        (load_fit, f"{FITS_FOLDER}/{OWN}.pkl"), (load_columns, f"{COLUMNS_FOLDER}/{OWN}.npy"),
+    ))  # fmt: skip
+    assert columns.n_frames == fit.n_frames - 1
+    heights = [m.joints()[: -1 if m is fit else None, :, 1] for m in (fit, columns)]
+    assert np.corrcoef(*(h.reshape(-1) for h in heights))[0, 1] > 0.99
+
+
+def test_columns_against_infinitedances_code(shared: Path) -> None:
+    """Its joints of the columns that its own script wrote, and the joints that these were made from."""
+    crowd = shared / "golden" / "crowd"
+    arrays = np.load(crowd / "infinitedance" / "columns266.npz")
+    inputs = crowd / "inputs" / "infinitedance"
+    for clip in (OWN, LIVE):
+        motion = load_columns(inputs / COLUMNS_FOLDER / f"{clip}.npy")
+        np.testing.assert_allclose(motion.joints(), arrays[f"{clip}.recovered264"], rtol=0, atol=1e-5)
+
+
+def test_the_published_layout(shared: Path) -> None:
+    inputs = shared / "golden" / "crowd" / "inputs" / "infinitedance"
+    scan = InfiniteDance(motion="columns").scan(inputs)
+    assert splits(scan) == {LIVE: "train", OWN: "test"}
+    assert rejects(scan, "missing_motion") == [AIST, "no_such_clip"]
+    fits = InfiniteDance().scan(inputs)
+    for clip in fits.clips:
+        joints = InfiniteDance().load(clip).joints()
+        np.testing.assert_allclose(joints, np.load(inputs / "joints" / f"{clip.id}.npy"), rtol=0, atol=1e-4)
+
+
+# ---- builds
+
+
+def short(document: dict[str, Any], **audio: Any) -> dict[str, Any]:
+    """The recipe that ships, with windows that fit into six seconds."""
+    return {
+        **document,
+        "windows": {"length_frames": 96, "stride_frames": 48},
+        "audio": {**document["audio"], **audio},
+    }
+
+
+@pytest.fixture
+def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
+    def run(**audio: Any) -> Store:
+        recipe, out = short(load_recipe("infinitedance").document, **audio), tmp_path / "out"
+        store = dancedata.build(recipe, source, out, jobs=1, cache=cache, progress=False, overwrite=True).open()
+        assert [problem for problem in verify_store(out) if problem.severity != "note"] == []
+        return store
+
+    return run
+
+
+def test_the_recipe(source: Path, build: Callable[..., Store]) -> None:
+    store = build()
+    assert {clip.id for clip in store.clips} == {OWN, LIVE, AIST, TEST}
+    assert store.clip(AIST).columns["origin"] == "aist++"
+    published = np.load(source / COLUMNS_FOLDER / f"{OWN}.npy")
+    np.testing.assert_array_equal(store.clip(OWN).read("file.columns264"), published)
+    tokens = np.load(source / TOKENS_FOLDER / f"{OWN}.npy").reshape(-1, 3) - FIRST_CODES
+    np.testing.assert_array_equal(store.clip(OWN).read("file.tokens"), tokens)
+    music = np.load(source / MUSIC55_FOLDER / f"{OWN}.npy")
+    np.testing.assert_array_equal(store.clip(OWN).read("file.music55")[:181], music[:181])
+    sample = WindowDataset(store, fields=("humanml264", "file.tokens", "file.music55"))[1]
+    assert [tuple(sample[name].shape) for name in ("humanml264", "file.tokens", "file.music55")] == [
+        (96, 264), (24, 3), (96, 55),
+    ]  # fmt: skip
+    # Made again from its joints: equal where the skeleton is InfiniteDance's, but for the last row, which it lacks.
+    made = store.clip(OWN).read("humanml264")
+    np.testing.assert_allclose(made[:-1, :68], published[:-1, :68], rtol=0, atol=2e-3)
+
+
+def test_rows_of_muq(source: Path, build: Callable[..., Store]) -> None:
+    """They are published for test clips alone: others are set aside, by name."""
+    muq = {"path": f"{MUQ_FOLDER}/{{clip}}.npy", "rate": 25, "fps": 25, "columns_per_row": 1024}
+    store = build(**{"file.muq": muq})
+    assert [clip.id for clip in store.clips] == [TEST]
+    assert {row["clip"] for row in store.rejects if row["reason"] == "missing_feature"} == {OWN, LIVE, AIST}
+    np.testing.assert_array_equal(store.clip(TEST).read("file.muq"), np.load(source / MUQ_FOLDER / f"{TEST}.npy"))
+
+
+def test_tokens_that_are_not_of_the_codebook(source: Path, build: Callable[..., Store]) -> None:
+    tokens = source / TOKENS_FOLDER
+    np.save(tokens / f"{OWN}.npy", np.load(tokens / f"{OWN}.npy") + 512)
+    np.save(tokens / f"{LIVE}.npy", np.load(tokens / f"{LIVE}.npy")[:-1])
+    store = build()
+    assert {clip.id for clip in store.clips} == {AIST, TEST}
+    assert {row["clip"]: row["reason"] for row in store.rejects} == {OWN: "bad_code", LIVE: "bad_shape"}
