@@ -7,6 +7,7 @@ before the high ones, so that gzip finds them alike: about 70 kB for 30 s of 24 
 import base64
 import gzip
 import json
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 from urllib.parse import quote
 
@@ -18,7 +19,7 @@ from dancedata.core.text import shown
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.limbs import HEAD
 from dancedata.viewer.palette import DANCERS
-from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Scene
+from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Scene, Word
 from dancedata.viewer.together import Pair, Together
 
 Json: TypeAlias = dict[str, Any]
@@ -42,6 +43,12 @@ def scene_payload(scene: Scene) -> Json:
         "flags": [_flag(flag) for flag in scene.flags],
         "notes": list(scene.notes),
     }  # fmt: skip
+    if scene.rhythm.downbeats:
+        payload["downbeats"] = list(scene.rhythm.downbeats)
+    if scene.words:
+        payload["words"] = _words(scene.words)
+    if len(scene.offsets):
+        payload["offsets"] = [round(1000 * offset) for offset in scene.offsets.tolist()]
     if len(scene.rhythm.onset):
         payload["onset"] = curve(scene.rhythm.onset, scene.rhythm.onset_rate)
     if scene.movement is not None:
@@ -68,12 +75,21 @@ def _group_payload(scene: Scene) -> Json:
     return {
         **shared, "id": scene.item.id, "group": scene.item.name, "source": scene.item.source,
         "dancer": ", ".join(filter(None, names)), "notes": list(scene.notes), "figure": None, "flags": [],
+        **({"words": _words(scene.words)} if scene.words else {}),
         "members": dancers, "pairs": [] if together is None else [_pair(pair, together) for pair in together.pairs],
     }  # fmt: skip
 
 
 #: Entries of the scene of a clip that differ between the dancers of a group.
-_OF_A_DANCER = ("clip", "dancer", "source", "figure", "speed", "keys", "flags")
+_OF_A_DANCER = ("clip", "dancer", "source", "figure", "speed", "keys", "flags", "offsets", "words")
+
+
+def _words(words: Sequence[Word]) -> Json:
+    """Return begin, end, text and dancer of the segments, by layer."""
+    layers: Json = {}
+    for word in words:
+        layers.setdefault(word.layer, []).append([round(word.begin, 4), round(word.end, 4), word.text, word.member])
+    return layers
 
 
 def _pair(pair: Pair, together: Together) -> Json:

@@ -15,6 +15,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
+from dancedata.metrics.beats import nearest_offsets
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.viewer.figure import Figure, Movement
 from dancedata.viewer.together import Together
@@ -37,12 +38,15 @@ class Rhythm:
         Values of `onset` per second.
     field
         Audio field that they are read from; "" if there is none.
+    downbeats
+        Numbers of the beats that begin a bar; empty where the field does not tell.
     """
 
     beats: Float64Array
     onset: Float64Array
     onset_rate: float = 0.0
     field: str = ""
+    downbeats: tuple[int, ...] = ()
 
     @classmethod
     def none(cls) -> Rhythm:
@@ -101,6 +105,29 @@ class Item:
 
 
 @dataclass(frozen=True)
+class Word:
+    """A segment of an item: a span or an instant with words.
+
+    Attributes
+    ----------
+    layer
+        Name of its layer, with the language where there is one.
+    begin, end
+        Seconds from the item's first frame, half-open.
+    text
+        Its label, or its first text.
+    member
+        Place of the dancer in the group; -1 for a clip, and for segments of the whole group.
+    """
+
+    layer: str
+    begin: float
+    end: float
+    text: str
+    member: int = -1
+
+
+@dataclass(frozen=True)
 class Flag:
     """A quality flag of an item.
 
@@ -141,6 +168,8 @@ class Scene:
         Their distances and contacts; None for a clip, a wall, and where a dancer has no figure.
     numbers
         What is measured of a dancer of a wall: name and value as text.
+    words
+        Segments, in the order of their layers and times.
     """
 
     item: Item
@@ -155,6 +184,14 @@ class Scene:
     members: tuple[Scene, ...] = ()
     together: Together | None = None
     numbers: tuple[tuple[str, str], ...] = ()
+    words: tuple[Word, ...] = ()
+
+    @property
+    def offsets(self) -> Float64Array:
+        """How late the nearest key motion of each beat is, seconds (B,), below 0 if early; empty without either."""
+        if self.movement is None or not len(self.movement.key_times) or not len(self.rhythm.beats):
+            return np.zeros(0)
+        return -nearest_offsets(self.rhythm.beats, self.movement.key_times)
 
     @property
     def dancers(self) -> tuple[Scene, ...]:

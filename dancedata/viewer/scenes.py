@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
@@ -23,10 +24,12 @@ from dancedata.store.dataset import reopen
 from dancedata.store.motion_fields import ColumnsReader, motion_reader, motion_readers
 from dancedata.store.schema import DATASET_FILE, Field
 from dancedata.viewer.figure import Figure, Movement
-from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList
+from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList, Word
 from dancedata.viewer.together import Together
 
-_ONSET = "onset_envelope"
+_ONSET, _DOWNBEAT = "onset_envelope", "downbeat"
+#: Most segments of a layer that are drawn.
+_MOST_WORDS = 3000
 
 
 def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
@@ -55,14 +58,17 @@ def rhythm_of(rows: npt.NDArray[Any], field: Field, lead: int = 0) -> Rhythm:
 
     The rows begin with the clip or, where its music begins later, `lead` rows after it.
     """
-    rate = float(field.rate)
-    beats = (field_beats(rows, field).seconds + lead / rate).clip(min=0)
+    rate, found = float(field.rate), field_beats(rows, field)
+    beats = (found.seconds + lead / rate).clip(min=0)
+    downbeats: tuple[int, ...] = ()
+    if _DOWNBEAT in field.columns.names:
+        downbeats = tuple(np.flatnonzero(rows[found.frames, field.columns.slice(_DOWNBEAT)].ravel() > 0.5).tolist())
     if _ONSET not in field.columns.names:
-        return Rhythm(beats, np.zeros(0), rate, field.name)
+        return Rhythm(beats, np.zeros(0), rate, field.name, downbeats)
     onset = rows[beat_rows_late(field.name) :, field.columns.slice(_ONSET)].ravel().astype(np.float64)
     onset = np.pad(np.nan_to_num(onset, posinf=0.0, neginf=0.0), (lead, 0))
     top = float(onset.max(initial=0.0))
-    return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, field.name)
+    return Rhythm(beats, np.clip(onset / top, 0, 1) if top > 0 else onset * 0, rate, field.name, downbeats)
 
 
 class Scenes(SceneList):
@@ -133,6 +139,7 @@ class Scenes(SceneList):
         return Scene(
             item, self.store.grid, name or "", figure, self._movement(item, figure, first_s), rhythm,
             self.windows_of(item), self._flags_of(item), tuple(_notes(self.store, figure, problem, rhythm)),
+            words=tuple(self._words_of(item)),
         )  # fmt: skip
 
     @override
@@ -225,6 +232,22 @@ class Scenes(SceneList):
                 flags.append(flag)
         return tuple(flags)
 
+    def _words_of(self, item: Item) -> list[Word]:
+        """Return the segments of an item, without the quality flags; at most `_MOST_WORDS` of a layer."""
+        words: dict[int, list[Word]] = {}
+        window = Window(item.clip.id, item.start, item.n_frames)
+        layers = {layer: number for number, layer in enumerate(self.store.layers)}
+        for placed in self.store.segments_in(window):
+            segment, number = placed.segment, layers[placed.segment.layer]
+            if segment.layer.name == "quality" or len(words.get(number, ())) == _MOST_WORDS:
+                continue
+            name = " ".join(filter(None, (segment.layer.name, segment.layer.language)))
+            text = segment.texts[0] if segment.texts else segment.label
+            begin, end = (float(self.grid.seconds(frame)) for frame in (placed.start, placed.end))
+            member = -1 if segment.whole or not item.clip.group else item.clip.member
+            words.setdefault(number, []).append(Word(name, begin, end, shown(text, MAX_NAME), member))
+        return [word for number in sorted(words) for word in words[number]]
+
     def _group(self, members: tuple[Item, ...]) -> Item:
         first = members[0]
         source = self.store.clip(first.clip.source).group if first.clip.source else ""
@@ -243,8 +266,23 @@ class Scenes(SceneList):
             if not together.touch:
                 notes.append("contacts and collisions are not measured: the body has other joints than SMPL")
         windows, rhythm = members[0].windows, members[0].rhythm
+        places = {member.item.clip.member: place for place, member in enumerate(members)}
+        words = dict.fromkeys(
+            replace(word, member=places.get(word.member, -1)) for member in members for word in member.words
+        )
         return Scene(
-            item, self.store.grid, name or "", None, None, rhythm, windows, (), tuple(notes), members, together
+            item,
+            self.store.grid,
+            name or "",
+            None,
+            None,
+            rhythm,
+            windows,
+            (),
+            tuple(notes),
+            members,
+            together,
+            words=tuple(sorted(words, key=lambda word: word.layer)),
         )
 
     @cached_property

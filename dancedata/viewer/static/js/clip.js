@@ -8,7 +8,8 @@ import { enableControls } from './layout.js';
 import { flushLink, writeLink } from './link.js';
 import { showSelected } from './list.js';
 import { camera, duration, failed, loopSeconds, state } from './state.js';
-import { layOut, redraw } from './timeline.js';
+import { hitsOf, layOut, redraw } from './timeline.js';
+import { wordsAt } from './words.js';
 
 // Number of the latest clip that was asked for: one that arrives after a later one is not shown.
 let opening = 0;
@@ -187,7 +188,8 @@ export function showAbout() {
     page.list.windows
       ? `from frame ${clip.start}`
       : clip.windows.length + (clip.windows.length === 1 ? ' window' : ' windows'),
-    clip.beats.length && `${clip.beats.length} beats`,
+    clip.beats.length && !(clip.offsets && !together()) && `${clip.beats.length} beats`,
+    clip.offsets && !together() && hitsOf(clip.offsets),
     clip.bpm && `${round(clip.bpm)} BPM`,
     f && !together() && `floor at ${metres(f.floor)} m, feet from ${metres(f.lowest)} m`,
     clip.partial && 'first minute; the rest is loading',
@@ -251,6 +253,7 @@ export function showNow() {
       o.mean.toFixed(1) +
       ')';
   if (together()) text += groupNow(clip);
+  for (const words of wordsAt(clip, state.t)) text += ` · ${words.length > 90 ? `${words.slice(0, 88)}…` : words}`;
   if (el('clock').textContent !== text) el('clock').textContent = text;
   const whose = f => (together() ? `${clip.members[f[5]].called}: ` : '') + flagText(f);
   const w = state.hovered;

@@ -46,6 +46,7 @@ export function chooseOf(clip, k) {
     figure: (one || clip.members.find(m => m.figure) || clip.members[0]).figure,
     speed: one ? one.speed : null,
     keys: one ? one.keys : null,
+    offsets: one ? one.offsets : null,
     flags: one ? one.flags : flags,
   });
   clip.flagTimes = [...new Set(clip.flags.map(f => f[0]).filter(t => t !== null))].sort((a, b) => a - b);

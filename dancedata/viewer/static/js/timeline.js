@@ -5,9 +5,21 @@ import { together } from './dancers.js';
 import { css, ratio, triangle } from './figure.js';
 import { drawGroupLanes, drawPairs, labelGroup, layOutGroup } from './pairs.js';
 import { duration, loopSeconds, state } from './state.js';
+import { drawWords, labelWords, layOutWords } from './words.js';
 
 const ink = lanes.getContext('2d');
 let base = null;
+
+// A key motion this near to a beat hits it; one this near is early or late, milliseconds.
+const HIT_MS = 60;
+const NEAR_MS = 250;
+
+export function hitsOf(offsets) {
+  const hits = offsets.filter(late => Math.abs(late) <= HIT_MS);
+  const mean = hits.length ? Math.round(hits.reduce((a, b) => a + b, 0) / hits.length) : 0;
+  const how = mean ? `, ${Math.abs(mean)} ms ${mean > 0 ? 'late' : 'early'}` : '';
+  return `${hits.length} of ${offsets.length} beats hit${how}`;
+}
 
 // What the lanes hold before the first clip is there.
 const NO_CLIP = { onset: 1, speed: 1, figure: { feet: [0, 0, 0, 0] }, windows: [], flags: [], beats: [] };
@@ -29,6 +41,7 @@ export function layOut(found) {
     rows.contact = { y, h: low ? 11 : 13 };
     y += (clip.figure ? clip.figure.feet.length : 1) * rows.contact.h + 4;
   }
+  if (found) layOutWords(clip, next);
   next('windows', 8, 7);
   next('flags', 15, 3);
   lanes.style.height = `${y}px`;
@@ -140,6 +153,7 @@ function drawBase(c, clip) {
       1.6,
     );
   if (clip.figure && !together()) drawFeet(c, clip.figure);
+  drawWords(c, clip);
   drawWindows(c, clip);
   drawFlags(c, clip);
   c.restore();
@@ -161,6 +175,7 @@ function labelLanes(label, clip) {
   const feet = clip.figure ? clip.figure.feet.map(j => clip.figure.joints[j]) : ['no contacts'];
   for (const [k, name] of together() ? [] : feet.entries())
     label(shortName(name), rows.contact.y + (orderOf(k) + 0.5) * rows.contact.h - 1);
+  labelWords(label, clip);
   label('windows', mid('windows'));
   label('flags', mid('flags'));
 }
@@ -268,16 +283,23 @@ function drawMusic(c, clip) {
   const each = n > 1 ? (xOf(clip.beats[n - 1]) - xOf(clip.beats[0])) / (n - 1) / ratio : 9;
   if (each < 3) return;
   const dense = each < 7;
-  c.fillStyle = css.accent;
-  for (const beat of clip.beats) {
+  for (const [k, beat] of clip.beats.entries()) {
     const x = xOf(beat);
     if (x < 0 || x > w) continue;
+    const late = together() ? undefined : clip.offsets?.[k];
+    c.fillStyle = Math.abs(late) <= HIT_MS ? css.contact : css.accent;
     c.globalAlpha = dense ? 0.2 : 0.55;
-    c.fillRect(x - ratio / 2, y * ratio, ratio, (low - y) * ratio);
+    const bold = clip.downbeats?.includes(k) ? 2.4 : 1;
+    c.fillRect(x - (bold * ratio) / 2, y * ratio, bold * ratio, (low - y) * ratio);
     c.globalAlpha = 1;
     c.beginPath();
-    c.arc(x, (y + h) * ratio, 2.3 * ratio, 0, 7);
+    c.arc(x, (y + h) * ratio, (Math.abs(late) <= HIT_MS ? 3 : 2.3) * ratio, 0, 7);
     c.fill();
+    // A beat whose key motion came too early or too late has it on that side.
+    if (Math.abs(late) > HIT_MS && Math.abs(late) <= NEAR_MS && !dense) {
+      const side = Math.sign(late) * 4 * ratio;
+      c.fillRect(Math.min(x, x + 2 * side), (y + h) * ratio - ratio / 2, Math.abs(2 * side), 1.4 * ratio);
+    }
   }
 }
 
