@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dancedata.core.motion import Motion
-from dancedata.core.rotations import Float64Array
+from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.skeleton import Skeleton
 from dancedata.viewer.body import TALL, standing_height
 
@@ -160,9 +160,8 @@ def looks(motion: Motion) -> Float64Array | None:
     if shoulders is None:
         return None
     turned = np.repeat(_rest_ahead(motion.skeleton, shoulders)[None], motion.n_frames, axis=0)
-    matrices = motion.matrices
     while joint >= 0:
-        turned = np.einsum("tab,tb->ta", matrices[:, joint], turned)
+        turned = np.einsum("tab,tb->ta", matrix_from_rotvec(motion.rotations[:, joint]), turned)
         joint = motion.skeleton.parents[joint]
     return turned
 

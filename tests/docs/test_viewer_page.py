@@ -82,7 +82,7 @@ def test_its_notebook_cell_shows_the_clip(folder: Path, monkeypatch: pytest.Monk
 def test_its_keys_are_those_of_the_page() -> None:
     script = page_parts().script
     keys = script[script.index("const KEYS = [") : script.index("function onKey")]
-    named = {key.lower() for key in re.findall(r"^  \[\s*'(.)'", keys, flags=re.MULTILINE) if key.strip()}
+    named = {key.lower() for key in re.findall(r"^\[\s*'(.)'", keys, flags=re.MULTILINE) if key.strip()}
     table = PAGE[PAGE.index("| key |") : PAGE.index("## Links")].lower()
     assert {"l", "m", "o", "c", "u", "f", "+", "-", "/", "?", "[", "]"} <= named
     missing = [key for key in named if not re.search(rf"(^|[| `,]){re.escape(key)}([`, |;]|$)", table)]

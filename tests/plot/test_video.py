@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,8 @@ from dancedata import plot
 from dancedata.cli import interrupts
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.plot import video as mux
-from dancedata.plot.frames import Frames
+from dancedata.plot.bodies import draw_shadow
+from dancedata.plot.frames import Camera, Frames
 from dancedata.plot.video import find_ffmpeg
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Scenes
@@ -84,6 +86,32 @@ def test_the_dancer_is_drawn_where_the_joints_are(demo: Path) -> None:
     moved = np.asarray(frames.image(60))[:390]
     assert (picture != moved).any()
     np.testing.assert_array_equal(np.asarray(frames.image(20))[:390], picture)
+
+
+def test_bodies_are_shaded_and_shadows_fade_with_height(demo: Path) -> None:
+    from PIL import Image, ImageDraw
+
+    scenes = Scenes(dancedata.open(demo))
+    scene = scenes.scene(scenes.items[0])
+    assert scene.figure is not None
+
+    frames = Frames(scene, scene.figure, (640, 480), np.zeros(1), "light")
+    picture = np.asarray(frames.image(0))[:390].astype(int)
+    blue = picture[picture[..., 2] - picture[..., 0] > 60]
+    assert len(blue) > 500
+    assert len(np.unique(blue // 24, axis=0)) > 12  # strips from the edge to the highlight
+
+    def darkness(lift: float) -> float:
+        image = Image.new("L", (640, 480), "white")
+        figure = replace(scene.figure, joints=scene.figure.joints + np.array([0, lift, 0]))
+        root, floor = scene.figure.joints[0, 0], scene.figure.floor
+        camera = Camera(640, 480, (root[0], floor, root[2]))
+        draw_shadow(ImageDraw.Draw(image), camera, figure, 0, floor, "#000000", "#ffffff")
+        return float(255 - np.asarray(image).min())
+
+    assert darkness(0.0) > 200
+    assert 30 < darkness(0.6) < 0.4 * darkness(0.0)
+    assert darkness(2.0) == 0
 
 
 def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The body in a real browser: cones as in Python, two tones of grey, a face, and shadows by height."""
 
+import base64
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,12 @@ from tests.report.test_colours import luminance
 from tests.viewer.helpers import Browser, serving
 from tests.viewer.test_browser import V, at
 
-#: Pixels of the stage, [r, g, b, ...] in rows.
+#: Width and pixels of the stage: red, green, blue and opacity, in base64.
 PIXELS = (
     "const c = document.querySelector('[data-dd=figure]');"
-    "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; const out = [];"
-    "for (let i = 0; i < d.length; i += 4) out.push(d[i] << 16 | d[i + 1] << 8 | d[i + 2]); return [c.width, out]"
+    "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let text = '';"
+    "for (let i = 0; i < d.length; i += 32768) text += String.fromCharCode.apply(null, d.subarray(i, i + 32768));"
+    "return [c.width, btoa(text)]"
 )
 DRAWN = "await new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))"
 
@@ -26,8 +28,7 @@ def stage(browser: Browser) -> np.ndarray:
     """The stage, (H, W, 3)."""
     browser.later(f"{V}.state.dirty = true; {DRAWN}")
     width, values = browser.js(PIXELS)
-    packed = np.array(values).reshape(-1, width)
-    return np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=-1)
+    return np.frombuffer(base64.b64decode(values), np.uint8).reshape(-1, width, 4)[..., :3].astype(int)
 
 
 def sides(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -160,3 +160,9 @@ def test_colours_differ_without_m_cones(theme: str) -> None:
     palette = {name: lab_deuteranopia(value) for name, value in colours(theme).items()}
     for one, other in (("left", "right"), ("contact", "flag"), ("left", "mid"), ("right", "mid")):
         assert np.linalg.norm(palette[one] - palette[other]) > 14, (one, other)
+
+
+def test_a_page_without_data_is_small() -> None:
+    parts = page_parts()
+    assert len((parts.css + parts.html + parts.script).encode()) < 110_000
+    assert not re.search(r"^(?:[ \t]|//|\n)", parts.script, flags=re.MULTILINE)  # no layout of the source

@@ -14,13 +14,19 @@ function showMore(on) {
   el('more').setAttribute('aria-expanded', on);
 }
 
+// Whether a control reaches into the right margin of the row.
+function isFull() {
+  const shown = [...bar.querySelectorAll('button, select, input')].filter(e => e.offsetParent && !el('sheet').contains(e));
+  return Math.max(...shown.map(e => e.getBoundingClientRect().right)) > bar.getBoundingClientRect().right - 13;
+}
+
 // Controls stay in one row; those without room are in the sheet.
 export function fitControls() {
   const sheet = el('sheet');
   el('extra').replaceChildren(...spare);
   el('more').hidden = true;
   for (const name of RARE) {
-    if (bar.scrollWidth <= bar.clientWidth) break;
+    if (!isFull()) break;
     el('more').hidden = false;
     sheet.append(el(name));
   }
