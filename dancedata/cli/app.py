@@ -31,6 +31,7 @@ from dancedata.cli.options import (
     print_result,
 )  # fmt: skip
 from dancedata.cli.pages import report, view
+from dancedata.cli.study import study, study_results
 from dancedata.cli.weights import hf, jukebox
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
@@ -87,6 +88,8 @@ app.add_typer(hf, name="hf")
 app.command("evaluate")(evaluate)
 app.command("view")(view)
 app.command("report")(report)
+app.command("study")(study)
+app.command("study-results")(study_results)
 
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."

@@ -1,8 +1,5 @@
 """The clips of a report: the viewer's page inside the report's, started when a link to a clip is opened."""
 
-import io
-import struct
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -11,49 +8,18 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
-
-from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.report.markup import Markup
 from dancedata.store import Store
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Item, Scenes
+from dancedata.viewer.opus import opus
 from dancedata.viewer.page import PageSound, data_script, page_data, page_parts, source_hash
 from dancedata.viewer.payload import link, page_json, scene_payload
 from dancedata.viewer.source import ClipSource
 
-#: Bytes with their bits in reverse order.
-_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-#: Places in the header of a page: serial number, checksum, number of lacing values, these.
-_SERIAL, _CHECKSUM, _SEGMENTS, _LACING = 14, 22, 26, 27
-
-
-def without_serial(data: bytes) -> bytes:
-    """Return an Ogg file of one stream with the serial number 1 (RFC 3533, section 6)."""
-    pages = bytearray(data)
-    place = 0
-    while place < len(pages):
-        lacing = pages[place + _LACING : place + _LACING + pages[place + _SEGMENTS]]
-        end = place + _LACING + len(lacing) + sum(lacing)
-        pages[place + _SERIAL : place + _SERIAL + 4] = struct.pack("<I", 1)
-        pages[place + _CHECKSUM : place + _CHECKSUM + 4] = bytes(4)
-        checksum = _crc(bytes(pages[place:end]))
-        pages[place + _CHECKSUM : place + _CHECKSUM + 4] = struct.pack("<I", checksum)
-        place = end
-    return bytes(pages)
-
-
-def _crc(data: bytes) -> int:
-    """Return the checksum of RFC 3533: zlib's polynomial, with the bits of each byte the other way round."""
-    value = zlib.crc32(data.translate(_REVERSED), 0xFFFFFFFF) ^ 0xFFFFFFFF
-    return int(f"{value:032b}"[::-1], 2)
-
-
 #: Clips inside the page; further clips are separate files.
 INLINE = 12
-#: Sample rate of the music in a page, of those that Opus has.
-_OPUS_RATE = 24_000
 
 
 @dataclass(frozen=True)
@@ -153,18 +119,7 @@ def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, m
         raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
     scenes, music = Scenes(store), ClipSource(store, source.expanduser())
     sounds = {k: music.sound(item) for k, item in enumerate(_entries(scenes, clips[:INLINE]))}
-    files_of = {k: _opus(sound.signal) for k, sound in sounds.items() if sound is not None}
+    files_of = {k: opus(sound.signal) for k, sound in sounds.items() if sound is not None}
     if clips and not files_of:
         raise UsageError("the source has no music of these clips", where=source)
     return PageSound(files_of, notice)
-
-
-def _opus(signal: AudioSignal) -> bytes:
-    """Encode a signal; the same signal gives the same bytes."""
-    import soundfile
-    import soxr
-
-    samples = np.clip(soxr.resample(signal.samples, signal.sample_rate, _OPUS_RATE), -1, 1)
-    data = io.BytesIO()
-    soundfile.write(data, samples, _OPUS_RATE, format="OGG", subtype="OPUS")
-    return without_serial(data.getvalue())

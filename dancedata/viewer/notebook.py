@@ -17,9 +17,9 @@ from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.store import ClipView, Store
 from dancedata.viewer.motions import MotionScenes, MusicFiles
+from dancedata.viewer.opus import opus
 from dancedata.viewer.page import PageSound, clip_page
 from dancedata.viewer.scenes import Scenes
-from dancedata.viewer.source import flac
 from dancedata.viewer.wall import Wall, WallSounds
 
 #: One motion, or several, by name or numbered from 0.
@@ -112,7 +112,7 @@ def view_motions(motions: Motions, *, music: str | Path | None = None, wall: boo
     shown = Wall(scenes) if wall else scenes
     sounds = WallSounds(shown, scenes) if isinstance(shown, Wall) else scenes
     files = {item.number: sounds.sound(item) for item in shown.items}
-    embedded = PageSound({number: flac(sound.signal) for number, sound in files.items() if sound is not None})
+    embedded = PageSound({number: opus(sound.signal) for number, sound in files.items() if sound is not None})
     title = ", ".join(item.id for item in scenes.items)
     return View(title, clip_page(shown, shown.items, sound=embedded if embedded.files else None))
 

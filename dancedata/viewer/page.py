@@ -158,9 +158,14 @@ def clip_page(
     return whole_page(document, str(document["head"]["name"]), meta_policy=True)
 
 
-def whole_page(document: Json, title: str, *, meta_policy: bool) -> str:
-    """Return the page of a document; with `meta_policy` its content security policy is inside it."""
+def whole_page(document: Json, title: str, *, meta_policy: bool, more: Parts | None = None) -> str:
+    """Return the page of a document; with `meta_policy` its content security policy is inside it.
+
+    `more` comes after the viewer's own style, body and script.
+    """
     parts = page_parts()
+    if more is not None:
+        parts = Parts(parts.css + more.css, parts.html + more.html, parts.script + more.script)
     policy = (
         f'<meta http-equiv="Content-Security-Policy" content="{html.escape(parts.policy)}">' if meta_policy else ""
     )

@@ -232,6 +232,18 @@ class Shown:
         about = self.scenes.about()
         return " ".join(filter(None, (about["licence"], about["citation"])))
 
+    def notice(self, *, allowed_by_caller: bool) -> str:
+        """Return the notice that goes with a copy of the music; UsageError if nothing allows to pass it on."""
+        base = self.scenes.scenes if isinstance(self.scenes, Wall) else self.scenes
+        if isinstance(base, Scenes):
+            return require_shareable(base.store, allowed_by_caller=allowed_by_caller)
+        if not allowed_by_caller:
+            raise UsageError(
+                "nothing states that this music may be passed on", where=self.request.music,
+                fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
+            )  # fmt: skip
+        return "Music: included on the statement of the maker of this file that it may be shared."
+
     def shared_music(self, *, allowed_by_caller: bool) -> tuple[AudioSignal, str]:
         """Return the music of the item, and the notice that goes with a copy of it.
 
@@ -240,19 +252,12 @@ class Shown:
         UsageError
             If there is none, or nothing allows to pass it on.
         """
-        base = self.scenes.scenes if isinstance(self.scenes, Wall) else self.scenes
-        if isinstance(base, Scenes):
-            notice = require_shareable(base.store, allowed_by_caller=allowed_by_caller)
-        elif not allowed_by_caller:
-            raise UsageError(
-                "nothing states that this music may be passed on", where=self.request.music,
-                fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
-            )  # fmt: skip
-        else:
-            notice = "Music: included on the statement of the maker of this file that it may be shared."
-        option = "--source DIR" if isinstance(base, Scenes) else "--music PATH"
+        notice = self.notice(allowed_by_caller=allowed_by_caller)
         if self.sounds is None:
-            raise UsageError("--audio embed needs the music", fix=f"name the folder with it: {option}")
+            raise UsageError(
+                "--audio embed needs the music",
+                fix="name it: --source DIR for a dataset, --music PATH for motion files",
+            )
         sound = self.sounds.sound(self.item)
         if sound is None:
             where = self.request.source or self.request.music

@@ -15,12 +15,12 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.viewer.motions import MotionScenes
+from dancedata.viewer.opus import opus
 from dancedata.viewer.page import PageSound, clip_page
 from dancedata.viewer.request import Shown, ViewRequest
 from dancedata.viewer.scene_list import Item
 from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.server import Site, ViewServer
-from dancedata.viewer.source import flac
 
 
 def serve(
@@ -94,7 +94,7 @@ def export_page(
     sound = None
     if audio:
         signal, notice = shown.shared_music(allowed_by_caller=shared)
-        sound = PageSound({0: flac(signal)}, notice)
+        sound = PageSound({0: opus(signal)}, notice)
     address = shown.address if "&" in shown.address else ""  # the only item is shown without one
     page = clip_page(shown.scenes, [shown.item], sound=sound, comparisons=shown.comparisons, address=address)
     try:

@@ -106,13 +106,13 @@ class Wall(SceneList):
         if not takes:
             raise DataError("nothing of this wall can be drawn", reason="missing_joints", found="; ".join(notes))
         truth = takes[0][1] if self.comparisons and takes[0][0].clip.member == 0 else None
-        places = _places([figure for _, _, figure in takes]) if self._apart else [np.zeros(3)] * len(takes)
+        shifts = places([figure for _, _, figure in takes]) if self._apart else [np.zeros(3)] * len(takes)
         members = tuple(
             Scene(
                 member, self.grid, "", figure.shifted(place), figure.movement if figure.n_frames > 1 else None,
                 Rhythm.none(), first.windows, (), (), numbers=_numbers(as_read, first.rhythm, truth),
             )
-            for (member, as_read, figure), place in zip(takes, places, strict=True)
+            for (member, as_read, figure), place in zip(takes, shifts, strict=True)
         )  # fmt: skip
         kept = replace(item, members=tuple(member for member, _, _ in takes))
         return Scene(kept, self.grid, first.field, None, None, first.rhythm, first.windows, (), tuple(notes), members)
@@ -165,7 +165,7 @@ class WallSounds:
         return self.sounds.sound(self.wall.first(item))
 
 
-def _places(figures: Sequence[Figure]) -> list[np.ndarray]:
+def places(figures: Sequence[Figure]) -> list[np.ndarray]:
     """Return the shift (3,) of each figure: its first root onto its place, its floor onto 0."""
     wide = max(float(np.ptp(figure.joints[:, 0, 0])) for figure in figures) + 1.0
     step, shifts = min(max(wide, _NEAR_M), _FAR_M), []

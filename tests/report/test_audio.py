@@ -8,7 +8,7 @@ from pathlib import Path
 
 from dancedata.core.errors import UsageError
 from dancedata.report import write_report
-from dancedata.report.player import without_serial
+from dancedata.viewer.opus import without_serial
 from tests.messages import raises_message
 
 AIST = {"dataset": "aist++", "licence": "research use, <b>no redistribution</b>"}

@@ -1,0 +1,1 @@
+"""User studies: pages of blind pairs, and what their results say."""

@@ -1,0 +1,196 @@
+"""The page of a study: one file that works offline, asks, and gives the answers as a CSV file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.hashing import sha256_bytes
+from dancedata.core.text import json_text
+from dancedata.files import atomic
+from dancedata.files.atomic import require_free
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.study.trials import Trial, common_clips, make_trials, shown_figures
+from dancedata.viewer.opus import opus
+from dancedata.viewer.page import PageSound, Parts, page_data, whole_page
+from dancedata.viewer.payload import page_json, scene_payload
+from dancedata.viewer.request import Shown, ViewRequest
+from dancedata.viewer.scene_list import Item, Rhythm, Scene, SceneList
+from dancedata.viewer.source import Sounds
+from dancedata.viewer.wall import places
+
+#: What raters are asked, and the reasons that they may give.
+QUESTION = "Which of the two dances better to the music?"
+REASONS = (
+    "on the beat",
+    "fits the music",
+    "natural",
+    "expressive",
+    "fewer faults: sliding, shaking, impossible poses",
+)
+#: Columns of the results, in the page's script too.
+COLUMNS = (
+    "study", "participant", "order", "trial", "song", "clip", "left", "right", "choice", "chosen", "expected",
+    "reasons", "plays", "seconds", "time",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StudyRequest:
+    """Options of `dancedata study`.
+
+    Attributes
+    ----------
+    systems
+        What each system shows, by name: datasets, or motion files. The music is that of the first.
+    songs, checks
+        Number of clips; number of pairs in which one dancer stands still.
+    seconds
+        Longest trial.
+    seed
+        Decides on clips, sides, and every rater's order.
+    question, reasons
+        Texts of the page.
+    """
+
+    systems: Mapping[str, ViewRequest]
+    songs: int = 12
+    checks: int = 2
+    seconds: float = 15.0
+    seed: int = 0
+    question: str = QUESTION
+    reasons: tuple[str, ...] = REASONS
+
+
+class _Trials(SceneList):
+    """The trials as items of a page, which shows nothing but two dancers."""
+
+    def __init__(self, scenes: Mapping[int, Scene], first: SceneList) -> None:
+        self.place, self.grid, self.body, self._scenes = "study", first.grid, first.body, scenes
+
+    @property
+    def items(self) -> tuple[Item, ...]:
+        """The trials in their order."""
+        return tuple(scene.item for scene in self._scenes.values())
+
+    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
+        """Return the scene of a trial."""
+        return self._scenes[item.number]
+
+    def about(self) -> dict[str, Any]:
+        """Return the head of the page, which names no system."""
+        return {
+            "name": "study", "fps": float(self.grid.rate), "rate": str(self.grid), "scope": "track", "clips": 0,
+            "windows": 0, "hours": 0, "groups": len(self._scenes), "licence": "", "citation": "",
+        }  # fmt: skip
+
+
+def write_study(
+    request: StudyRequest, to: Path, *, shared: bool = False, overwrite: bool = False
+) -> tuple[Trial, ...]:
+    """Write the page of a study.
+
+    Parameters
+    ----------
+    shared
+        The caller states to have the right to pass the music on.
+
+    Returns
+    -------
+    tuple of Trial
+
+    Raises
+    ------
+    UsageError
+        If the systems have too few clips in common, there is no music or it may not be passed on, or the file exists.
+    DataError
+        If a dancer cannot be drawn.
+    StoreError
+        If the file cannot be written.
+    """
+    to = require_free(to, [view.path for view in request.systems.values()], "page", overwrite=overwrite)
+    if not 2 <= request.seconds <= 120:
+        raise UsageError("invalid length of trials", found=request.seconds, allowed="2 to 120 s")
+    views = {name: Shown.of(view) for name, view in request.systems.items()}
+    systems = {name: view.scenes for name, view in views.items()}
+    clips = common_clips(systems)
+    first = next(iter(systems))
+    songs = {name: items[first].clip.music or name for name, items in clips.items()}
+    trials = make_trials(songs, list(systems), songs=request.songs, checks=request.checks, seed=request.seed)
+    notice = views[first].notice(allowed_by_caller=shared)
+    sounds = views[first].sounds
+    if sounds is None:
+        raise UsageError("a study needs the music", fix="name it: --source DIR for a dataset, --music PATH for files")
+    scenes = {trial.number: _scene(trial, clips[trial.clip], systems, request.seconds) for trial in trials}
+    music = {trial.number: _music(sounds, clips[trial.clip][first], scenes[trial.number]) for trial in trials}
+    page = _page(request, trials, _Trials(scenes, systems[first]), PageSound(music, notice))
+    try:
+        atomic.write_bytes(to, page.encode())
+    except OSError as error:
+        raise StoreError("the page cannot be written", where=to, found=str(error)) from error
+    return trials
+
+
+def _scene(trial: Trial, items: Mapping[str, Item], systems: Mapping[str, SceneList], seconds: float) -> Scene:
+    """Return the two dancers side by side; nothing in it tells who they are."""
+    # Contacts and the direction of the face would tell which of the two has rotations, or contacts of its own.
+    figures = [
+        replace(figure, contacts=np.zeros_like(figure.contacts), contacts_stored=False, facing=None)
+        for figure in shown_figures(trial, items, systems, seconds)
+    ]
+    grid = figures[0].grid
+    clip = ClipRecord(id=f"pair {trial.number}", split="", n_frames=figures[0].n_frames)
+    pair = []
+    for side in ("left", "right"):
+        dancer = replace(clip, id=f"{clip.id} {side}", group=clip.id, member=0)
+        pair.append(Item(trial.number, dancer, 0, clip.n_frames, called=side))
+    members = tuple(
+        Scene(item, grid, "", figure.shifted(shift), None, Rhythm.none(), (), (), ())
+        for item, figure, shift in zip(pair, figures, places(figures), strict=True)
+    )
+    group = replace(pair[0], members=tuple(pair), n_source=2, called="")
+    return Scene(group, grid, "", None, None, Rhythm.none(), (), (), (), members)
+
+
+def _music(sounds: Sounds, item: Item, scene: Scene) -> bytes:
+    sound = sounds.sound(item)
+    if sound is None:
+        raise UsageError("there is no music for this clip", found=item.id, fix="name a folder with all songs")
+    rate = sound.signal.sample_rate
+    samples = np.zeros(round(scene.seconds * rate), np.float32)
+    cut = sound.signal.samples[: len(samples)]
+    samples[: len(cut)] = cut
+    return opus(AudioSignal(samples, rate))
+
+
+def _page(request: StudyRequest, trials: tuple[Trial, ...], scenes: _Trials, sound: PageSound) -> str:
+    payloads = {item.number: {**scene_payload(scenes.scene(item)), "number": item.number} for item in scenes.items}
+    document = page_data(scenes, scenes.items, clips=payloads, sound=sound, single=True)
+    rows = [
+        {"song": t.song, "clip": t.clip, "left": t.left, "right": t.right, "expected": t.expected} for t in trials
+    ]
+    study = {
+        "question": request.question, "reasons": list(request.reasons), "trials": rows, "seed": request.seed,
+        "columns": list(COLUMNS),
+    }  # fmt: skip
+    study["id"] = sha256_bytes(json_text(study).encode())[:12]
+    data = f'<script type="application/json" id="dd-study">{page_json(study)}</script>'
+    more = _parts()
+    return whole_page(document, "study", meta_policy=True, more=replace(more, html=more.html + data))
+
+
+@cache
+def _parts() -> Parts:
+    folder = files("dancedata.study") / "static"
+    css, body, script = (
+        folder.joinpath(f"study.{kind}").read_text(encoding="utf-8") for kind in ("css", "html", "js")
+    )
+    return Parts(css, body, f"(() => {{\n{script}}})();\n")

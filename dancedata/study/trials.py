@@ -1,0 +1,161 @@
+"""The trials of a study: which two dancers stand side by side, to which song, and which of them is left."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.text import listed
+from dancedata.viewer.figure import Figure
+from dancedata.viewer.scene_list import Item, SceneList
+
+#: The dancer of a check who stands still.
+STILL = "(stands still)"
+#: Shortest clip of a trial, seconds.
+LEAST_S = 2.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One question.
+
+    Attributes
+    ----------
+    number
+        Place in the study; raters see an order of their own.
+    song
+        Song of the clip; its id where no song is known.
+    clip
+        Id of the clip, or the song where the systems name their clips differently.
+    left, right
+        Names of the systems; in a check one of them is `STILL`.
+    """
+
+    number: int
+    song: str
+    clip: str
+    left: str
+    right: str
+
+    @property
+    def is_check(self) -> bool:
+        """Whether it shows that a rater looks: one of the two does not dance."""
+        return STILL in (self.left, self.right)
+
+    @property
+    def expected(self) -> str:
+        """The side that a rater who looks chooses in a check: "left" or "right"; "" for a pair."""
+        return "" if not self.is_check else "right" if self.left == STILL else "left"
+
+
+def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]:
+    """Return the item of each system by the name of a clip that all have; by song where they share no name.
+
+    Raises
+    ------
+    UsageError
+        If there is none.
+    """
+    for by_song in (False, True):
+        named = []
+        for scenes in systems.values():
+            mine: dict[str, Item] = {}
+            for item in scenes.items:
+                key = item.clip.music if by_song else item.id
+                if key and not item.members and not item.source:
+                    mine.setdefault(key, item)
+            named.append(mine)
+        shared = [name for name in named[0] if all(name in mine for mine in named[1:])]
+        if shared:
+            return {name: dict(zip(systems, (mine[name] for mine in named), strict=True)) for name in shared}
+    examples = {system: listed([item.id for item in scenes.items], 2) for system, scenes in systems.items()}
+    raise UsageError(
+        "the systems have no clip in common", found="; ".join(f"{name}: {text}" for name, text in examples.items()),
+        allowed="clips of the same names, or of the same songs", fix="name the files of a model as the clips",
+    )  # fmt: skip
+
+
+def make_trials(
+    clips: Mapping[str, str], systems: Sequence[str], *, songs: int, checks: int, seed: int
+) -> tuple[Trial, ...]:
+    """Return the trials of a study: each pair of systems on each of the songs, and checks.
+
+    Parameters
+    ----------
+    clips
+        Song by the name of each clip that all systems have.
+    songs
+        Number of clips; different songs come first.
+    checks
+        Number of checks; in each the first system dances beside the same dancer who stands still.
+    seed
+        Decides on clips and sides. Over a study every system is on the left as often as on the right, or once more.
+
+    Raises
+    ------
+    UsageError
+        For fewer than two systems, or more clips than there are.
+    """
+    if len(systems) < 2:
+        raise UsageError("a study compares systems", found=listed(systems), allowed="two or more")
+    if not 1 <= songs <= len(clips):
+        raise UsageError(
+            "there are not so many clips in common", found=f"{songs} asked for", allowed=f"1 to {len(clips)}",
+            fix="set --songs",
+        )  # fmt: skip
+    if not 0 <= checks <= 100:
+        raise UsageError("invalid number of checks", found=checks, allowed="0 to 100")
+    rng = np.random.default_rng(seed)
+    names = [list(clips)[k] for k in rng.permutation(len(clips))]
+    seen: Counter[str] = Counter()
+    turn = {}
+    for name in names:
+        turn[name] = seen[clips[name]]
+        seen[clips[name]] += 1
+    chosen = sorted(names, key=lambda name: turn[name])[:songs]  # a second clip of a song after the first of each
+    rows: list[tuple[str, str, str]] = []
+    for first, second in combinations(systems, 2):
+        sides = np.arange(len(chosen)) % 2 == rng.integers(2)
+        for name, swapped in zip(chosen, rng.permutation(sides), strict=True):
+            rows.append((name, second, first) if swapped else (name, first, second))
+    for k in range(checks):
+        left, right = (systems[0], STILL) if (k + seed) % 2 else (STILL, systems[0])
+        rows.append((chosen[k % len(chosen)], left, right))
+    return tuple(Trial(number, clips[row[0]], *row) for number, row in enumerate(rows))
+
+
+def shown_figures(
+    trial: Trial, items: Mapping[str, Item], systems: Mapping[str, SceneList], seconds: float
+) -> tuple[Figure, Figure]:
+    """Return the two dancers of a trial, at one rate and as long as the shorter, at most `seconds`.
+
+    Raises
+    ------
+    DataError
+        If one of them cannot be drawn, or is too short.
+    """
+    figures: dict[str, Figure] = {}
+    for name in (trial.left, trial.right):
+        if name == STILL:
+            continue
+        scene = systems[name].scene(items[name])
+        if scene.figure is None:
+            raise DataError(f"{name} cannot be drawn", reason="missing_joints", found="; ".join(scene.notes))
+        figures[name] = scene.figure
+    length = min(seconds, *(figure.n_frames / float(figure.grid.rate) for figure in figures.values()))
+    if length < LEAST_S:
+        raise DataError(
+            "the clip is too short for a trial", reason="too_short", where=trial.clip, found=f"{length:.2f} s",
+            allowed=f"{LEAST_S:g} s or more",
+        )  # fmt: skip
+    grid = next(iter(figures.values())).grid
+    cut = {name: figure.resampled(grid, length) for name, figure in figures.items()}
+    if trial.is_check:
+        dancing = next(iter(cut.values()))
+        cut[STILL] = dancing.part(0, 1 / float(grid.rate)).resampled(grid, length)
+    return cut[trial.left], cut[trial.right]
