@@ -21,8 +21,9 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.describe import describe_store
+from dancedata.pipeline.plan import make_plan
 from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, WindowDataset, pad_clips
-from dancedata.recipes.parse import parse_recipe
+from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.report import write_report
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message
@@ -206,6 +207,21 @@ def test_windows_of_a_group_are_those_that_all_files_reach(source: Path, build: 
     assert starts["g_p0"] == starts["g_p1"] == starts["a"][:-2]
     lost = [(row["clip"], row["window"], row["reason"]) for row in store.rejects]
     assert sorted(lost) == [(clip, start, "no_audio") for clip in ("g_p0", "g_p1") for start in starts["a"][-2:]]
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_a_plan_counts_what_a_build_stores(
+    source: Path, build: Callable[..., Store], cache: Path, scope: str
+) -> None:
+    save(source, "a", ROWS - 2)
+    keys = {"scope": scope, "dataset": {"coded": {"clips": ["a"]}}}
+    changes = {"tolerance_s": "1/2"}
+    plan = make_plan(load_recipe(document(changes, **keys)), source, cache=cache)
+    assert plan.to_json()["fields"]["file.tokens"] == {"columns": 3, "dtype": "int16"}
+    store = build(changes, **keys)
+    assert plan.to_json()["splits"]["train"]["windows"] == len(store.windows("train")) == 3
+    again = make_plan(load_recipe(document(changes, **keys)), source, cache=cache)
+    assert again.cached["file.tokens"].cached == 1
 
 
 @pytest.mark.parametrize("incomplete", ["set_aside", "keep"])
