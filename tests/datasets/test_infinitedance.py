@@ -14,8 +14,7 @@ import dancedata
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.datasets.infinitedance import InfiniteDance
-from dancedata.datasets.infinitedance.example import FIRST_CODES, write_example
-from dancedata.datasets.infinitedance.motion import load_columns, load_fit
+from dancedata.datasets.infinitedance.motion import FIRST_CODES, load_columns, load_fit, write_example
 from dancedata.datasets.infinitedance.reader import (
     COLUMNS_FOLDER,
     FITS_FOLDER,
