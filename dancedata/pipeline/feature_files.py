@@ -107,14 +107,15 @@ def frames_within(
         file_s, motion_s = feature.grid.seconds(file.n_rows), FrameGrid(rate).seconds(n_frames)
         tolerance = None if feature.tolerance_s is None else Fraction(feature.tolerance_s)
         frames = FrameGrid(rate).resampled_length(n_frames, recipe.grid)
-        # Rows of motion reach into the last row of the clip, whatever the tolerance.
-        is_short = feature.of_motion and recipe.grid.rows_down(frames, of=job.grid) > _n_rows(job, ref, file)
+        # Rows of motion reach into the last row of the clip, whatever the tolerance; codes end with the pad.
+        is_real_motion = feature.of_motion and feature.codebook is None
+        is_short = is_real_motion and recipe.grid.rows_down(frames, of=job.grid) > _n_rows(job, ref, file)
         if is_short or (tolerance is not None and abs(file_s - motion_s) > tolerance):
             seconds = {"feature_s": round(float(file_s), 3), "motion_s": round(float(motion_s), 3)}
             detail = f"field {job.name}: {file.path} has {file.n_rows} rows, {float(file_s):.3f} s; the motion has "
             detail += f"{float(motion_s):.3f} s; the tolerance is {feature.tolerance_s} s"
             if is_short:
-                detail += "; rows of motion last as long as it"
+                detail += "; rows of motion last as long as it, or the field is of: music"
             fix = f"check audio.{job.name}.rate; set tolerance_s if the difference is known, null for whole songs"
             return Reject("feature_length", ref.id, str(file.path), detail=detail, numbers=seconds, fix=fix)
         try:

@@ -14,6 +14,7 @@ from dancedata.audio.file import Placed
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.executors.base import Executor
@@ -74,7 +75,7 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
     of_motion = {job.name: job for job in recipe.file_jobs if job.feature.of_motion}
     frames = motion.n_frames if recipe.scope == "track" else recipe.windows.length
     from_files = {
-        name: _OwnRows(clip.audio[name], recipe.grid.rows_up(frames, of=job.grid), recipe.scope == "window")
+        name: _OwnRows(clip.audio[name], frames, recipe.grid, job, recipe.scope == "window")
         for name, job in of_motion.items()
     }
     return StoredClip(
@@ -108,23 +109,31 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
 
 @dataclass(frozen=True)
 class _OwnRows:
-    """Rows of motion from a file: (T, D) of a clip, at most `n_rows`; or (W, L, D) of its windows."""
+    """Rows of motion from a file: (T, D) of a clip, or (W, L, D) of its windows; codes are filled up with the pad.
+
+    `frames` are those of the clip, or of a window.
+    """
 
     blocks: Blocks
-    n_rows: int
+    frames: int
+    grid: FrameGrid
+    job: FeatureJob
     by_window: bool
 
     @property
     def shape(self) -> tuple[int, ...]:
         first = self.blocks[0]
-        if self.by_window:
-            return len(self.blocks), self.n_rows, first.array.shape[1]
-        return min(self.n_rows, first.array.shape[0] - first.offset), first.array.shape[1]
+        rows = min(self.grid.rows_up(self.frames, of=self.job.grid), first.array.shape[0] - first.offset)
+        rows = max(rows, self.grid.rows_down(self.frames, of=self.job.grid))
+        return (*([len(self.blocks)] if self.by_window else []), rows, first.array.shape[1])
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        array = np.asarray(self.blocks[0].array)  # of one file
-        rows = [array[block.offset : block.offset + self.n_rows] for block in self.blocks]
-        return np.asarray(np.stack(rows) if self.by_window else rows[0], dtype=dtype)
+        array, codebook = np.asarray(self.blocks[0].array), self.job.codebook  # blocks are of one file
+        out = np.full(self.shape, 0 if codebook is None else codebook.pad, array.dtype)
+        for rows, block in zip(out if self.by_window else out[np.newaxis], self.blocks, strict=True):
+            found = array[block.offset : block.offset + len(rows)]
+            rows[: len(found)] = found
+        return np.asarray(out, dtype=dtype)
 
 
 class _Window(NamedTuple):

@@ -31,7 +31,6 @@ class WindowedClip:
 def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[WindowedClip], list[Reject]]:
     """Cut clips into windows. Windows without music, and windows that the filter leaves out, become rejects."""
     cut: dict[str, tuple[int, ...]] = {}
-    filtered: dict[str, list[Reject]] = {}
     rejects = []
     for clip in clips:
         ref = clip.source.ref
@@ -40,10 +39,17 @@ def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[Wind
         starts, problems = window_starts(recipe, ref, motion.n_source, motion.source_rate, music)
         rejects += problems
         of_motion = clip.motion.n_source, clip.motion.source_rate
-        starts, problems = starts_within(recipe, ref, clip.source.files, starts, of_motion)
+        cut[ref.id], problems = starts_within(recipe, ref, clip.source.files, starts, of_motion)
         rejects += problems
-        cut[ref.id], filtered[ref.id] = _filtered(recipe, ref, clip.motion, starts)
-    for members in groups_of(clips, lambda clip: clip.source.ref).values():
+    left = [clip for clip in clips if cut[clip.source.ref.id]]
+    groups = groups_of(left, lambda clip: clip.source.ref)
+    for members in groups.values():
+        rejects += _in_common(cut, [clip.source.ref.id for clip in members])
+    filtered: dict[str, list[Reject]] = {}
+    for clip in left:
+        ref = clip.source.ref
+        cut[ref.id], filtered[ref.id] = _filtered(recipe, ref, clip.motion, cut[ref.id])
+    for members in groups.values():
         # A window goes only if the filter rejects it for every dancer: one who stands still is choreography.
         ids = [clip.source.ref.id for clip in members]
         kept = {start for clip_id in ids for start in cut[clip_id]}
@@ -51,11 +57,31 @@ def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[Wind
             cut[clip_id] = tuple(sorted(kept))
             filtered[clip_id] = [r for r in filtered[clip_id] if r.window is not None and r.window not in kept]
     windowed = []
-    for clip in clips:
+    for clip in left:
         rejects += filtered[clip.source.ref.id]
         if cut[clip.source.ref.id]:
             windowed.append(WindowedClip(clip.source, clip.motion, cut[clip.source.ref.id]))
     return windowed, rejects
+
+
+def _in_common(cut: dict[str, tuple[int, ...]], ids: Sequence[str]) -> list[Reject]:
+    """Keep the windows that all dancers of a group have, and return a reject for each of the others."""
+    common = set.intersection(*(set(cut[clip]) for clip in ids))
+    rejects = []
+    for clip in ids:
+        rejects += [
+            Reject(
+                "no_audio", clip, "", start, f"the window at frame {start}: the files of a partner do not reach it"
+            )
+            for start in cut[clip]
+            if start not in common
+        ]
+        cut[clip] = tuple(start for start in cut[clip] if start in common)
+        if not common:
+            rejects.append(
+                Reject("short_feature", clip, detail="no window lies within the files of all its partners")
+            )
+    return rejects
 
 
 def _filtered(

@@ -1,4 +1,4 @@
-"""Columns of music against what the code of TCDiff, Duolando and POPDG computed."""
+"""Columns of music against what the code of TCDiff, Duolando, POPDG, InfiniteDance and GCDance computed."""
 
 import json
 from pathlib import Path
@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from dancedata.audio.bailando54 import Bailando54
+from dancedata.audio.bailando55 import Bailando55
 from dancedata.audio.bailando438 import Bailando438
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
+from dancedata.audio.stft193 import Stft193
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -87,3 +89,69 @@ def test_duolandos_first_row_of_other_songs(shared: Path, split: str, name: str)
     rows = Bailando54().extract(song, FrameGrid.of(30))
     assert len(rows) == facts["music_rows"][name]
     assert_within_gates(Bailando54(), rows[:1], expected[None])
+
+
+#: Row 40 of the chroma, and the rows with beats, by extract_music55.py of InfiniteDance's repository (0f46a3f), with
+#: librosa 0.11, of Waltz_6_0.wav.
+CHROMA_40 = (
+    0.127705, 0.012904, 0.010634, 0.03257, 1.0, 0.026884, 0.013477, 0.030722, 0.230026, 0.141886, 0.224769, 0.614826,
+)  # fmt: skip
+BEATS = [3, 21, 40, 58, 77]
+
+
+def test_infinitedances_columns(shared: Path) -> None:
+    """They are Duolando's but for the octaves of chroma, and the tempogram at lag 0."""
+    crowd = shared / "golden" / "crowd"
+    duolandos = np.load(crowd / "duolando" / "dd100.npz")["Waltz_6_0.music54"]
+    feature = Bailando55()
+    song = load_audio(crowd / "inputs" / "dd100" / "music" / "mp3" / "all" / "Waltz_6_0.wav")
+    rows = feature.extract(song, FrameGrid.of(30))
+    assert rows.shape == (81, 55)
+    for name in ("mfcc", "mfcc_delta", "onset_envelope", "beat"):
+        part = feature.columns.slice(name)
+        np.testing.assert_allclose(rows[:, part], duolandos[:, part], rtol=0, atol=GATES[name], err_msg=name)
+    np.testing.assert_allclose(rows[40, feature.columns.slice("chroma_cqt")], CHROMA_40, rtol=0, atol=1e-4)
+    assert np.flatnonzero(rows[:, 53]).tolist() == BEATS, "column 53 is the beat"
+    np.testing.assert_array_equal(rows[:, 54], 1)
+
+
+def test_infinitedances_columns_are_bailandos(clicks: AudioSignal) -> None:
+    song = clicks.part(0, 3 * clicks.sample_rate)
+    rows = Bailando55().extract(song, FrameGrid.of(30))
+    np.testing.assert_array_equal(rows, Bailando438("nyquist").extract(song, FrameGrid.of(30))[:, :55])
+    with raises_message(UsageError):
+        Bailando55("sr")  # type: ignore[arg-type]
+
+
+#: Row 40, the first columns, of what preprocess/pre_music.py of GC_Dance (a8dde2c) writes for Waltz_6_0.wav: the real
+#: part, which its loader keeps, and the absolute value; librosa 0.11.
+REAL_40 = (0.351186, -0.313267, -0.158879, 4.336408, -8.204192, 5.841755)
+MAGNITUDE_40 = (0.351186, 0.352196, 1.699371, 4.870341, 8.218758, 5.979174)
+
+
+@pytest.mark.parametrize(("part", "expected"), [("real", REAL_40), ("magnitude", MAGNITUDE_40)])
+def test_gcdances_columns(shared: Path, part: Any, expected: tuple[float, ...]) -> None:
+    music = shared / "golden" / "crowd" / "inputs" / "dd100" / "music" / "mp3" / "all"
+    rows = Stft193(part).extract(load_audio(music / "Waltz_6_0.wav"), FrameGrid.of(30))
+    assert rows.shape == (81, 193)
+    np.testing.assert_allclose(rows[40, :6], expected, rtol=0, atol=1e-4)
+
+
+def test_a_tone_is_in_its_column() -> None:
+    """Columns are 40 Hz apart at 30 rows per second; a window of 384 samples at each hop of 512, from the first."""
+    rate, samples = 15_360, np.arange(15_360 * 2)
+    tone = AudioSignal(np.sin(2 * np.pi * 1_000 / rate * samples).astype(np.float32), rate)
+    rows = Stft193("magnitude").extract(tone, FrameGrid.of(30))
+    assert rows.shape == (61, 193)
+    assert set(rows[1:-1].argmax(axis=1)) == {25}
+    np.testing.assert_allclose(rows[1:-1].max(axis=1), 384 / 4, rtol=1e-3)
+    gap = np.zeros(rate * 2, np.float32)
+    gap[512 * 7 + 200 : 512 * 7 + 300] = 1  # between the windows of two rows
+    assert not Stft193().extract(AudioSignal(gap, rate), FrameGrid.of(30)).any()
+
+
+def test_what_stft193_refuses() -> None:
+    with raises_message(UsageError):
+        Stft193("imaginary")  # type: ignore[arg-type]
+    with raises_message(UsageError):
+        Stft193().n_rows(48_000, 48_000, FrameGrid.of("30000/1001"))

@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 
 import dancedata
 from dancedata.core.bodies import SMPLX22
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.datasets.infinitedance import InfiniteDance
-from dancedata.datasets.infinitedance.example import FIRST_CODES, write_example
-from dancedata.datasets.infinitedance.motion import load_columns, load_fit
+from dancedata.datasets.infinitedance.motion import FIRST_CODES, load_columns, load_fit, write_example
 from dancedata.datasets.infinitedance.reader import (
     COLUMNS_FOLDER,
     FITS_FOLDER,
@@ -263,12 +262,17 @@ def test_bad_fits(source: Path, case: str) -> None:
 
 def test_files_that_run_code_are_refused(source: Path, unpickled_marker: Any) -> None:
     marker, attack = unpickled_marker
+    content = fit_of(source)
     path = source / FITS_FOLDER / f"{OWN}.pkl"
     path.write_bytes(attack())
     with pytest.raises(DataError) as caught:
         load_fit(path)
     assert caught.value.reason == "unsafe_pickle"
     assert not marker.exists()
+    path.write_bytes(joblib_bytes({**content, "transl": Rotation.identity()}))
+    with pytest.raises(DataError) as caught:
+        load_fit(path)
+    assert caught.value.reason == "unsafe_pickle"
 
 
 # ---- columns
@@ -378,6 +382,10 @@ def test_rows_of_muq(source: Path, build: Callable[..., Store]) -> None:
     assert [clip.id for clip in store.clips] == [TEST]
     assert {row["clip"] for row in store.rejects if row["reason"] == "missing_feature"} == {OWN, LIVE, AIST}
     np.testing.assert_array_equal(store.clip(TEST).read("file.muq"), np.load(source / MUQ_FOLDER / f"{TEST}.npy"))
+    # 25 rows per second, not the 30 that InfiniteDance's README names.
+    thirty = {**muq, "rate": 30, "fps": 30}
+    with pytest.raises(StoreError, match="feature_length"):
+        build(**{"file.muq": thirty})
 
 
 def test_tokens_that_are_not_of_the_codebook(source: Path, build: Callable[..., Store]) -> None:

@@ -92,8 +92,9 @@ def test_its_joints_of_the_columns(arrays: dict[str, np.ndarray], clip: str) -> 
     np.testing.assert_allclose(MADE.positions(columns), recovered, rtol=0, atol=TOLERANCE)
     decoded = MADE.decode(columns, FrameGrid.of(30))
     np.testing.assert_allclose(decoded.joints(), recovered, rtol=0, atol=TOLERANCE)
-    # The running angle is of no effect.
-    columns[:, group("root_angle")] = 7
+    # What its code does not read either: the running angle, rotations, velocities, contacts.
+    for name in ("root_angle", "rotation_6d_columns", "local_velocity", "foot_contact"):
+        columns[:, group(name)] = 7
     np.testing.assert_array_equal(MADE.decode(columns, FrameGrid.of(30)).joints(), decoded.joints())
 
 

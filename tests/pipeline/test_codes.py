@@ -21,8 +21,9 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.describe import describe_store
+from dancedata.pipeline.plan import make_plan
 from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, WindowDataset, pad_clips
-from dancedata.recipes.parse import parse_recipe
+from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.report import write_report
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message
@@ -158,6 +159,92 @@ def test_rows_without_a_code_are_not_counted(
     assert set(build().stats["fields"]["file.tokens"]) == {"n", "min", "max"}
 
 
+def test_bytes(source: Path, build: Callable[..., Store]) -> None:
+    rows = codes("a")
+    rows[7] = 255
+    np.save(source / "tokens" / "a.npy", rows.astype(np.uint16))
+    book = {"name": "vq", "sizes": list(SIZES), "pad": 255}
+    store = build({"dtype": "uint8", "first_codes": [], "codebook": book}, dataset={"coded": {"clips": ["a"]}})
+    read = store.clip("a").read("file.tokens")
+    assert read.dtype == np.uint8
+    np.testing.assert_array_equal(read, rows)
+
+
+def test_other_first_codes_are_other_rows(build: Callable[..., Store]) -> None:
+    """From one cache: the codebook is part of the key."""
+    book = {"codebook": {"name": "vq", "sizes": [size + 1 for size in SIZES]}}
+    np.testing.assert_array_equal(build(book).clip("a").read("file.tokens"), codes("a"))
+    one_less = {**book, "first_codes": [first - 1 for first in FIRST]}
+    np.testing.assert_array_equal(build(one_less).clip("a").read("file.tokens"), codes("a") + 1)
+
+
+def test_codes_at_the_nearest_row(build: Callable[..., Store]) -> None:
+    """Rates are changed by repeating codes, not by averaging them; of two the later."""
+    store = build({"fps": 30, "resample": "nearest"})
+    rows = store.clip("a").read("file.tokens")
+    nearest = np.minimum((np.arange(4 * ROWS) + 2) // 4, ROWS - 1)
+    np.testing.assert_array_equal(rows[: 4 * ROWS], codes("a")[nearest])
+    assert (rows[4 * ROWS :] == -1).all(), "two frames beyond the file"
+    assert len(rows) == N
+
+
+def test_files_that_end_before_the_clip(source: Path, build: Callable[..., Store]) -> None:
+    """Within the tolerance codes are filled up with the pad; windows there are left out, as for any file."""
+    save(source, "a", ROWS - 2)
+    store = build(
+        {"tolerance_s": "1/2"}, dataset={"coded": {"clips": ["a"]}}, windows={"length_s": 2, "stride_s": "2/15"}
+    )
+    rows = store.clip("a").read("file.tokens")
+    np.testing.assert_array_equal(rows, [*codes("a", ROWS - 2), *[[-1] * WIDTH] * 2])
+    assert store.windows("train")[-1].start + 60 == 4 * (ROWS - 2)
+    assert sum(row["reason"] == "no_audio" for row in store.rejects) == 2
+
+
+def test_windows_of_a_group_are_those_that_all_files_reach(source: Path, build: Callable[..., Store]) -> None:
+    save(source, "g_p1", ROWS - 2)
+    store = build({"tolerance_s": "1/2"}, windows={"length_s": 2, "stride_s": "2/15"})
+    starts = {clip: [w.start for w in store.windows("train") if w.clip == clip] for clip in RECORDS}
+    assert starts["g_p0"] == starts["g_p1"] == starts["a"][:-2]
+    lost = [(row["clip"], row["window"], row["reason"]) for row in store.rejects]
+    assert sorted(lost) == [(clip, start, "no_audio") for clip in ("g_p0", "g_p1") for start in starts["a"][-2:]]
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_a_plan_counts_what_a_build_stores(
+    source: Path, build: Callable[..., Store], cache: Path, scope: str
+) -> None:
+    save(source, "a", ROWS - 2)
+    keys = {"scope": scope, "dataset": {"coded": {"clips": ["a"]}}}
+    changes = {"tolerance_s": "1/2"}
+    plan = make_plan(load_recipe(document(changes, **keys)), source, cache=cache)
+    assert plan.to_json()["fields"]["file.tokens"] == {"columns": 3, "dtype": "int16"}
+    store = build(changes, **keys)
+    assert plan.to_json()["splits"]["train"]["windows"] == len(store.windows("train")) == 3
+    again = make_plan(load_recipe(document(changes, **keys)), source, cache=cache)
+    assert again.cached["file.tokens"].cached == 1
+
+
+@pytest.mark.parametrize("incomplete", ["set_aside", "keep"])
+def test_a_dancer_with_a_bad_file_is_not_stored(source: Path, build: Callable[..., Store], incomplete: str) -> None:
+    np.save(source / "tokens" / "g_p1.npy", np.full(3 * ROWS, 9999))
+    kept = ["a"] if incomplete == "set_aside" else ["a", "g_p0"]
+    assert [clip.id for clip in build(groups={"incomplete": incomplete}).clips] == kept
+    save(source, "g_p1", ROWS - 9)
+    store = build(groups={"incomplete": incomplete})
+    assert [clip.id for clip in store.clips] == kept
+    assert ("g_p1", "feature_length") in [(row.get("clip"), row["reason"]) for row in store.rejects]
+
+
+def test_real_rows_of_motion_last_as_long_as_it(source: Path, build: Callable[..., Store]) -> None:
+    real = {"dtype": "float32", "codebook": None, "first_codes": [], "rate": 30, "fps": 30}
+    for clip in RECORDS:
+        np.save(source / "tokens" / f"{clip}.npy", np.ones((N + (1 if clip == "a" else 0), WIDTH)))
+    assert build(real).clip("a").read("file.tokens").shape == (N, WIDTH)
+    np.save(source / "tokens" / "a.npy", np.ones((N - 1, WIDTH)))
+    store = build(real)
+    assert [(row["clip"], row["reason"]) for row in store.rejects] == [("a", "feature_length")]
+
+
 def test_codes_of_music_are_shared(source: Path, build: Callable[..., Store]) -> None:
     save(source, "m")
     store = build({"of": "music", "path": "tokens/{music}.npy"})
@@ -227,7 +314,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "width": (np.full((ROWS, 2), 4096), "bad_shape"),
     "real": (np.full((ROWS, 3), 4096.0), "bad_dtype"),
     "empty": (np.zeros(0, np.int64), "empty"),
-    "short": (np.array([4096, 4104, 4112] * (ROWS - 1)), "feature_length"),
+    "short": (np.array([4096, 4104, 4112] * (ROWS - 5)), "feature_length"),
 }
 
 

@@ -129,7 +129,7 @@ class Bailando438(AudioFeature):
         return self._rows(resample(signal.samples, signal.sample_rate, rate), rate, fmax)
 
     def _rows(self, samples: Floats, rate: int, onset_fmax: float) -> Floats:
-        return _compute(samples, rate, onset_fmax)
+        return compute(samples, rate, onset_fmax, 7 if rate == RATE_OF_SEVEN_OCTAVES else 5)
 
     @override
     def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
@@ -156,13 +156,13 @@ def compile_kernels() -> None:
     noise = np.random.default_rng(0).standard_normal(RATE_OF_SEVEN_OCTAVES).astype(np.float32)
     noise[:: RATE_OF_SEVEN_OCTAVES // 4] = 10.0
     with compiling():
-        _compute(noise, RATE_OF_SEVEN_OCTAVES, RATE_OF_SEVEN_OCTAVES / 2)
+        compute(noise, RATE_OF_SEVEN_OCTAVES, RATE_OF_SEVEN_OCTAVES / 2, 7)
 
 
-def _compute(samples: Floats, rate: int, onset_fmax: float) -> Floats:
+def compute(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floats:
+    """Compute all columns, (T, 438); parameters as of `first_columns`."""
     import librosa
 
-    octaves = 7 if rate == RATE_OF_SEVEN_OCTAVES else 5
     first = first_columns(samples, rate, onset_fmax, octaves)
     with _known_warnings():
         envelope = first[:, N_MFCC + N_MFCC + N_CHROMA]

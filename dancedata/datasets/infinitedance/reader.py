@@ -184,7 +184,7 @@ class InfiniteDance(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.infinitedance.example import write_example
+        from dancedata.datasets.infinitedance.motion import write_example
 
         write_example(Path(folder))
 
