@@ -54,6 +54,11 @@ class Spatial:
     up: Literal["y", "z"]
     roles: Mapping[str, Role] = field(default_factory=lambda: MappingProxyType({}))
 
+    @property
+    def placeless(self) -> bool:
+        """Whether the columns hold neither place nor facing: those of two dancers anywhere are equal."""
+        return set(self.roles.values()) == {"unchanged"}
+
     def check(self, columns: Columns) -> None:
         """Raise UsageError unless every group of the columns has a role that fits its width."""
         if set(self.roles) != set(columns.names):

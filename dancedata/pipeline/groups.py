@@ -74,7 +74,7 @@ def require_places(recipe: Recipe) -> None:
     beside = {field.grid for field in recipe.motion if field.representation.name == "root_place"}
     for field in recipe.motion:
         spatial = field.representation.spatial
-        if spatial is not None and set(spatial.roles.values()) == {"unchanged"} and field.grid not in beside:
+        if spatial is not None and spatial.placeless and field.grid not in beside:
             raise UsageError(
                 f"the representation {field.representation.name} cannot hold groups: its columns have no places",
                 where=f"motion.{field.name}",
