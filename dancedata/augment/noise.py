@@ -130,6 +130,11 @@ def _decodable(field: SampleField) -> Representation:
             f"the columns of {representation.name} do not determine the angles of the joints",
             fix="leave the field out, or store copies: augment: {noise: {}} in a recipe",
         )
+    if representation.spatial is not None and representation.spatial.placeless and not representation.positions_only:
+        raise UsageError(
+            f"a window of {representation.name} begins with the way from the frame before, which decoding loses",
+            fix="leave the field out, or store copies: augment: {noise: {}} in a recipe",
+        )
     if representation.grounded and type(representation).reencode is Representation.reencode:
         raise UsageError(
             f"the representation {representation.name} cannot be encoded again at the same height",

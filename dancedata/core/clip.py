@@ -58,6 +58,8 @@ class ClipRef:
         Second of the audio file at frame 0, exact; negative where the music begins later.
     source_start, source_end
         Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
+    licence, citation
+        Terms of this clip, where clips of the source have different ones; "" for those of the dataset.
     segments
         Spans and instants of the clip that the source states.
     feature_paths
@@ -86,6 +88,8 @@ class ClipRef:
     audio_start: Fraction = Fraction(0)
     source_start: Fraction | None = None
     source_end: Fraction | None = None
+    licence: str = ""
+    citation: str = ""
     segments: tuple[Segment, ...] = field(default=(), compare=False, repr=False)
     feature_paths: tuple[tuple[str, Path], ...] = ()
 

@@ -56,7 +56,7 @@ class Spatial:
 
     @property
     def placeless(self) -> bool:
-        """Whether no column depends on where the dancer is and where he faces."""
+        """Whether the columns hold neither place nor facing: those of two dancers anywhere are equal."""
         return set(self.roles.values()) == {"unchanged"}
 
     def check(self, columns: Columns) -> None:

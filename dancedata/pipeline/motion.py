@@ -144,14 +144,14 @@ class MotionKeys:
         """
         stage: dict[str, Any] = {}
         if group:
-            stage["group"] = [[other.id, other.declared, of_file] for other, of_file in group]
+            stage["group"] = [[*_identity(other), of_file] for other, of_file in group]
         body = self._recipe.dataset.body_of(ref)
         if self._retarget is not None:
             stage["retarget"] = self._retarget.key(grouped=bool(ref.group))
             body = SKELETONS[self._retarget.skeleton]
 
         def key(common: str, **crossing: int) -> str:
-            return Cache.key("clip", common=common, clip=[ref.id, ref.declared], file=sha256, **stage, **crossing)
+            return Cache.key("clip", common=common, clip=_identity(ref), file=sha256, **stage, **crossing)
 
         crossing = {clip_field.name for clip_field in self._recipe.clip_fields if _crosses(clip_field, body)}
         fields = {
@@ -159,6 +159,12 @@ class MotionKeys:
             for name, common in self._fields.items()
         }
         return ClipKeys(key(self._clip), fields, self._content)
+
+
+def _identity(ref: ClipRef) -> list[Any]:
+    """Return all of a clip that `load` reads, except its file."""
+    part = (ref.source_start, ref.source_end)
+    return [ref.id, ref.declared, *([[str(second) for second in part]] if any(part) else [])]
 
 
 def encode_motion(

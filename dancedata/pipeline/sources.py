@@ -57,6 +57,7 @@ class SourceClip:
             "source": [str(t) for t in (ref.source_start, ref.source_end)]
             if ref.source_end or ref.source_start
             else None,
+            "terms": [ref.licence, ref.citation] if ref.licence or ref.citation else None,
             "segments": json_sha256([repr(s) for s in ref.segments]) if ref.segments else None,
             "files": sorted((name, file.sha256) for name, file in self.files.items()),
         }

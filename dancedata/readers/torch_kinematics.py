@@ -192,8 +192,9 @@ def decode(columns: Tensor, representation: str | Representation) -> Poses:
     Parameters
     ----------
     columns
-        (..., D), not normalised. Six columns need not be orthonormal: Gram-Schmidt turns them into a rotation. The
-        nine of fact219 are taken as they are: project a network's output to the nearest rotations first.
+        (..., D), or (..., T, D) where the root's path is a sum (lda61), not normalised. Six columns need not be
+        orthonormal: Gram-Schmidt turns them into a rotation. The nine of fact219 are taken as they are: project a
+        network's output to the nearest rotations first.
     representation
         Name of a registered representation, or a representation with parameters.
 
@@ -210,6 +211,8 @@ def decode(columns: Tensor, representation: str | Representation) -> Poses:
     """
     plugin = _plugin(columns, representation)
     layout = plugin.columns
+    if "root_way" in layout.names:
+        return _walked(working(columns), plugin)
     kind = next((name for name in _ROWS if name in layout.names), None)
     if kind is None or "translation" not in layout.names:
         raise UsageError(
@@ -238,8 +241,8 @@ def joints(columns: Tensor, representation: str | Representation, skeleton: Skel
     Parameters
     ----------
     columns
-        (..., D), not normalised. (..., T, D) where the root's path is a sum of steps (HumanML3D): the path begins at
-        the origin in the first of the T rows.
+        (..., D), not normalised. (..., T, D) where the root's path is a sum of steps (HumanML3D, lda61): the path
+        begins at the origin in the first of the T rows.
     representation
         Name of a registered representation, or a representation with parameters.
     skeleton
@@ -297,6 +300,26 @@ def _on_the_path(columns: Tensor, layout: Columns) -> Tensor:
     east, south = _turned(relative[..., 0], relative[..., 2], facing.to(columns.dtype))
     root = torch.stack([x, height, z], dim=-1)
     return torch.cat([root, torch.stack([east + x, relative[..., 1], south + z], dim=-1)], dim=-2)
+
+
+def _walked(columns: Tensor, plugin: Representation) -> Poses:
+    """Return the poses of LDA's columns (..., T, D), whose ways and turns lead to a row; sums in float64."""
+    layout, skeleton = plugin.columns, plugin.skeleton
+    turn, way, height = (columns[..., layout.slice(name)] for name in ("root_turn", "root_way", "root_height"))
+    facing = torch.cat([torch.zeros_like(turn[..., :1, 0]), turn[..., 1:, 0]], dim=-1).double().cumsum(-1)
+    ahead = torch.cat([torch.zeros_like(way[..., :1, :]), way[..., 1:, :]], dim=-2).double()
+    x, z = (axis.cumsum(-1).to(columns.dtype) for axis in _turned(ahead[..., 0], ahead[..., 1], facing))
+    translation = torch.stack([x, height[..., 0], z], dim=-1) / 100 - columns.new_tensor(skeleton.offsets[0])
+    angles = columns[..., layout.slice("axis_angle")]
+    held = matrix_from_rotvec(angles.reshape(*angles.shape[:-1], -1, 3))
+    upright = torch.stack([torch.zeros_like(facing), facing, torch.zeros_like(facing)], dim=-1).to(columns.dtype)
+    parts = next(group.parts for group in layout.groups if group.name == "axis_angle")
+    joints = {part.rpartition(".")[0]: None for part in parts}
+    local = dict(zip(joints, held.unbind(-3), strict=True))
+    local[skeleton.joints[0]] = matrix_from_rotvec(upright) @ local[skeleton.joints[0]]
+    still = torch.eye(3, dtype=columns.dtype, device=columns.device).expand_as(held[..., 0, :, :])
+    matrices = torch.stack([local.get(name, still) for name in skeleton.joints], dim=-3)
+    return Poses(skeleton, translation, matrices)
 
 
 def _turned(x: Tensor, z: Tensor, angle: Tensor) -> tuple[Tensor, Tensor]:

@@ -83,6 +83,19 @@ def packed_positions(motion: Motion) -> npt.NDArray[np.float32]:
     return motion.joints().reshape(motion.n_frames, -1).astype(np.float32)
 
 
+def on_floor(directions: Float64Array, least: float) -> Float64Array:
+    """Return directions on the floor, (T, 2) as x and z, as unit vectors.
+
+    Where one is shorter than `least`, the last one before it, at the beginning the first one; +Z if there is none.
+    """
+    length = np.linalg.norm(directions, axis=1)
+    directed = np.flatnonzero(length > least)
+    if not len(directed):
+        return np.tile([0.0, 1.0], (len(directions), 1))
+    last = directed[np.maximum(np.searchsorted(directed, np.arange(len(directions)), side="right") - 1, 0)]
+    return np.asarray(directions[last] / length[last, None])
+
+
 def required_rule(rule: ContactRule | None, name: str) -> ContactRule:
     """Return the contact rule; UsageError if it is None."""
     if rule is None:

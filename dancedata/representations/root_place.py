@@ -117,10 +117,5 @@ def facing(joints: Float64Array, skeleton: Skeleton) -> Float64Array:
         raise UsageError(f"skeleton {skeleton.name} has no {', '.join(missing)}", fix="use a body of the SMPL family")
     pairs = [(joints[:, skeleton.index(left)], joints[:, skeleton.index(right)]) for left, right in _ACROSS]
     across = np.sum([left - right for left, right in pairs], axis=0)
-    forward = np.stack([-across[:, 2], np.zeros(len(across)), across[:, 0]], axis=1)
-    length = np.linalg.norm(forward, axis=1)
-    directed = np.flatnonzero(length > _LEAST_M)
-    if not len(directed):
-        return np.tile([0.0, 0.0, 1.0], (len(forward), 1))
-    last = directed[np.maximum(np.searchsorted(directed, np.arange(len(forward)), side="right") - 1, 0)]
-    return np.asarray(forward[last] / length[last, None])
+    forward = np.stack([-across[:, 2], across[:, 0]], axis=1)
+    return np.insert(parts.on_floor(forward, _LEAST_M), 1, 0.0, axis=1)

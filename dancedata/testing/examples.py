@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.bodies import has_body
 from dancedata.core.columns import Columns
 from dancedata.core.dance import Dance, MusicBeats
 from dancedata.core.grid import FrameGrid
@@ -75,9 +76,9 @@ def example_fields() -> list[ExampleField]:
         representation, rule = REPRESENTATIONS.get(name)(), contact_rule_of(REPRESENTATIONS.get(name)())
         grid = FPS if representation.rate is None else FrameGrid(representation.rate)
         sample_field = SampleField(name, "motion", representation.columns, grid, representation, rule)
-        fields.append(
-            ExampleField(name, "motion", representation.columns, representation.encode(motion, rule), sample_field)
-        )
+        body = representation.skeleton
+        rows = representation.encode(motion if has_body(body) else random_motion(body, 40, turn_rad=0.5), rule)
+        fields.append(ExampleField(name, "motion", representation.columns, rows, sample_field))
     for name in KEYMOTIONS.names():
         finder = KEYMOTIONS.get(name)()
         sample_field = SampleField(name, "keymotion", finder.columns, FPS)

@@ -8,11 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import dancedata
 from dancedata.core.bodies import MOTORICA21
 from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.grid import FrameGrid
 from dancedata.datasets.motorica import Motorica
+from dancedata.datasets.motorica.labels import write_example as write_labels
 from dancedata.datasets.motorica.motion import load_motion, write_example, write_recording
 from dancedata.datasets.motorica.names import IN_BOTH, TEST, parse_name
+from dancedata.representations.lda61 import Lda61
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
 
@@ -149,6 +153,65 @@ def test_trims(tmp_path: Path) -> None:
         long.load(long.scan(tmp_path).clips[0])
 
 
+def test_two_takes(tmp_path: Path) -> None:
+    write_example(tmp_path, ((JAZZ, "mJB2", 0.0),), dance_s=2, pose_s=1)
+    write_labels(tmp_path, JAZZ)
+    reader = Motorica(takes="both", trim_s=1, audio_start={JAZZ: 0.5})
+    scan = reader.scan(tmp_path)
+    first, second = scan.clips
+    assert (first.id, second.id) == (f"{JAZZ}_00", f"{JAZZ}_01")
+    assert (second.source_start, second.source_end) == (1 + Fraction(1, 60), 3)
+    assert (first.audio_start, second.audio_start) == (Fraction(3, 2), Fraction(3, 2) + Fraction(1, 60))
+    assert [a.start - b.start for a, b in zip(first.segments, second.segments, strict=True)] == [Fraction(1, 60)] * 4
+    assert "states the offset of 1 clip." in notes(scan)
+    assert "NAME_01 begins 1/60 s later" in notes(scan)
+    thirty, whole = FrameGrid.of(30), Motorica().load(Motorica().scan(tmp_path).clips[0])
+    for clip, begin in ((first, 120), (second, 122)):
+        motion = reader.load(clip).resampled(thirty)
+        np.testing.assert_array_equal(motion.rotations, whole.rotations[begin:360:4])
+
+
+def test_another_trim_is_other_motion(tmp_path: Path) -> None:
+    """The same clip, file and cache."""
+    write_example(tmp_path / "source", ((JAZZ, "mJB2", 0.0),), dance_s=6, pose_s=1)
+    for trim, n_frames in ((0, 240), (1, 180)):
+        overrides = [f"dataset.motorica.trim_s={trim}", "audio={}"]
+        options = {"overrides": overrides, "cache": tmp_path / "cache", "jobs": 1, "progress": False}
+        dancedata.build("motorica", tmp_path / "source", tmp_path / f"{trim}", **options)
+        with dancedata.open(tmp_path / f"{trim}") as store:
+            assert [clip.n_frames for clip in store.clips] == [n_frames]
+
+
+def test_numbers_of_genres_are_ldas() -> None:
+    assert list(Motorica().genre_ids.items()) == [
+        ("casual", 0), ("charleston", 1), ("jazz", 2), ("krump", 3), ("hiphop", 4), ("locking", 5), ("popping", 6),
+        ("tap", 7),
+    ]  # fmt: skip
+
+
+def test_a_dataset_in_ldas_columns(tmp_path: Path) -> None:
+    write_example(tmp_path / "source", ((JAZZ, "mJB2", 0.0), (TAP, "mJS1", 0.0)), dance_s=6, pose_s=1)
+    overrides = ["dataset.motorica.trim_s=1"]
+    dancedata.build(
+        "motorica-lda", tmp_path / "source", tmp_path / "out", overrides=overrides, cache=tmp_path / "cache", jobs=1,
+        progress=False,
+    )  # fmt: skip
+    with dancedata.open(tmp_path / "out") as store:
+        ids = {f"{JAZZ}_0{k}{copy}" for k in (0, 1) for copy in ("", "__mirror")} | {f"{TAP}_00", f"{TAP}_01"}
+        assert {clip.id for clip in store.clips} == ids
+        assert [clip.split for clip in store.clips if clip.id.startswith(TAP)] == ["test", "test"]
+        rows = {name: store.read_clip(name, "lda61") for name in ids}
+        assert rows[f"{JAZZ}_00"].shape == rows[f"{JAZZ}_01"].shape == (180, 61)
+        image = Lda61().columns.mirror.apply(rows[f"{JAZZ}_01"])
+        np.testing.assert_array_equal(rows[f"{JAZZ}_01__mirror"], image)
+        assert len(store.windows_of(f"{JAZZ}_00")) == 180 - 165 + 1
+        assert store.read_clip(f"{JAZZ}_01", "librosa35").shape == (180, 35)
+        train = np.concatenate([rows[name] for name in sorted(ids) if name.startswith(JAZZ)])
+        np.testing.assert_allclose(
+            store.stats["fields"]["lda61"]["std"], train.std(axis=0, dtype=float), rtol=1e-4, atol=1e-6
+        )
+
+
 def test_other_folders(tmp_path: Path) -> None:
     with raises_message(SourceError):
         Motorica().scan(tmp_path / "nothing")
@@ -157,7 +220,9 @@ def test_other_folders(tmp_path: Path) -> None:
         Motorica().scan(tmp_path)
 
 
-@pytest.mark.parametrize("bad", [{"split": "official_clean"}, {"trim_s": -1}, {"fingers": "no"}, {"music": "none"}])
+@pytest.mark.parametrize(
+    "bad", [{"split": "official_clean"}, {"trim_s": -1}, {"fingers": "no"}, {"music": "none"}, {"takes": "two"}]
+)
 def test_invalid_parameters(bad: dict[str, object]) -> None:
     with raises_message(UsageError):
         Motorica(**bad)  # type: ignore[arg-type]

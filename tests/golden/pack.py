@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import lzma
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -45,6 +46,8 @@ CLIPS = ("5s", "odd", "short", "silence", "stereo48k")
 N_CODES = 1722
 DUET = "Waltz_5_0"
 INFINITE = "my clip 2 (live)"
+#: A recording of Motorica, and the rows of each take that are kept.
+KRUMP, LDA_ROWS = "kthstreet_gKR_sFM_cAll_d01_mKR_ch01", 14
 HUMANML = "gHO_sBM_cAll_d19_mHO3_ch07"
 BAILANDO = "gHO_sBM_cAll_d17_mHO1_ch01.7.5fps"
 
@@ -354,6 +357,19 @@ def pack_scores(crowd: Path, out: Path) -> None:
     save(out / "scores.npz", arrays | {name: np.array(value) for name, value in numbers.items()})
 
 
+def pack_lda(crowd: Path, out: Path) -> None:
+    """Keep the first frames of a recording of Motorica, as text, and LDA's columns of them, also mirrored."""
+    text = (crowd / "inputs" / "motorica" / "bvh" / f"{KRUMP}.bvh").read_text()
+    head, rows = text.split("Frame Time: 0.008333\n")
+    rows = rows.splitlines()[: 4 * LDA_ROWS]
+    head = re.sub(r"Frames:.*", f"Frames: {len(rows)}", head)
+    arrays = load(crowd / "motorica" / "expmap61.npz")
+    takes = {f"{take}{mirrored}": arrays[f"{KRUMP}_{take}{mirrored}"][:LDA_ROWS]
+             for take in ("00", "01") for mirrored in ("", "_mirrored")}  # fmt: skip
+    bvh = f"{head}Frame Time: 0.008333\n" + "".join(f"{row}\n" for row in rows)
+    save(out / "lda.npz", {"bvh": np.frombuffer(bvh.encode(), np.uint8), **takes})
+
+
 def pack_stream(crowd: Path, out: Path) -> None:
     """Keep the label files of Motorica++ that STREAM's code read, as text, and what it made of them."""
     inputs = crowd / "inputs" / "motorica_pp"
@@ -387,6 +403,7 @@ def main(golden: Path, out: Path) -> None:
     pack_bailando(golden / "bailando438", out / "bailando438")
     pack_humanml(golden / "humanml263", out / "humanml263")
     pack_crowd(golden / "crowd", out / "crowd")
+    pack_lda(golden / "crowd", out / "crowd")
     pack_stream(golden / "crowd", out / "crowd")
     pack_keys(golden.parent / "jukebox_keys.csv", out / "jukebox")
     sizes = {path: path.stat().st_size for path in sorted(out.rglob("*")) if path.is_file()}

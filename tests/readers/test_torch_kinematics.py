@@ -166,6 +166,19 @@ def test_a_path_that_is_a_sum_of_steps() -> None:
     assert torch.autograd.gradcheck(lambda x: joints(x, Paths()), few, fast_mode=True)
 
 
+def test_ldas_ways_and_turns() -> None:
+    made = REPRESENTATIONS.get("lda61")()
+    columns = np.stack([columns_of("lda61", seed) for seed in (0, 1)])
+    wanted = [made.decode(rows, THIRTY) for rows in columns]
+    found = decode(torch.from_numpy(columns), "lda61")
+    assert found.skeleton is made.skeleton
+    np.testing.assert_allclose(found.translation, [m.translation for m in wanted], atol=1e-5)
+    np.testing.assert_allclose(found.matrices, [m.matrices for m in wanted], atol=1e-5)
+    np.testing.assert_allclose(joints(torch.from_numpy(columns), made), [m.joints() for m in wanted], atol=2e-5)
+    few = torch.from_numpy(columns[:, :3].astype(np.float64)).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: joints(x, made), few, fast_mode=True)
+
+
 def test_edges_root_is_another_skeleton() -> None:
     columns = columns_of("edge151")
     wanted = REPRESENTATIONS.get("edge151")().decode(columns, THIRTY).joints(SMPL24_EDGE)

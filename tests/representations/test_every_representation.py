@@ -15,9 +15,12 @@ from dancedata.core.skeleton import Skeleton
 
 THIRTY = FrameGrid.of(30)
 NAMES = REPRESENTATIONS.names()
-#: Those that decode to the motion itself; others only to one with the same positions, on their own body.
+#: Those that decode to the motion itself; others only to one with the same positions, on their own body, or from
+#: another place.
 DECODED = [
-    name for name in NAMES if REPRESENTATIONS.get(name).decodes and not REPRESENTATIONS.get(name).positions_only
+    name
+    for name, made in ((name, REPRESENTATIONS.get(name)) for name in NAMES)
+    if made.decodes and not made.positions_only and not (made.spatial is not None and made.spatial.placeless)
 ]
 ON_OWN_BODY = [name for name in NAMES if not REPRESENTATIONS.get(name).positions_only]
 #: Those whose joints are known: of others the mirror is proved by the reflected motion alone.

@@ -59,7 +59,7 @@ def test_every_representation_that_has_joints_is_tested() -> None:
     from dancedata.core.registry import REPRESENTATIONS
 
     tested = {"edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints", "fact219", "bailando72"}
-    assert set(REPRESENTATIONS.names()) == tested | {"humanml263", "humanml264", "root_place"}
+    assert set(REPRESENTATIONS.names()) == tested | {"humanml263", "humanml264", "lda61", "root_place"}
 
 
 def test_a_dancer_far_away_takes_a_coarser_unit() -> None:

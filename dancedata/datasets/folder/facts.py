@@ -134,6 +134,8 @@ class Declared:
         A name in UNITS, "guess", or metres per unit as text.
     person
         The file's own name for one of its people.
+    joint_map
+        SMPL joint -> name in the BVH, as JSON.
     """
 
     fps: str | None = None
@@ -142,6 +144,7 @@ class Declared:
     layout: str | None = None
     gender: str | None = None
     person: str | None = None
+    joint_map: str | None = None
 
     @property
     def rate(self) -> Fraction | None:

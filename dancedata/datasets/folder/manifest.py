@@ -2,25 +2,29 @@
 
 import csv
 import io
+import json
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.clip import ColumnValue
 from dancedata.core.errors import SourceError, StoreError, closest, did_you_mean
 from dancedata.core.text import csv_text, quoted, shown
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.datasets.folder.facts import Declared
+from dancedata.datasets.folder.manifest_values import FREE, SECONDS, check_free_names, joint_map, seconds, typed
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 
 MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "music", "dancer", "tempo_bpm")
-_DECLARED = ("fps", "up", "unit", "layout", "gender", "person")
-COLUMNS = (*_ABOUT, *_DECLARED)
+_DECLARED = ("fps", "up", "unit", "layout", "gender", "person", "joint_map")
+COLUMNS = (*_ABOUT, *_DECLARED, *SECONDS, "licence", "citation")
 #: Enough for a hundred thousand clips.
 MAX_BYTES = 1 << 24
 MAX_LINE = 1 << 16
@@ -42,11 +46,17 @@ class Row:
         The cells that are not empty, by column.
     declared
         The declarations for the motion file.
+    seconds
+        The columns of seconds that it has, exactly.
+    columns
+        Its free columns, without the prefix.
     """
 
     line: int
     values: Mapping[str, str]
     declared: Declared
+    seconds: Mapping[str, Fraction] = field(default_factory=dict)
+    columns: Mapping[str, ColumnValue] = field(default_factory=dict)
 
     def get(self, column: str) -> str:
         """Return the value of a column, "" if it is empty."""
@@ -75,7 +85,11 @@ def read_manifest(path: Path) -> list[Row]:
         if len(line) > MAX_LINE:
             raise _bad(path, number, "a line is too long", f"{len(line):,} characters", f"at most {MAX_LINE:,}")
     lines = _csv(path, text) if path.suffix == ".csv" else _jsonl(path, text)
-    rows = [_row(path, line, values) for line, values in lines]
+    read = list(lines)
+    free = [{name.removeprefix(FREE): value for name, value in v.items() if name.startswith(FREE)} for _, v in read]
+    known = [(line, {c: v for c, v in values.items() if not c.startswith(FREE)}) for line, values in read]
+    columns = typed(free, [partial(_bad, path, line) for line, _ in read], written=path.suffix == ".csv")
+    rows = [_row(path, line, values, of_row) for (line, values), of_row in zip(known, columns, strict=True)]
     if not rows:
         raise _bad(path, None, "the manifest contains no clip", "no line", "one line per clip")
     _check_unique(path, rows)
@@ -105,7 +119,7 @@ def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> P
     raise _bad(manifest, line, f"{column} is outside the source folder", found, allowed, fix)
 
 
-def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
+def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yield the lines by column; the delimiter is the most frequent candidate in the first line."""
     head = text.partition("\n")[0]
     delimiter = max(_DELIMITERS, key=head.count)
@@ -129,7 +143,7 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
         raise _bad(path, reader.line_num, "not valid CSV", str(error), "cells separated by commas") from error
 
 
-def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
+def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, Any]]]:
     for number, line in enumerate(text.split("\n"), start=1):
         if not line.strip():
             continue
@@ -140,7 +154,8 @@ def _jsonl(path: Path, text: str) -> Iterator[tuple[int, dict[str, str]]]:
         if not isinstance(obj, dict):
             raise _bad(path, number, "not a JSON object", f"{type(obj).__name__}", '{"id": ..., "motion": ...}')
         _check_columns(path, number, list(obj))
-        yield number, {key: _text(path, number, key, value) for key, value in obj.items() if value not in (None, "")}
+        stated = {key: value for key, value in obj.items() if value not in (None, "")}
+        yield number, {k: v if k.startswith(FREE) else _text(path, number, k, v) for k, v in stated.items()}
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -155,6 +170,8 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
         return value.strip()
     if type(value) in (int, float):
         return repr(value)
+    if key == "joint_map" and isinstance(value, dict):
+        return json.dumps(value)
     raise _bad(path, line, f"{key} is neither text nor a number", f"{type(value).__name__}", "text or a number")
 
 
@@ -164,9 +181,10 @@ def _check_columns(path: Path, line: int, columns: list[str], delimiter: str = "
         problem, found = "the first line contains no known column", shown(", ".join(columns), 100)
         raise bad(problem, found, ", ".join(COLUMNS), _header_fix(columns, delimiter))
     for column in columns:
-        if column not in COLUMNS:
+        if column not in COLUMNS and not column.startswith(FREE):
             problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
-            raise bad(problem, fix="rename the column, or remove it")
+            raise bad(problem, fix=f"rename the column, or remove it; columns of your own are {FREE}NAME")
+    check_free_names(columns, bad)
     if len(set(columns)) < len(columns):
         raise bad("duplicate column", shown(", ".join(columns)))
     if "motion" not in columns:
@@ -186,7 +204,7 @@ def _header_fix(columns: list[str], delimiter: str) -> str:
     return f"write the first line as {line}"
 
 
-def _row(path: Path, line: int, values: dict[str, str]) -> Row:
+def _row(path: Path, line: int, values: dict[str, str], columns: Mapping[str, ColumnValue]) -> Row:
     bad = partial(_bad, path, line)
     for column, value in values.items():
         if any(not c.isprintable() for c in value) or len(value) > 4096:
@@ -205,12 +223,15 @@ def _row(path: Path, line: int, values: dict[str, str]) -> Row:
     if problem is not None:
         found = quoted(values.get("id") or values["motion"], 60)
         raise bad(f"the id {problem}", found, ID_ALLOWED, "give the clip another id")
+    if "joint_map" in values:
+        file_of = partial(inside, path.parent, manifest=path, line=line, column="joint_map")
+        values["joint_map"] = joint_map(values["joint_map"], values["motion"], file_of, bad)
     declared = Declared(**{name: values[name] for name in _DECLARED if name in values})
     wrong = declared.problem()
     if wrong is not None:
         name, value, allowed = wrong
         raise bad(f"invalid value for {name}", shown(value, 60), allowed, f"correct {name}, or leave it empty")
-    return Row(line, values, declared)
+    return Row(line, values, declared, seconds(values, bad), columns)
 
 
 def check_row(manifest: Path, row: Row, split: str) -> None:

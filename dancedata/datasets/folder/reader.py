@@ -1,8 +1,10 @@
 """The reader of a folder of your own files; the tree on disk is in the package's docstring."""
 
+import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -32,6 +34,7 @@ from dancedata.datasets.folder.load import (
     recognised,
 )
 from dancedata.datasets.folder.manifest import MANIFESTS, Row, check_row, clip_id, id_problem, inside, read_manifest
+from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
@@ -188,9 +191,9 @@ class Folder(Dataset):
         Raises
         ------
         DataError
-            If the file is unusable, or a declaration is missing or wrong.
+            If the file is unusable, a declaration is missing or wrong, or the file lacks the part of the manifest.
         """
-        return load_motion(ref.motion_path, self._reading(ref))
+        return part_of(load_motion(ref.motion_path, self._reading(ref)), ref)
 
     def of_arrays(self, arrays: ArrayFile, ref: ClipRef) -> Motion:
         """Return the motion of arrays that are part of a file, as `load` does of a whole one."""
@@ -209,7 +212,9 @@ class Folder(Dataset):
         return Declared(fps, self.up, unit, self.layout, self.gender)
 
     def _reading(self, ref: ClipRef) -> Reading:
-        return Reading(Declared(**dict(ref.declared)), self._declared, self.joint_map, self.body_model, self.keys)
+        stated = Declared(**dict(ref.declared))
+        names = self.joint_map if stated.joint_map is None else json.loads(stated.joint_map)
+        return Reading(stated, self._declared, names, self.body_model, self.keys)
 
     def _listed(
         self, source: Path, manifest: Path, rows: list[Row]
@@ -224,7 +229,7 @@ class Folder(Dataset):
         read = [self._clip(source, manifest, row, stems, near) for row in rows]
         clips = [clip for clip in read if isinstance(clip, ClipRef)]
         rejects = [clip for clip in read if isinstance(clip, Reject)]
-        notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}."]
+        notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}.", *part_notes(clips)]
         return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
 
     def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str], near: NearMusic) -> ClipRef | Reject:
@@ -258,6 +263,12 @@ class Folder(Dataset):
             genre=row.get("genre"),
             dancer=row.get("dancer"),
             declared=tuple(sorted((k, v) for k, v in vars(row.declared).items() if v is not None)),
+            columns=tuple(sorted(row.columns.items())),
+            audio_start=row.seconds.get("audio_start_s", Fraction(0)),
+            source_start=row.seconds.get("start_s"),
+            source_end=row.seconds.get("end_s"),
+            licence=row.get("licence"),
+            citation=row.get("citation"),
         )
 
     def _matched(self, source: Path) -> tuple[list[ClipRef], list[Reject], list[str], str]:
@@ -318,8 +329,8 @@ def _absence(path: Path) -> str:
     return "not a file" if path.exists() else "it does not exist"
 
 
-def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:
-    """Return notes on a file's format and facts, and the name of its body; "" for that of a body model.
+def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fraction]:
+    """Return notes on a file's format and facts, the name of its body ("" for that of a body model), and its rate.
 
     From the file's header. Raises as `load_motion` does.
     """
@@ -327,7 +338,8 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:
         bvh = read_bvh_header(path)
         facts, rig = bvh_facts(bvh, reading)
         text = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
-        return (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts)), SMPL24.name
+        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts))
+        return notes, SMPL24.name, facts.rate.value
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
@@ -336,7 +348,7 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str]:
     text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
     video = (f"Video: {seen[0]}",) if seen is not None and str(seen[0]) else ()
     body = layout.skeleton.name if reading.body_model is None else ""
-    return (text, *video, *_drift(facts)), body
+    return (text, *video, *_drift(facts)), body, facts.rate.value
 
 
 def _drift(facts: FileFacts) -> tuple[str, ...]:
@@ -351,7 +363,8 @@ def _file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading])
     described, first = [], dict[str, str]()
     for clip in clips:
         try:
-            notes, body = describe(clip.motion_path, reading(clip))
+            notes, body, rate = describe(clip.motion_path, reading(clip))
+            clip = on_frames(clip, rate)
         except DataError as error:
             notes, body = (f"not usable ({error.reason}), see the rejects",), ""
         counts.update(notes)

@@ -20,9 +20,11 @@ from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import AUDIO_SUFFIXES, Files, Folders, Layout, clips_note, list_audio, relative
 from dancedata.datasets.files import require_choice as choice
-from dancedata.datasets.motorica.names import IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
+from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
 
 SPLIT_NAMES = ("official", "official-clean", "by-song")
+#: Seconds from the first frame of LDA's first take to that of its second.
+SECOND_TAKE = Fraction(1, 60)
 BY_SONG = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)
 #: Appended to the id of the copy in train of a recording that LDA lists in train and test.
 COPY = "_lda-train"
@@ -62,6 +64,9 @@ class Motorica(Dataset):
         ``keep`` stores the joints of the fingers; they are captured in some sessions only.
     music
         ``required`` leaves out recordings without music; ``optional`` keeps them, for recipes without audio features.
+    takes
+        ``both`` makes two clips of each recording, NAME_00 and NAME_01, which begins 1/60 s later: at 30 frames per
+        second, LDA's two takes. ``first``: one clip, whose frames are those of NAME_00.
     labels
         Folder of Motorica++, STREAM's annotations (`labels.read_labels`): the layer ``description`` of the segments.
         Default: ``label_segment``, ``motorica_seg`` or ``sliced_labels`` beside ``bvh``, if there is one.
@@ -72,6 +77,7 @@ class Motorica(Dataset):
     audio_start: Mapping[str, Any] | None = field(default=None, metadata={"scan": True})
     fingers: Literal["drop", "keep"] = "drop"
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    takes: Literal["first", "both"] = field(default="first", metadata={"scan": True, "added": True})
     labels: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
@@ -88,6 +94,7 @@ class Motorica(Dataset):
         choice("motorica", "split", self.split, SPLIT_NAMES)
         choice("motorica", "fingers", self.fingers, ("drop", "keep"))
         choice("motorica", "music", self.music, ("required", "optional"))
+        choice("motorica", "takes", self.takes, ("first", "both"))
         if not isinstance(self.trim_s, int | float) or isinstance(self.trim_s, bool) or not 0 <= self.trim_s < 3600:
             raise UsageError(
                 "motorica: invalid value for trim_s",
@@ -101,6 +108,11 @@ class Motorica(Dataset):
     @override
     def official_split(self) -> bool:
         return self.split == "official"
+
+    @property
+    @override
+    def genre_ids(self) -> Mapping[str, int]:
+        return {GENRES[code]: number for number, code in enumerate(sorted(GENRES))}
 
     @override
     def body_of(self, ref: ClipRef) -> Skeleton | None:
@@ -135,6 +147,10 @@ class Motorica(Dataset):
         clips, left_out = self._clips(folders, motions, music)
         clips, unlabelled, labels = self._with_labels(clips, folders.root)
         left_out += unlabelled
+        starts = self._start_notes(clips)
+        if self.takes == "both":
+            clips = [take for clip in clips for take in _takes(clip)]
+            starts.append("Takes: two clips of each recording; NAME_01 begins 1/60 s later than NAME_00.")
         used = {clip.audio_path for clip in clips}
         others = [r for r in motions.rejects if PurePath(r.file).suffix.lower() not in AUDIO_SUFFIXES]
         unused = [
@@ -154,7 +170,7 @@ class Motorica(Dataset):
             *self._split_notes(motions),
             self._trim_note(),
             "Rates: Frame Time 0.008333 is read as 1/120 s exactly; the rounded one drifts by 10 ms in 4 minutes.",
-            *self._start_notes(clips),
+            *starts,
             *labels,
             clips_note(clips, left_out),
         )
@@ -315,3 +331,16 @@ class Motorica(Dataset):
             return ["Music: frame 0 is taken as second 0 of the audio file; audio_start states other offsets."]
         n = sum(clip.id in self.audio_start or clip.music in self.audio_start for clip in clips)
         return [f"Music: audio_start states the offset of {counted(n, 'clip')}."]
+
+
+def _takes(clip: ClipRef) -> tuple[ClipRef, ClipRef]:
+    """Return LDA's two takes of a recording: every other frame of 60 per second, from the first or the second."""
+    segments = tuple(replace(s, start=s.start - SECOND_TAKE, end=s.end - SECOND_TAKE) for s in clip.segments)
+    second = replace(
+        clip,
+        id=f"{clip.id}_01",
+        audio_start=clip.audio_start + SECOND_TAKE,
+        source_start=(clip.source_start or 0) + SECOND_TAKE,
+        segments=segments,
+    )
+    return replace(clip, id=f"{clip.id}_00"), second

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from dancedata.core.bodies import crosses
+from dancedata.core.bodies import crosses, has_body
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.hashing import sha256_bytes
@@ -166,6 +166,8 @@ def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:
     is_smpl = joints == SMPL24.joints
     if not plugin.decodes and "position" not in plugin.columns.names:
         return "they hold neither rotations nor positions"
+    if plugin.decodes and not has_body(plugin.skeleton):
+        return f"they are rotations of {plugin.skeleton.name}, which is not of the SMPL family"
     of_smplx = BODIES[rule.body][0] if rule.body in ("smplx24", "smplx55") else ()
     if of_smplx and (is_smpl or (not plugin.decodes and joints[: len(of_smplx)] != of_smplx)):
         return "they are not on SMPL-X with jaw and eyes, or rotations of it"

@@ -1,0 +1,208 @@
+"""Columns of a manifest: parts of files, offsets of music, joint maps, free columns, terms of clips."""
+
+import json
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.clip import Scan
+from dancedata.core.errors import DataError, SourceError
+from dancedata.datasets.folder import Folder
+from dancedata.datasets.motorica.motion import write_recording
+from dancedata.synthetic import synthesise_motion, synthesise_song
+from dancedata.synthetic.music import wav_bytes
+from tests.messages import raises_message
+
+N = 240
+RATE = "30000/1001"
+HEAD = {"recipe": 1, "name": "own", "fps": 30, "windows": {"length_s": 1, "stride_s": 0.5}, "motion": {"edge151": {}}}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A motion of 8 s at 30000/1001 frames per second, a BVH, and a song."""
+    folder = tmp_path_factory.mktemp("files")
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=N)[0]
+    np.savez(folder / "a.npz", poses=motion.rotations.reshape(N, 72), trans=motion.translation)
+    write_recording(folder / "b.bvh", 0, dance_s=2)
+    song = synthesise_song("mBR0", length_s=9, sample_rate=16_000, n_channels=1)
+    (folder / "a.wav").write_bytes(wav_bytes(song.pcm, 16_000))
+    return folder
+
+
+@pytest.fixture
+def source(files: Path, tmp_path: Path) -> Path:
+    folder = tmp_path / "source"
+    folder.mkdir()
+    for file in files.iterdir():
+        (folder / file.name).symlink_to(file)
+    for name in ("a.npz", "b.bvh", "a.wav"):
+        (folder / name).unlink()
+        (folder / name).write_bytes((files / name).read_bytes())
+    return folder
+
+
+def scan(source: Path, text: str, name: str = "manifest.csv", **keys: Any) -> Scan:
+    (source / name).write_text(text, encoding="utf-8")
+    return Folder(**{"unit": "m", "up": "y", "fps": RATE, "music": "optional", **keys}).scan(source)
+
+
+def notes(scanned: Scan) -> str:
+    return "\n".join(scanned.notes)
+
+
+# ---- seconds
+
+
+def test_parts_are_whole_frames_and_the_music_follows(source: Path) -> None:
+    text = "id,motion,audio,start_s,end_s,audio_start_s\none,a.npz,a.wav,,2.5,1/3\ntwo,a.npz,a.wav,2.5,,-0.08\n"
+    scanned = scan(source, f"{text}all,a.npz,a.wav,,,\n")
+    whole, one, two = scanned.clips
+    assert (whole.audio_start, whole.source_start, whole.source_end) == (0, None, None)
+    # 2.5 s are 74.93 frames: frame 75, at 2.5025 s exactly.
+    border = 75 * Fraction(1001, 30000)
+    assert (one.source_start, one.source_end, one.audio_start) == (None, border, Fraction(1, 3))
+    assert (two.source_start, two.source_end, two.audio_start) == (border, None, border - Fraction(2, 25))
+    reader = Folder(unit="m", up="y", fps=RATE)
+    motions = [reader.load(clip) for clip in scanned.clips]
+    assert [motion.n_frames for motion in motions] == [N, 75, N - 75]
+    np.testing.assert_array_equal(motions[1].rotations, motions[0].rotations[:75])
+    np.testing.assert_array_equal(motions[2].rotations, motions[0].rotations[75:])
+    assert "Parts: 2 clips of 1 motion file by start_s and end_s" in notes(scanned)
+    assert "audio_start_s states the offset of 2 clips" in notes(scanned)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        "a.wav,late,,", "a.wav,nan,,", "a.wav,1e9,,", f"a.wav,{'1' * 50},,", ",1,,", "a.wav,,-1,", "a.wav,,one,",
+        "a.wav,,2,2", "a.wav,,,0", "a.wav,,3,1/2", "a.wav,,1/0,",
+    ],
+)  # fmt: skip
+def test_wrong_seconds(source: Path, row: str) -> None:
+    with raises_message(SourceError):
+        scan(source, f"motion,audio,audio_start_s,start_s,end_s\na.npz,,,,\na.npz,{row}\n")
+
+
+@pytest.mark.parametrize("part", ["9,", ",9", "2,2.01"])
+def test_parts_that_the_file_does_not_have(source: Path, part: str) -> None:
+    (clip,) = scan(source, f"motion,start_s,end_s\na.npz,{part}\n").clips
+    with raises_message(DataError):
+        Folder(unit="m", up="y", fps=RATE).load(clip)
+
+
+def test_two_rows_of_a_file_need_ids(source: Path) -> None:
+    with raises_message(SourceError):
+        scan(source, "motion,start_s,end_s\na.npz,,1\na.npz,1,\n")
+
+
+def test_another_part_is_other_motion(source: Path, tmp_path: Path) -> None:
+    """With one cache: the cache key of a clip has its part."""
+    for end, n in ((4, 120), (5, 150)):
+        (source / "manifest.csv").write_text(f"id,motion,start_s,end_s\nc,a.npz,,{end}\n", encoding="utf-8")
+        recipe = {**HEAD, "dataset": {"folder": {"unit": "m", "up": "y", "fps": 30, "music": "optional"}}}
+        options: dict[str, Any] = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}
+        dancedata.build(recipe, source, tmp_path / f"{end}", **options)
+        with dancedata.open(tmp_path / f"{end}") as store:
+            assert [clip.n_frames for clip in store.clips] == [n]
+
+
+# ---- joint maps
+
+
+def test_a_joint_map_of_one_row(source: Path) -> None:
+    text = (source / "b.bvh").read_text().replace("LeftUpLeg", "Bone7")
+    (source / "c.bvh").write_text(text)
+    (source / "maps").mkdir()
+    (source / "maps" / "mine.json").write_text('{"about": "", "joints": {"left_hip": "Bone7"}}')
+    row = {"motion": "c.bvh", "id": "inline", "joint_map": {"left_hip": "Bone7"}}
+    other = {"motion": "c.bvh", "id": "file", "joint_map": "maps/mine.json"}
+    plain = {"motion": "b.bvh", "id": "plain"}
+    lines = "".join(f"{json.dumps(line)}\n" for line in (row, other, plain))
+    scanned = scan(source, lines, "manifest.jsonl")
+    reader = Folder(unit="cm", up="y")
+    motions = [reader.load(clip) for clip in scanned.clips]
+    assert len({clip.declared for clip in scanned.clips[:2]}) == 1, "its content, not its path, is in the key"
+    for motion in motions[1:]:
+        np.testing.assert_array_equal(motion.rotations, motions[0].rotations)
+    csv = 'motion,joint_map\nc.bvh,"{""left_hip"": ""Bone7""}"\n'
+    (source / "manifest.jsonl").unlink()
+    assert scan(source, csv).clips[0].declared == scanned.clips[0].declared
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        {"motion": "a.npz", "joint_map": {"left_hip": "x"}},
+        {"motion": "b.bvh", "joint_map": {"left_hipp": "x"}},
+        {"motion": "b.bvh", "joint_map": {"left_hip": ["x"]}},
+        {"motion": "b.bvh", "joint_map": {}},
+        {"motion": "b.bvh", "joint_map": "{no json"},
+        {"motion": "b.bvh", "joint_map": "gone.json"},
+        {"motion": "b.bvh", "joint_map": "../outside.json"},
+        {"motion": "b.bvh", "joint_map": 3},
+    ],
+)
+def test_wrong_joint_maps(source: Path, row: dict[str, Any]) -> None:
+    with raises_message(SourceError):
+        scan(source, f"{json.dumps(row)}\n", "manifest.jsonl")
+
+
+# ---- free columns
+
+
+def test_free_columns_of_csv_have_the_type_of_all_their_values(source: Path) -> None:
+    text = (
+        "id;motion;x/level;x/share;x/teacher;x/indoors;x/tags;x/beats;x/code\n"
+        'a;a.npz;3;0.5;anna;true;["a","b"];[1,2.5];007\n'
+        "b;b.bvh;-4;2;;false;[];;12\n"
+        "c;a.npz;;;5;;;;\n"
+    )
+    columns = {clip.id: dict(clip.columns) for clip in scan(source, text).clips}
+    assert columns["a"] == {
+        "level": 3, "share": 0.5, "teacher": "anna", "indoors": True, "tags": ("a", "b"), "beats": (1.0, 2.5),
+        "code": "007",
+    }  # fmt: skip
+    assert columns["b"] == {"level": -4, "share": 2.0, "indoors": False, "tags": (), "code": "12"}
+    assert columns["c"] == {"teacher": "5"}
+    assert isinstance(columns["b"]["share"], float)
+
+
+def test_free_columns_of_jsonl_have_their_own_types(source: Path) -> None:
+    rows = [
+        {"id": "a", "motion": "a.npz", "x/level": 1, "x/name": "7", "x/list": [], "x/both": [1]},
+        {"id": "b", "motion": "a.npz", "x/level": 2.5, "x/name": "x", "x/list": ["t"], "x/both": [0.5]},
+        {"id": "c", "motion": "a.npz", "x/level": None, "x/name": ""},
+    ]
+    scanned = scan(source, "".join(f"{json.dumps(row)}\n" for row in rows), "manifest.jsonl")
+    assert [dict(clip.columns) for clip in scanned.clips] == [
+        {"both": (1.0,), "level": 1.0, "list": (), "name": "7"},
+        {"both": (0.5,), "level": 2.5, "list": ("t",), "name": "x"},
+        {},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("x/a b", ["1"]), ("x/", ["1"]), ("level", ["1"]), ("x/v", [1, "one"]), ("x/v", [True, 1]),
+        ("x/v", [{"a": 1}]), ("x/v", [[1, "a"]]), ("x/v", [[[1]]]), ("x/v", [2**70]), ("x/v", ["a\tb"]),
+        ("x/v", [["a"], [1]]), ("x/v", [[1], 1]), ("x/v", [["x"] * 5000]),
+    ],
+)  # fmt: skip
+def test_wrong_free_columns(source: Path, name: str, values: list[Any]) -> None:
+    lines = [json.dumps({"id": f"c{k}", "motion": "a.npz", name: value}) for k, value in enumerate(values)]
+    with raises_message(SourceError):
+        scan(source, "\n".join(lines), "manifest.jsonl")
+
+
+def test_wrong_lists_of_csv(source: Path) -> None:
+    with raises_message(SourceError):
+        scan(source, 'id,motion,x/v\na,a.npz,[1]\nb,a.npz,"[1,"\n')
+    columns = ",".join(f"x/c{k}" for k in range(101))
+    with raises_message(SourceError):
+        scan(source, f"motion,{columns}\na.npz{',' * 101}\n")
