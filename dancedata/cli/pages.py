@@ -6,9 +6,11 @@ from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.options import Clip, Normalized, ScalerFile, errors_to_exit_codes
+from dancedata.cli.options import Clip, Normalized, Quiet, ScalerFile, errors_to_exit_codes
+from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
+from dancedata.execution.progress import Progress
 
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
 COMPARE_HELP = "Another dataset, a folder of <clip>.npy, .npz, .pkl or .bvh, or one such file; repeat it for several."
@@ -41,8 +43,12 @@ def view(
     audio: Annotated[str, typer.Option(help="With --export or --video: none, or embed the clip's music.")] = "none",
     share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
     overwrite: Annotated[bool, typer.Option(help="With --export or --video: replace the file.")] = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Look at a dataset in the browser: dancedata view OUT [CLIP]. Ctrl-C ends it."""
+    """Look at a dataset in the browser.
+
+    dancedata view OUT [CLIP]; Ctrl-C ends it.
+    """
     from dancedata.viewer.view import ViewRequest, export_page, serve
 
     if audio not in ("none", "embed"):
@@ -56,7 +62,10 @@ def view(
         _require_served(options, "", fix="name the files: --compare FOLDER")
     if video is not None:
         _require_served({"--compare": compare, "--window": window, "--export": export}, "--video")
-        _write_video(store, clip, video, field, source, at, embed=audio == "embed", shared=share, overwrite=overwrite)
+        _write_video(
+            store, clip, video, field, source, at, embed=audio == "embed", shared=share, overwrite=overwrite,
+            progress=Progress(quiet),
+        )  # fmt: skip
         return
     request = ViewRequest(
         store, clip, field, source, tuple(compare or ()), compare_as, normalized, fps, up, unit, at, window, scaler,
@@ -64,14 +73,15 @@ def view(
     )  # fmt: skip
     if export is not None:
         _require_served({"--compare": compare, "--at": at or None}, "--export")
-        page = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
-        typer.echo(str(page))
+        with Progress(quiet).stage("writing the page", None):
+            page = export_page(request, export, audio=audio == "embed", shared=share, overwrite=overwrite)
+        say(str(page))
         return
     if audio != "none":
         raise UsageError(
             "--audio goes with --export or --video", fix="the page that is served plays the music of --source"
         )
-    serve(request, port=port, browser=not no_browser, say=typer.echo)
+    serve(request, port=port, browser=not no_browser, say=say)
 
 
 def _require_served(options: Mapping[str, object], output: str, fix: str = "") -> None:
@@ -86,7 +96,7 @@ def _require_served(options: Mapping[str, object], output: str, fix: str = "") -
 
 def _write_video(
     store: Path, clip: str, video: Path, field: str | None, source: Path | None, at: float, *, embed: bool,
-    shared: bool, overwrite: bool,
+    shared: bool, overwrite: bool, progress: Progress,
 ) -> None:  # fmt: skip
     from dancedata.plot.video import write_video
 
@@ -95,12 +105,13 @@ def _write_video(
     if embed and source is None:
         raise UsageError("the music is needed", fix="name the folder with it: --source DIR")
     music = source if embed else None
-    written = write_video(
-        store, clip, video, source=music, field=field, start_s=at, may_share=shared, overwrite=overwrite
-    )
-    typer.echo(str(written))
+    with progress.stage("writing the video", None):
+        written = write_video(
+            store, clip, video, source=music, field=field, start_s=at, may_share=shared, overwrite=overwrite
+        )
+    say(str(written))
     if not embed:
-        typer.echo("  without sound; with the clip's music: --source DIR --audio embed")
+        say("  without sound; with the clip's music: --source DIR --audio embed")
 
 
 TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
@@ -121,9 +132,13 @@ def report(
     ] = None,
     max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
     overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
 ) -> None:
-    """Write a page that shows what a dataset holds: dancedata report OUT --to FILE.html."""
+    """Write a page that shows what a dataset holds.
+
+    dancedata report OUT --to FILE.html
+    """
     from dancedata.report.document import findings
     from dancedata.report.write import default_path, write_report
 
@@ -132,12 +147,12 @@ def report(
     how: Any = audio
     written = write_report(
         store, target, clips=chosen, audio=how, source=source, may_share=may_share, against=against, max_mb=max_mb,
-        overwrite=overwrite,
+        overwrite=overwrite, progress=not (quiet or as_json),
     )  # fmt: skip
     if as_json:
         typer.echo(json_text(written.to_json()))
         return
     if written.path is not None:
-        typer.echo(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
+        say(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
     for finding in findings(written.numbers):
-        typer.echo(f"  {finding.kind}: {finding.text}")
+        say(f"  {finding.kind}: {finding.text}")

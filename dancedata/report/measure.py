@@ -13,6 +13,7 @@ from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.music import beats_after
+from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.groups import MeasuredGroups
 from dancedata.report.pieces import ClipReader, Piece
@@ -125,7 +126,7 @@ class Measured:
         return self.reader.store
 
 
-def measure(store: Store) -> Measured:
+def measure(store: Store, progress: Progress | None = None) -> Measured:
     """Measure the clips of a dataset; copies that augmentations made are counted, but not measured.
 
     Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
@@ -137,14 +138,15 @@ def measure(store: Store) -> Measured:
     """
     windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
-    for dancers in store.clips.units():
-        if dancers[0].source:
-            continue
-        pieces = [list(measured.reader.pieces(clip, windows[clip.id])) for clip in dancers]
-        for clip, of_clip in zip(dancers, pieces, strict=True):
-            measured.clips[clip.id] = _clip(measured, clip, of_clip)
-        if dancers[0].group:
-            measured.groups.add(store, dancers, pieces, len(windows[dancers[0].id]))
+    units = [dancers for dancers in store.clips.units() if not dancers[0].source]
+    with (progress or Progress(quiet=True)).stage("measuring clips", len(units)) as advance:
+        for dancers in units:
+            pieces = [list(measured.reader.pieces(clip, windows[clip.id])) for clip in dancers]
+            for clip, of_clip in zip(dancers, pieces, strict=True):
+                measured.clips[clip.id] = _clip(measured, clip, of_clip)
+            if dancers[0].group:
+                measured.groups.add(store, dancers, pieces, len(windows[dancers[0].id]))
+            advance(1)
     return measured
 
 

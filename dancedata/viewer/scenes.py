@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
-from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.errors import DataError, UsageError, did_you_mean, nearest
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.rotations import Float64Array
@@ -252,7 +252,9 @@ class Scenes:
         if not named:
             kind = "clip or group" if any(item.members for item in self.items) else "clip"
             raise UsageError(
-                f"no {kind} named {name!r}", where=str(self.store.path), fix=did_you_mean(name, self._by_name)
+                f"no {kind} named {name!r}",
+                where=str(self.store.path),
+                fix=nearest(name, self._by_name, kind, self.store.path),
             )
         return named
 
