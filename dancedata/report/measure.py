@@ -95,6 +95,8 @@ class Measured:
     ----------
     windows
         Number of windows of each clip.
+    split_speed
+        Speeds of the body as in `speed`, by split.
     clips
         Numbers of each clip that is not a copy of another one.
     joints
@@ -113,6 +115,7 @@ class Measured:
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
     speed: Tally = field(default_factory=lambda: Tally.of(0, 12, 0.01))
+    split_speed: dict[str, Tally] = field(default_factory=dict)
     joint_speed: dict[str, Tally] = field(default_factory=dict)
     sliding: Tally = field(default_factory=lambda: Tally.of(0, 6, 0.01))
     offset_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
@@ -155,7 +158,7 @@ def _clip(measured: Measured, clip: ClipView, pieces: Sequence[Piece]) -> ClipNu
     parts = [_Part.of(piece, *trim) for piece in pieces]
     parts = [part for part in parts if len(part.speed)]
     for part in parts:
-        _count(measured, part)
+        _count(measured, part, clip.split)
     return _numbers(parts, whole=measured.store.scope == "track") if parts else ClipNumbers()
 
 
@@ -269,7 +272,7 @@ def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
     return score, chance
 
 
-def _count(measured: Measured, part: _Part) -> None:
+def _count(measured: Measured, part: _Part, split: str) -> None:
     if not measured.joint_speed:
         figure = part.piece.figure
         measured.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
@@ -277,6 +280,7 @@ def _count(measured: Measured, part: _Part) -> None:
         measured.joints = part.names
         measured.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
     measured.speed.add(part.speed.mean(axis=1))
+    measured.split_speed.setdefault(split, Tally.of(0, 12, 0.01)).add(part.speed.mean(axis=1))
     for k, name in enumerate(part.names):
         measured.joint_speed[name].add(part.speed[:, k])
     measured.sliding.add(part.sliding)
