@@ -1,6 +1,7 @@
 """The command line. Heavy imports happen inside the commands, so that --help answers at once."""
 
 import sys
+import time
 from collections.abc import Sequence
 from copy import copy
 from io import TextIOWrapper
@@ -32,10 +33,19 @@ from dancedata.cli.options import (
 )  # fmt: skip
 from dancedata.cli.pages import report, view
 from dancedata.cli.study import study, study_results
+from dancedata.cli.terminal import say
 from dancedata.cli.weights import hf, jukebox
 from dancedata.core.errors import UsageError
-from dancedata.core.text import json_text
+from dancedata.core.text import counted, json_text
 from dancedata.core.version import __version__
+
+#: Groups of commands in the help; most characters of a sentence there.
+_ORDER = {
+    "Make a dataset": ("build", "plan", "check"),
+    "Look at it": ("view", "report", "info", "study", "study-results"),
+    "Use it": ("export", "evaluate", "decode"),
+}
+_SENTENCE = 55
 
 
 class _Group(TyperGroup):
@@ -54,6 +64,19 @@ class _Group(TyperGroup):
             if not str(getattr(error, "option_name", "--")).startswith("--"):
                 error.message += '. A name that begins with "-" goes last, after --: dancedata view OUT -- -NAME'
             raise
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands in groups, in the order in which they are used."""
+        commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        groups = {title: [name for name in names if name in commands] for title, names in _ORDER.items()}
+        known = [name for names in groups.values() for name in names]
+        groups["The rest"] = [name for name in commands if name not in known]
+        width = max(map(len, commands))
+        for title, names in ((title, names) for title, names in groups.items() if names):
+            with formatter.section(title):
+                formatter.write_dl(
+                    [(name.ljust(width), commands[name].get_short_help_str(_SENTENCE)) for name in names]
+                )
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the options of the group."""
@@ -122,7 +145,10 @@ def build(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Build a dataset: dancedata build aist++ --source DIR --out DIR."""
+    """Build a dataset from motion and music.
+
+    dancedata build aist++ --source DIR --out DIR
+    """
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import store_json
 
@@ -136,7 +162,10 @@ def build(
         share = commands.build_part(recipe, source, part, out=out, **options)
         print_result(as_json, share.to_json, lambda: str(share))
         return
+    started = time.monotonic()
     result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
+    if result.built and options["progress"]:
+        say(f"built in {time.monotonic() - started:.1f} s", err=True)
     print_result(as_json, lambda: {"built": result.built, **store_json(result.path)}, lambda: result.summary)
 
 
@@ -152,7 +181,10 @@ def plan(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show what a build would make; reads lengths only and writes nothing under OUT."""
+    """Show what a build would make.
+
+    Reads lengths only and writes nothing under OUT.
+    """
     from dancedata.pipeline import commands
 
     planned = commands.plan(
@@ -162,7 +194,7 @@ def plan(
         typer.echo(json_text(planned.to_json()))
     planned.require_clips()
     if not as_json:
-        typer.echo(planned.describe(out or Path("data") / planned.recipe.name))
+        say(planned.describe(out or Path("data") / planned.recipe.name))
 
 
 @app.command()
@@ -179,7 +211,10 @@ def check(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check a built dataset or a source folder, or what datasets share; exit code 1 if something is wrong."""
+    """Check a built dataset or a source folder.
+
+    Of several datasets, what they share. Exit code 1 if something is wrong.
+    """
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import describe_problems
 
@@ -214,7 +249,10 @@ def decode(
     overwrite: Annotated[bool, typer.Option(help="Overwrite existing files.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write generated motion as BVH, SMPL or npz: dancedata decode FILE --as edge151 --to bvh --out DIR."""
+    """Write generated motion as BVH, SMPL or npz.
+
+    dancedata decode FILE --as edge151 --to bvh --out DIR
+    """
     from dancedata.pipeline.decode_file import decode_file
 
     kind: Any = to  # checked there
@@ -242,7 +280,10 @@ def export(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a dataset as the files of another trainer or program: dancedata export STORE --to edge --out DIR."""
+    """Write a dataset as the files of another trainer.
+
+    Or of a program: dancedata export STORE --to edge --out DIR
+    """
     from dancedata.exports.base.run import export as run_export
     from dancedata.recipes.parse import apply_override
 
@@ -269,7 +310,7 @@ def info(
 
     print_result(as_json, lambda: store_json(path), lambda: describe_store(path))
     if clips and not as_json:
-        typer.echo(describe_clips(path))
+        say(describe_clips(path))
 
 
 @app.command()
@@ -283,7 +324,10 @@ def segments(
     layer: Annotated[str | None, typer.Option(help="Only layers of this name.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show, write or replace the segments of a dataset: captions, moves, events."""
+    """Show, write or replace captions, moves and events.
+
+    These are the segments of a dataset.
+    """
     from dancedata.pipeline.segments import segments as run_segments
 
     result = run_segments(path, to=to, set_file=set_file, layer=layer)
@@ -293,7 +337,7 @@ def segments(
 @app.command("list")
 @errors_to_exit_codes
 def list_plugins(as_json: AsJson = False) -> None:
-    """List recipes and plug-ins of all kinds, with their keys."""
+    """List recipes and plug-ins, with their keys."""
     from dancedata.cli.plugins import catalogue, describe_catalogue
 
     print_result(as_json, catalogue, lambda: describe_catalogue(catalogue()))
@@ -307,7 +351,10 @@ def new(
     out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
     as_json: AsJson = False,
 ) -> None:
-    """Write a plug-in and its test from a template; the test passes unchanged."""
+    """Write a plug-in and its test from a template.
+
+    The test passes unchanged.
+    """
     from dancedata.cli.plugins import write_plugin
 
     plugin = write_plugin(kind, name, out)
@@ -325,7 +372,7 @@ def features(
     weights: Annotated[list[str] | None, typer.Option(metavar="[FIELD=]FOLDER", help=WEIGHTS_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute features of your own music, exactly as in training."""
+    """Compute features of your own music, as in training."""
     from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
 
     written = write_features(songs, out, find_jobs(feature, like), bpm, weights or (), like=like)
@@ -340,8 +387,12 @@ def diff(
     atol: Annotated[float | None, typer.Option(help=ATOL_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show the differences between two built datasets; exit code 1 if they do."""
+    """Show the differences between two built datasets.
+
+    Exit code 1 if there are some.
+    """
     from dancedata.pipeline.diff import diff as run_diff
+    from dancedata.pipeline.diff import folded
 
     compared = run_diff(a, b, atol=atol)
     differences = [d for d in compared if d.kind != "note"]
@@ -350,7 +401,7 @@ def diff(
     print_result(
         as_json,
         lambda: {"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed},
-        lambda: "\n".join([*map(str, compared), f"{len(differences)} differences" if differences else same]),
+        lambda: "\n".join([*folded(compared), counted(len(differences), "difference") if differences else same]),
     )
     if differences:
         raise typer.Exit(1)
@@ -359,7 +410,10 @@ def diff(
 @app.command()
 @errors_to_exit_codes
 def doctor(as_json: AsJson = False) -> None:
-    """Check in half a minute that this installation works; exit code 1 if something fails. Leaves nothing behind."""
+    """Check in half a minute that this installation works.
+
+    Exit code 1 if something fails. Leaves nothing behind.
+    """
     from dancedata.cli.doctor import run_doctor
 
     if not run_doctor(as_json=as_json):

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dancedata.cli.options import AsJson, CacheFolder, errors_to_exit_codes, print_result
-from dancedata.core.text import json_text, size_text
+from dancedata.cli.terminal import say
+from dancedata.core.text import age_text, counted, json_text, size_text
 
 if TYPE_CHECKING:
     from dancedata.execution.cache_admin import Pruned
@@ -64,8 +65,8 @@ def verify(
         )
     else:
         for path, problem in damaged:
-            typer.echo(f"{'removed' if remove else 'damaged'}: {path}: {problem}")
-        typer.echo(f"{root}: {count} entries, {len(damaged)} damaged")
+            say(f"{'removed' if remove else 'damaged'}: {path}: {problem}")
+        say(f"{root}: {_entries(count)}, {len(damaged)} damaged")
     if damaged:
         raise typer.Exit(1)
 
@@ -76,14 +77,18 @@ def _cache_root(cache: Path | None) -> Path:
     return (cache or default_cache()).absolute()
 
 
+def _entries(n: int) -> str:
+    return f"{n:,} {'entry' if n == 1 else 'entries'}"
+
+
 def _describe_cache(about: dict[str, Any]) -> str:
-    lines = [f"{about['path']}: {about['entries']} entries, {size_text(about['bytes'])}"]
+    lines = [f"{about['path']}: {_entries(about['entries'])}, {size_text(about['bytes'])}"]
     width = max((len(name) for name in about["stages"]), default=0)
     for name, stage in about["stages"].items():
         least, most = stage["days_unused"]
         lines.append(
             f"  {name.ljust(width)}  {stage['entries']:>8}  {size_text(stage['bytes']):>9}"
-            f"  last used {least:g} to {most:g} days ago"
+            f"  last used {' to '.join(dict.fromkeys(map(age_text, (least, most))))} ago"
         )
     return "\n".join(lines)
 
@@ -91,9 +96,9 @@ def _describe_cache(about: dict[str, Any]) -> str:
 def describe_pruned(pruned: "Pruned", *, dry: bool) -> str:
     """Return the text of `cache prune`."""
     verb = "would remove" if dry else "removed"
-    swept = f"; removed {pruned.swept} files of killed processes" if pruned.swept else ""
+    swept = f"; removed {counted(pruned.swept, 'file')} of killed processes" if pruned.swept else ""
     in_use = f", {pruned.in_use} of them because they are in use" if pruned.in_use else ""
     return (
-        f"{verb} {pruned.removed} entries, {size_text(pruned.removed_bytes)}; "
+        f"{verb} {_entries(pruned.removed)}, {size_text(pruned.removed_bytes)}; "
         f"{pruned.kept} are left, {size_text(pruned.kept_bytes)}{in_use}{swept}"
     )

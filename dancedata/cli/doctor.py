@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
+from dancedata.cli.terminal import say
 from dancedata.core.packages import MODULES, install, needed_by, requirements
 from dancedata.core.text import counted, json_text, shown
 from dancedata.core.version import __version__
@@ -61,15 +62,15 @@ def run_doctor(*, as_json: bool) -> bool:
     for finding in diagnose():
         findings.append(finding)
         if not as_json:
-            typer.echo(str(finding))
+            say(str(finding))
     count = Counter(finding.status for finding in findings)
     works = not count["failed"]
     if as_json:
         typer.echo(json_text({"ok": works, "checks": [asdict(finding) for finding in findings]}))
     elif works:
-        typer.echo(f"this installation works ({counted(count['note'], 'note')})")
+        say(f"this installation works ({counted(count['note'], 'note')})")
     else:
-        typer.echo(f"{counted(count['failed'], 'check')} failed")
+        say(f"{counted(count['failed'], 'check')} failed")
     return works
 
 

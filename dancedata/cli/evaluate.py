@@ -19,7 +19,9 @@ from dancedata.cli.options import (
     ScalerFile,
     Scheduler,
     errors_to_exit_codes,
+    print_result,
 )  # fmt: skip
+from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell, json_text, shown
 
@@ -68,7 +70,10 @@ def evaluate(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Evaluate dances by a named protocol: dancedata evaluate WHAT --protocol NAME."""
+    """Evaluate dances by a named protocol.
+
+    dancedata evaluate WHAT --protocol NAME
+    """
     from dancedata.evaluation import run as evaluation
     from dancedata.evaluation.report import TABLES
 
@@ -86,7 +91,7 @@ def evaluate(
         result = evaluation.self_test(
             source, protocol=protocol, bootstrap=bootstrap, jobs=jobs, cache=cache, progress=progress
         )
-        typer.echo(json_text(result.to_json()) if as_json else str(result))
+        print_result(as_json, result.to_json, lambda: str(result))
         return
     if what is None:
         raise UsageError("there is nothing to evaluate", fix="name a dataset or a folder: dancedata evaluate WHAT")
@@ -105,7 +110,7 @@ def evaluate(
     if as_json:
         typer.echo(json_text(report.to_json()))
     else:
-        typer.echo(str(report) if table is None else TABLES[table](report))
+        say(str(report)) if table is None else typer.echo(TABLES[table](report))
 
 
 #: The first columns of a table of clips.
@@ -150,4 +155,4 @@ def _csv_line(cells: Sequence[object]) -> str:
 def _list(as_json: bool) -> None:
     from dancedata.evaluation.report import describe_protocols, protocols_json
 
-    typer.echo(json_text(protocols_json()) if as_json else describe_protocols())
+    print_result(as_json, protocols_json, describe_protocols)

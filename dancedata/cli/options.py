@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from dancedata.cli.interrupts import Interrupted, is_interrupted
+from dancedata.cli.terminal import say
 from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
 from dancedata.core.text import json_text
 from dancedata.execution.arithmetic import adopt
@@ -37,7 +38,10 @@ Clip = Annotated[bool, typer.Option("--clip-values", help=CLIP_HELP)]
 
 def print_result(as_json: bool, document: Callable[[], Any], text: Callable[[], str]) -> None:
     """Print a result as JSON or as text."""
-    typer.echo(json_text(document()) if as_json else text())
+    if as_json:
+        typer.echo(json_text(document()))
+    else:
+        say(text())
 
 
 def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
@@ -55,7 +59,7 @@ def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
             if is_interrupted():
                 raise Interrupted from None
             failure = unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error
-            typer.echo(f"error: {failure}", err=True)
+            say(f"error: {failure}", err=True)
             raise typer.Exit(2 if isinstance(failure, UsageError) else 1) from None
 
     return run

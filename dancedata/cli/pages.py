@@ -5,9 +5,11 @@ from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.options import Clip, Normalized, ScalerFile, errors_to_exit_codes
+from dancedata.cli.options import Clip, Normalized, Quiet, ScalerFile, errors_to_exit_codes
+from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
+from dancedata.execution.progress import Progress
 
 SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
 VIEW_HELP = "A built dataset, a folder of motion files, or one: .bvh, .npz, .npy, .pkl."
@@ -54,8 +56,12 @@ def view(
     audio: Annotated[str, typer.Option(help="With --export or --video: none, or embed the clip's music.")] = "none",
     share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
     overwrite: Annotated[bool, typer.Option(help="With --export or --video: replace the file.")] = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Look at a dataset, or at any motion, in the browser: dancedata view X [CLIP]. Ctrl-C ends it."""
+    """Look at a dataset, or any motion, in the browser.
+
+    dancedata view X [CLIP]; Ctrl-C ends it.
+    """
     from dancedata.viewer.request import ViewRequest
     from dancedata.viewer.view import export_page, serve
 
@@ -70,19 +76,25 @@ def view(
     )  # fmt: skip
     share_options: dict[str, Any] = {"audio": audio == "embed", "shared": share, "overwrite": overwrite}
     if export is not None:
-        typer.echo(str(export_page(request, export, **share_options)))
+        with Progress(quiet).stage("writing the page", None):
+            page = export_page(request, export, **share_options)
+        say(str(page))
     elif video is not None:
         from dancedata.plot.video import export_video
 
-        typer.echo(str(export_video(request, video, size=size, say=typer.echo, **share_options)))
+        notes: list[str] = []
+        with Progress(quiet).stage("writing the video", None):
+            written = export_video(request, video, size=size, say=notes.append, **share_options)
+        for line in (str(written), *notes):
+            say(line)
         if audio == "none":
-            typer.echo("  without sound; with the clip's music: --source DIR or --music PATH, and --audio embed")
+            say("  without sound; with the clip's music: --source DIR or --music PATH, and --audio embed")
     elif audio != "none":
         raise UsageError(
             "--audio goes with --export or --video", fix="the page that is served plays the music of --source"
         )
     else:
-        serve(request, port=port, browser=not no_browser, say=typer.echo)
+        serve(request, port=port, browser=not no_browser, say=say)
 
 
 TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
@@ -103,9 +115,13 @@ def report(
     ] = None,
     max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
     overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
 ) -> None:
-    """Write a page that shows what a dataset holds: dancedata report OUT --to FILE.html."""
+    """Write a page that shows what a dataset holds.
+
+    dancedata report OUT --to FILE.html
+    """
     from dancedata.report.document import findings
     from dancedata.report.write import default_path, write_report
 
@@ -114,12 +130,12 @@ def report(
     how: Any = audio
     written = write_report(
         store, target, clips=chosen, audio=how, source=source, may_share=may_share, against=against, max_mb=max_mb,
-        overwrite=overwrite,
+        overwrite=overwrite, progress=not (quiet or as_json),
     )  # fmt: skip
     if as_json:
         typer.echo(json_text(written.to_json()))
         return
     if written.path is not None:
-        typer.echo(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
+        say(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
     for finding in findings(written.numbers):
-        typer.echo(f"  {finding.kind}: {finding.text}")
+        say(f"  {finding.kind}: {finding.text}")

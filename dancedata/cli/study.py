@@ -7,6 +7,7 @@ import typer
 
 from dancedata.cli.options import AsJson, Clip, Normalized, ScalerFile, errors_to_exit_codes, print_result
 from dancedata.cli.pages import COLUMNS_HELP, MUSIC_HELP, SHARE_HELP
+from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 
@@ -37,7 +38,10 @@ def study(
     share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
     overwrite: Annotated[bool, typer.Option(help="Replace the file.")] = False,
 ) -> None:
-    """Write a study as one offline page: blind pairs of dancers to one song, and the answers as CSV."""
+    """Write a user study as one offline page.
+
+    dancedata study A B --source DIR --out study.html: blind pairs of dancers to one song, the answers as CSV.
+    """
     from dancedata.store.schema import DATASET_FILE
     from dancedata.study.page import QUESTION, StudyRequest, write_study
     from dancedata.viewer.request import ViewRequest
@@ -60,8 +64,8 @@ def study(
     request = StudyRequest(views, songs, checks, seconds, seed, question or QUESTION)
     trials = write_study(request, out, shared=share, overwrite=overwrite)
     pairs = sum(not trial.is_check for trial in trials)
-    typer.echo(f"{out}: {counted(pairs, 'pair')} and {counted(len(trials) - pairs, 'check')} of {', '.join(called)}")
-    typer.echo("  next: send the page to raters, then dancedata study-results THEIR-FILES.csv")
+    say(f"{out}: {counted(pairs, 'pair')} and {counted(len(trials) - pairs, 'check')} of {', '.join(called)}")
+    say("  next: send the page to raters, then dancedata study-results THEIR-FILES.csv")
 
 
 @errors_to_exit_codes
@@ -72,7 +76,10 @@ def study_results(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Count the answers of a study: preferences with intervals by song, and Bradley-Terry."""
+    """Count the answers of a user study.
+
+    dancedata study-results CSV...: preferences with intervals by song, Bradley-Terry for more than two.
+    """
     from dancedata.study.results import read_results, results_of
 
     results = results_of(*read_results(files), keep_failed=keep_failed)

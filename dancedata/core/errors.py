@@ -2,10 +2,11 @@
 
 import difflib
 import re
+import shlex
 from collections.abc import Iterable
 from typing import ClassVar
 
-from dancedata.core.text import listed, printable, shown
+from dancedata.core.text import counted, listed, printable, shown
 
 #: Most characters of a path in a message: the longest path of a file system.
 _MAX_WHERE = 4400
@@ -14,6 +15,8 @@ _MAX_PART = 20_000
 _COMMANDS = {"dancedata", "ffmpeg", "mv", "pip"}
 #: Most known names in a message: all joints of a skeleton, but not all clips of a dataset.
 _LISTED = 60
+#: Clips of a dataset whose names are all shown, and names shown of more.
+_FEW, _NEAREST = 12, 3
 #: Most characters of a name that are compared, and least of a part: shorter ones are too frequent to count.
 _LONGEST, _MIN_PART = 100, 3
 # Letters and digits are separate parts: "edge" of "edge151".
@@ -153,6 +156,26 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
     close = closest(shown(name), [*names, *also])
     known_names = f"known: {listed(names, _LISTED)}" if names else "none is known"
     return f"did you mean {close!r}? {known_names}" if close is not None else known_names
+
+
+def nearest(name: str, known: Iterable[str], noun: str, dataset: object) -> str:
+    """Return the three most similar of many names and their number; of few names all, as `did_you_mean`.
+
+    Parameters
+    ----------
+    noun
+        What has these names: "clip".
+    dataset
+        Folder of the dataset that has them.
+    """
+    names, query = list(map(shown, known)), shown(name)
+    if len(names) <= _FEW:
+        return did_you_mean(name, names)
+    first = [match for match in [closest(query, names)] if match is not None]
+    others = difflib.get_close_matches(query, set(names).difference(first), _NEAREST, 0.0)
+    near = ", ".join([*first, *others][:_NEAREST])
+    listing = f"dancedata info {shlex.quote(shown(dataset))} --clips"
+    return f"the nearest names: {near}; {counted(len(names), noun)} in all: {listing}"
 
 
 def closest(name: str, known: Iterable[str]) -> str | None:

@@ -180,6 +180,17 @@ def size_text(n_bytes: float) -> str:
     return f"{n_bytes:.4g} GB"
 
 
+def age_text(days: float) -> str:
+    """Return a time that has passed: "less than a minute", "15 minutes", "3 hours", "12 days"."""
+    minutes = int(days * 24 * 60)
+    if minutes < 1:
+        return "less than a minute"
+    units = ((24 * 60, "day"), (60, "hour"), (1, "minute"))
+    # Two of a unit at least: 90 minutes, 36 hours.
+    size, noun = next((size, noun) for size, noun in units if minutes >= 2 * size or size == 1)
+    return counted(minutes // size, noun)
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:
     """Return the lines of a table, indented by two spaces: the first column to the left, the others to the right."""
     cells = [[shown(cell) for cell in row] for row in [head, *rows]]

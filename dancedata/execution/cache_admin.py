@@ -238,7 +238,7 @@ def _removed(entry: Entry) -> bool:
 
 
 def _days(now: float, used: float | None) -> float | None:
-    return None if used is None else round(max(0.0, now - used) / 86400, 2)
+    return None if used is None else round(max(0.0, now - used) / 86400, 5)
 
 
 def _folders(folder: Path) -> Sequence[Path]:

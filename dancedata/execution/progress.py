@@ -1,5 +1,6 @@
 """Progress of a command: a bar on a terminal and in a notebook, lines of text elsewhere."""
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -10,10 +11,12 @@ from dancedata.core.text import printable
 
 #: Seconds between two lines of progress where there is neither a terminal nor a notebook.
 LINE_INTERVAL_S = 15.0
+#: Columns of the name of a stage on a terminal.
+_LABEL = 24
 
 
 class Progress:
-    """Progress on stderr: a bar with rate and time left on a terminal or in a notebook, lines elsewhere, or nothing.
+    """Progress on stderr: a bar with the time left on a terminal or in a notebook, lines elsewhere, or nothing.
 
     Parameters
     ----------
@@ -39,30 +42,40 @@ class Progress:
             print(printable("\n".join(lines), lines=True), file=self.stream, flush=True)
 
     @contextmanager
-    def stage(self, label: str, total: int, known: int = 0) -> Iterator[Callable[[int], None]]:
-        """Show a stage of `total` steps, `known` of them done before; yield a function that counts finished steps."""
+    def stage(self, label: str, total: int | None, known: int = 0) -> Iterator[Callable[[int], None]]:
+        """Show a stage of `total` steps, `known` of them done before; yield a function that counts finished steps.
+
+        `total` is None for work whose steps are not counted.
+        """
+        bar = _has_cursor(self.stream)
         if self.quiet:
             yield lambda _: None
         elif known == total:
-            self.announce(f"{label}: {total}/{total} in the cache")
+            self.announce(_row(label, total, "cached") if bar else f"{label}: {total}/{total} in the cache")
             yield lambda _: None
         else:
             if self._announced:
                 self.write(self._announced.pop())
-            bar = self.stream.isatty() or (self.stream is sys.stderr and _in_notebook())
             yield from (self._bar if bar else self._lines)(label, total, known)
 
-    def _bar(self, label: str, total: int, known: int) -> Iterator[Callable[[int], None]]:
-        from tqdm.auto import tqdm
+    def _bar(self, label: str, total: int | None, known: int) -> Iterator[Callable[[int], None]]:
+        """Show a bar while the stage runs; a row of a table replaces it."""
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
 
-        with tqdm(total=total, initial=known, desc=label, file=self.stream, unit="", dynamic_ncols=True) as bar:
+        # In a notebook too: rich's own display there needs ipywidgets.
+        console = Console(file=self.stream, force_terminal=True, force_jupyter=False, highlight=False)
+        counts = [MofNCompleteColumn(), TimeRemainingColumn()] if total is not None else []
+        columns = [TextColumn("{task.description}"), BarColumn(bar_width=24), *counts]
+        started = time.monotonic()
+        with Bar(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as display:
+            task = display.add_task(label.ljust(_LABEL), total=total, completed=known)
+            yield lambda n: display.advance(task, n)
+        style = None if os.environ.get("NO_COLOR") else "dim"
+        console.print(_row(label, total, f"{time.monotonic() - started:.1f} s"), style=style, markup=False)
 
-            def advance(n: int) -> None:
-                bar.update(n)
-
-            yield advance
-
-    def _lines(self, label: str, total: int, known: int) -> Iterator[Callable[[int], None]]:
+    def _lines(self, label: str, total: int | None, known: int) -> Iterator[Callable[[int], None]]:
         started = last = time.monotonic()
         done = known
 
@@ -70,17 +83,29 @@ class Progress:
             nonlocal done, last
             done += n
             now = time.monotonic()
-            if done < total and now - last >= LINE_INTERVAL_S:
+            if total is not None and done < total and now - last >= LINE_INTERVAL_S:
                 last = now
                 left = (now - started) / (done - known) * (total - done)
                 self.write(f"{label}: {done}/{total}, about {left:.0f} s left")
 
         yield advance
-        self.write(f"{label}: {done}/{total} in {time.monotonic() - started:.1f} s")
+        count = "done" if total is None else f"{done}/{total}"
+        self.write(f"{label}: {count} in {time.monotonic() - started:.1f} s")
+
+
+def _row(label: str, total: int | None, end: str) -> str:
+    return f"{label.ljust(_LABEL)} {'' if total is None else f'{total:,}':>8} {end:>9}"
+
+
+def _has_cursor(stream: TextIO) -> bool:
+    """Return whether a line of the stream can be replaced: on a terminal, and in a notebook."""
+    if stream.isatty():
+        return os.environ.get("TERM") != "dumb"
+    return stream is sys.stderr and _in_notebook()
 
 
 def _in_notebook() -> bool:
-    """Return whether this process is the kernel of a notebook, as tqdm.auto does; imports nothing."""
+    """Return whether this process is the kernel of a notebook; imports nothing."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return "IPKernelApp" in getattr(shell, "config", {})

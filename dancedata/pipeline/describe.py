@@ -63,12 +63,11 @@ def describe_built(path: Path) -> str:
     """Return the text that `build` prints of the dataset that it made."""
     with open_store(path) as store:
         windows = store.meta["windows"]
-        splits = (f"{shown(split)} {_clips_and_windows(n)}" for split, n in store.meta["counts"].items())
         fields = (f"{name} ({counted(columns.width, 'column')})" for name, columns in store.fields.items())
         name = shown(store.meta.get("name", path.name))
         lines = [
             f"{name}: {_size(store)} in {shown(path)} ({size_text(_bytes(store))})",
-            f"  {'; '.join(splits)}",
+            *_splits(store.meta["counts"]),
             f"  {windows_text(windows['length'], windows['stride'])} at {store.fps} per second; {', '.join(fields)}",
             *_left_out(store, details=False),
             *describe_implausible(store.quality),
@@ -87,16 +86,25 @@ def describe_unchanged(path: Path) -> str:
 
 def _next_steps(path: Path) -> str:
     folder = shlex.quote(shown(path))
-    return f"next: dancedata check {folder}; details: dancedata info {folder}"
+    return f"next: dancedata view {folder}; dancedata check {folder}; details: dancedata info {folder}"
 
 
 def _size(store: Store) -> str:
     counts = store.meta["counts"].values()
-    return _clips_and_windows({key: sum(n[key] for n in counts) for key in ("clips", "windows")})
+    return ", ".join(counted(sum(n[f"{noun}s"] for n in counts), noun) for noun in ("clip", "window"))
 
 
-def _clips_and_windows(n: Mapping[str, Any]) -> str:
-    return f"{counted(n['clips'], 'clip')}, {counted(n['windows'], 'window')}"
+def _splits(counts: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the lines of the table of splits."""
+    grouped = ["groups"] if any("groups" in n for n in counts.values()) else []
+    return table(
+        ["split", "clips", *grouped, "windows", "songs", "minutes"],
+        [
+            [split, n["clips"], *(n.get("groups", 0) for _ in grouped), n["windows"], n["songs"],
+             f"{round(n['hours'] * 60, 6):.1f}"]
+            for split, n in counts.items()
+        ],
+    )  # fmt: skip
 
 
 def _bytes(store: Store) -> int:
@@ -222,26 +230,11 @@ def describe_store(path: Path) -> str:
         left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
         quality = _describe_quality([f for f in store.quality if f.get("kind") not in OF_CLIPS])
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
-    counts = info.get("counts", {})
-    grouped = ["groups"] if any("groups" in n for n in counts.values()) else []
     lines = [
         f"{shown(info.get('name', path.name))}: {shown(path)} ({size_text(info['bytes'])})",
         scope_text(info["scope"], info["fps"], windows),
         f"  {_MUSIC_OF_WINDOWS[info['scope']]}",
-        *table(
-            ["split", "clips", *grouped, "windows", "songs", "minutes"],
-            [
-                [
-                    split,
-                    n["clips"],
-                    *(n.get("groups", 0) for _ in grouped),
-                    n["windows"],
-                    n["songs"],
-                    f"{round(n['hours'] * 60, 6):.1f}",
-                ]
-                for split, n in counts.items()
-            ],
-        ),
+        *_splits(info.get("counts", {})),
     ]
     for name, field in info["fields"].items():
         groups = shown(", ".join(map(shown, field["groups"])), _NOTE)

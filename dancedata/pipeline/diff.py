@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -93,6 +94,8 @@ def _pairs(
 
 #: Most names, and characters of a message, in a line; JSON has all of them.
 _SHOWN, _MESSAGE = 5, 600
+#: Keys shown of those that differ below one key.
+_EXAMPLES = 2
 _ABOUT_STORE = ("format", "scope", "fps", "windows", "genre_ids", "licence", "citation")
 #: Hashes of sources and songs are compared as such.
 _ABOUT_CLIP = ("split", *(c.name for c in CLIP_COLUMNS if c.name not in ("id", "made_of", "song")), "columns")
@@ -131,6 +134,29 @@ class Difference:
     def __str__(self) -> str:
         names = f": {listed(self.names, _SHOWN)}" if self.names else ""
         return f"{self.kind}: {shown(self.message, _MESSAGE)}{names}"
+
+
+#: The key above the one that a difference names: "genre_ids" of "genre_ids.gBR: 0, null".
+_ABOVE = re.compile(r"([^\s:]+)\.([^\s:.]+): ")
+
+
+def folded(differences: Iterable[Difference]) -> list[str]:
+    """Return the lines of differences; those of keys below one key, and those of several fields, are one line."""
+    groups: dict[tuple[str, str], list[Difference]] = {}
+    for difference in differences:
+        above = _ABOVE.match(difference.message)
+        groups.setdefault((difference.kind, above[1] if above else difference.message), []).append(difference)
+    lines = []
+    for (kind, key), group in groups.items():
+        if len(group) == 1:
+            lines.append(str(group[0]))
+        elif key == group[0].message:
+            lines.append(str(Difference(kind, key, tuple(name for d in group for name in d.names))))
+        else:
+            examples = "; ".join(d.message.removeprefix(f"{key}.") for d in group[:_EXAMPLES])
+            more = ", ..." if len(group) > _EXAMPLES else ""
+            lines.append(f"{kind}: {counted(len(group), 'key')} of {key} differ: {shown(examples, _MESSAGE)}{more}")
+    return lines
 
 
 def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Difference]:
@@ -218,7 +244,7 @@ def _meta(one: Store, two: Store, keys: Sequence[str]) -> tuple[dict[str, Any], 
 
 
 def _fields(one: Store, two: Store) -> Iterator[Difference]:
-    yield from _one_sided("fields", "fields", one.fields, two.fields)
+    yield from _one_sided("fields", "field", one.fields, two.fields)
     for name in _common_fields(one, two, columns=False):
         ours, theirs = one.field(name).to_json(), two.field(name).to_json()
         for key, old, new in document_differences(ours, theirs):
@@ -239,7 +265,7 @@ def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
 def _clips(
     one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
 ) -> Iterator[Difference]:
-    yield from _one_sided("clips", "clips", (c.id for c in one.clips), (c.id for c in two.clips))
+    yield from _one_sided("clips", "clip", (c.id for c in one.clips), (c.id for c in two.clips))
     changed: dict[str, list[str]] = {}
     example: dict[str, str] = {}
     for ours, theirs in common:
@@ -249,7 +275,7 @@ def _clips(
                 changed.setdefault(key, []).append(ours.id)
                 example.setdefault(key, f"{old!r}, {new!r}")
     for key, ids in changed.items():
-        yield Difference("clips", f"{key} of {len(ids)} clips, as {example[key]}", tuple(ids))
+        yield Difference("clips", f"{key} of {counted(len(ids), 'clip')}, as {example[key]}", tuple(ids))
 
 
 def _segments(one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]]) -> Iterator[Difference]:
@@ -258,7 +284,7 @@ def _segments(one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]
         return
     ids = [ours.id for ours, theirs in common if _words(one, ours.id) != _words(two, theirs.id)]
     if ids:
-        yield Difference("segments", f"segments of {len(ids)} clips", tuple(ids))
+        yield Difference("segments", f"segments of {counted(len(ids), 'clip')}", tuple(ids))
 
 
 def _words(store: Store, clip: str) -> list[Segment]:
@@ -270,7 +296,7 @@ def _windows(one: Store, two: Store) -> Iterator[Difference]:
     ids = tuple(clip for clip in starts[0] if clip in starts[1] and starts[0][clip] != starts[1][clip])
     if ids:
         counts = [sum(len(s[clip]) for clip in ids) for s in starts]
-        yield Difference("windows", f"windows of {len(ids)} clips: {counts[0]}, {counts[1]}", ids)
+        yield Difference("windows", f"windows of {counted(len(ids), 'clip')}: {counts[0]}, {counts[1]}", ids)
 
 
 def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
@@ -287,7 +313,7 @@ def _values(
     for name in _common_fields(one, two, columns=True):
         gap = _gap(one, two, name, common)
         if gap.other_shapes:
-            message = f"{name}: other numbers of rows in {len(gap.other_shapes)} clips"
+            message = f"{name}: other numbers of rows in {counted(len(gap.other_shapes), 'clip')}"
             yield Difference("values", message, tuple(gap.other_shapes))
         if gap.clips:
             within = atol is not None and gap.worst <= atol
@@ -360,4 +386,4 @@ def _one_sided(kind: str, what: str, one: Iterable[str], two: Iterable[str]) -> 
         other = set(names[1 - k])
         only = tuple(name for name in names[k] if name not in other)
         if only:
-            yield Difference(kind, f"{len(only)} {what} only in {side}", only)
+            yield Difference(kind, f"{counted(len(only), what)} only in {side}", only)

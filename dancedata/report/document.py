@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
 from dancedata.core.text import counted, listed
+from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.report.groups import Groups, group_findings
-from dancedata.report.markup import number
+from dancedata.report.markup import number, rounded
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.store.segment_numbers import LayerNumbers
@@ -328,8 +329,12 @@ def _quality(d: Document) -> list[Finding]:
         text = f"{counted(totals.flagged_clips, 'clip')} of {totals.clips:,} have quality flags: {kinds}"
         sentences.append(Finding("look", text, "flags"))
     if totals.left_out:
-        reasons = listed([f"{reason} {entry.n:,}" for reason, entry in d.left_out.items()], 5)
-        sentences.append(Finding("look", f"left out: {reasons}", "left_out"))
+        for kind, by_choice in (("look", False), ("note", True)):
+            entries = {name: entry for name, entry in d.left_out.items() if (name in BY_CHOICE) is by_choice}
+            reasons = listed([f"{reason} {entry.n:,}" for reason, entry in entries.items()], 5)
+            if entries:
+                cause = "; files that were not downloaded are no error" if "missing_motion" in entries else ""
+                sentences.append(Finding(kind, f"left out: {reasons}{cause}", "left_out"))
     return sentences
 
 
@@ -353,7 +358,7 @@ def _movement(d: Document) -> list[Finding]:
         sentences.append(Finding("look", text, "sliding_m_s"))
     floor = moves.floor_m
     if max(abs(floor.min or 0), abs(floor.max or 0)) > _FLOOR_M:
-        low, high = number(floor.min), number(floor.max)
+        low, high = rounded(floor.min), rounded(floor.max)
         feet = f"the feet stand at {low} m" + (f" to {high} m" if high != low else "")
         text = f"the floor of {moves.field} is not at 0: {feet}"
         sentences.append(Finding("note", text, "floor_m"))

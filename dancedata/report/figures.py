@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from dancedata.core.text import counted
+from dancedata.core.text import counted, listed
 from dancedata.report.document import Counts, Document, Shared
-from dancedata.report.markup import Figure, Markup, escaped, number, table
+from dancedata.report.markup import Figure, Markup, escaped, name_text, number, rounded, table
 from dancedata.report.svg import bars, boxes, histogram, paths, points
-from dancedata.report.tally import Histogram
+from dancedata.report.tally import ClipHistogram, Histogram
 
 #: Most bars of a chart; the table below it has all of them.
 _BARS = 40
@@ -62,8 +62,8 @@ class Drawing:
 
 def _linked(address: Markup | None, text: str) -> Markup:
     if address is None:
-        return Markup(f'<span class="clip">{escaped(text)}</span>')
-    return Markup(f'<a href="{address}">{escaped(text)}</a>')
+        return Markup(f'<span class="clip">{name_text(text)}</span>')
+    return Markup(f'<a href="{address}">{name_text(text)}</a>')
 
 
 def histogram_figure(
@@ -74,16 +74,47 @@ def histogram_figure(
     note: str,
     label: str,
     marks: Sequence[tuple[float, str]] = (),
+    *,
+    of: str = "clips",
 ) -> Figure:
-    """Return a histogram of this dataset, with the other one as outline."""
+    """Return a histogram of this dataset, with the other one as outline; else with a line for each split.
+
+    Values of clips that are nearly equal are one sentence.
+
+    Parameters
+    ----------
+    of
+        What the heights are shares of.
+    """
     this, other = d.both(part)
+    values = [h.distinct for h in (this, other) if isinstance(h, ClipHistogram)]
+    if values and all(values):
+        return Figure(key, title, note, _sentence(d, values, label))
+    note = f"% of {of}; {note}".removesuffix("; ")
     groups = this.counts
+    lines = {split: counts for split, counts in this.by_split.items() if any(counts)} if other is None else {}
+    if len(lines) > 1:
+        body = histogram(this.edges, groups, label, lines=lines, marks=marks)
+        rows = tuple(zip(this.edges, this.edges[1:], *groups.values(), *lines.values(), strict=False))
+        return Figure(key, title, note, body, ("from", "to", *groups, *lines), rows, tuple(lines))
     outline = None if other is None else [sum(column) for column in zip(*other.counts.values(), strict=True)]
     body = histogram(this.edges, groups, label, other=outline, marks=marks)
     columns = [*groups.values(), *([] if outline is None else [outline])]
     rows = tuple(zip(this.edges, this.edges[1:], *columns, strict=False))
     legend = tuple(groups) if len(groups) > 1 else ()
     return Figure(key, title, note, body, ("from", "to", *groups, *d.other_names), rows, legend, d.outline)
+
+
+def _sentence(d: Drawing, values: Sequence[Sequence[tuple[float, int]]], unit: str) -> str:
+    """Return one or two values of clips in words."""
+    texts = [listed([f"{number(value)} {unit} in {counted(n, 'clip')}" for value, n in counts]) for counts in values]
+    return "".join(
+        f"<p>{escaped(text)}{name}</p>" for text, name in zip(texts, ("", *map(_in, d.other_names)), strict=False)
+    )
+
+
+def _in(name: str) -> str:
+    return f" <small>({escaped(name)})</small>"
 
 
 def bar_figure(
@@ -96,7 +127,10 @@ def bar_figure(
     *,
     legend: bool = True,
 ) -> Figure:
-    """Return bars by name and group, the sums of the other dataset as outlines."""
+    """Return bars by name and group, the sums of the other dataset as outlines.
+
+    Datasets of different sizes are compared by shares: 85 of 85 windows and 756 of 756 are the same.
+    """
     this, other = d.both(part)
     totals = None if other is None else {name: sum(values.values()) for name, values in other.items()}
     names = [*this, *(name for name in totals or {} if name not in this)]
@@ -111,8 +145,20 @@ def bar_figure(
         )
         for name in names
     )
-    body = bars({name: this.get(name, {}) for name in names[:_BARS]}, title, other=totals)
+    drawn = {name: this.get(name, {}) for name in names[:_BARS]}
+    n, n_other = sum(sum(values.values()) for values in this.values()), sum((totals or {}).values())
+    if totals is None or n == n_other:
+        body = bars(drawn, title, other=totals)
+    else:
+        note = f"% of each dataset's sum, {n:,} and {n_other:,}; {note}".removesuffix("; ")
+        shares = {name: shares_of(values, n) for name, values in drawn.items()}
+        body = bars(shares, title, other=shares_of(totals, n_other), unit=" %")
     return Figure(key, title, note, body, (first, *groups, *d.other_names), rows, groups if legend else (), d.outline)
+
+
+def shares_of(counts: Mapping[str, float], total: float) -> dict[str, float]:
+    """Return counts as per cent of a total."""
+    return {name: round(100 * n / total, 1) if total else 0.0 for name, n in counts.items()}
 
 
 def contents_figures(d: Drawing) -> list[Figure]:
@@ -157,15 +203,15 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     if moves.field is None:
         return []
     speed, still, floor, sliding = moves.speed_m_s, moves.still.p50, moves.floor_m, moves.sliding_m_s
-    marks = [] if speed.p50 is None else [(speed.p50, f"median {number(speed.p50)} m/s")]
-    note = f"mean over {moves.joints} joints of {moves.field}; median {number(speed.p50)} m/s"
+    marks = [] if speed.p50 is None else [(speed.p50, f"median {rounded(speed.p50)} m/s")]
+    note = f"mean over {moves.joints} joints of {moves.field}; median {rounded(speed.p50)} m/s"
     if still is not None and still >= _MUCH_STILL:
         note += f"; half of the clips stand still in more than {100 * still:.0f}\xa0% of their frames"
-    low, high = number(floor.min), number(floor.max)
+    low, high = rounded(floor.min), rounded(floor.max)
     heights = low if low == high else f"{low} to {high}"
     figures = [
         histogram_figure(d, "speed_m_s", lambda n: n.movement.speed_m_s, "Speed of the body", note,
-                         "metres per second", marks),
+                         "metres per second", marks, of="frames"),
         _joint_speed(d),
         histogram_figure(d, "root_extent_m", lambda n: n.movement.root_extent_m, "Floor that a clip covers",
                          "larger of the two horizontal extents of the root's path", "metres"),
@@ -185,7 +231,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
         )
         figures.append(
             histogram_figure(d, "sliding_m_s", lambda n: n.movement.sliding_m_s, "Sliding in contact", note,
-                             "metres per second", [(sliding.above_m_s, limit)])
+                             "metres per second", [(sliding.above_m_s, limit)], of="frames of feet in contact")
         )  # fmt: skip
     return figures
 
@@ -213,7 +259,7 @@ def _paths(d: Drawing, chosen: Sequence[str]) -> Figure:
     clips = [clip for clip in chosen if clip in all_paths] or list(all_paths)
     drawn = {clip: all_paths[clip] for clip in clips[:_PATHS]}
     reach = max((abs(v) for path in drawn.values() for point in path for v in point), default=0.0)
-    note = f"seen from above, from the filled point to the ring; each square is {number(2 * reach)} m wide"
+    note = f"seen from above, from the filled point to the ring; each square is {rounded(2 * reach)} m wide"
     return Figure(
         "paths", "Paths of the root", note, paths(drawn, {clip: d.link(clip) for clip in drawn}), kind="wide"
     )
@@ -247,8 +293,8 @@ def _key_beats(d: Drawing) -> Figure | None:
     if not this.offset_ms.n:
         return None
     note = (
-        f"{number(this.mean_distance_ms)} ms from the nearest beat on average, "
-        f"{number(this.mean_distance_shifted_ms)} ms with the beats moved by half a period "
+        f"% of key motions; {rounded(this.mean_distance_ms)} ms from the nearest beat on average, "
+        f"{rounded(this.mean_distance_shifted_ms)} ms with the beats moved by half a period "
         "(dotted: without alignment both look alike)"
     )
     edges, counts = this.offset_ms.edges, this.offset_ms.counts

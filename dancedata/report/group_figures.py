@@ -22,11 +22,16 @@ def group_figures(d: Drawing) -> list[Figure]:
         )
         figures.append(
             histogram_figure(d, "distance_m", lambda n: n.groups.distance_m,
-                             "Distance of two dancers", note, "metres")
+                             "Distance of two dancers", note, "metres",
+                             of="pairs and frames")
         )  # fmt: skip
     if groups.facing_deg.n:
         note = "angle between where the hips face and the other dancer: 0 looks at him, 180 away from him"
-        figures.append(histogram_figure(d, "facing_deg", lambda n: n.groups.facing_deg, "Facing", note, "degrees"))
+        figures.append(
+            histogram_figure(
+                d, "facing_deg", lambda n: n.groups.facing_deg, "Facing", note, "degrees", of="pairs and frames"
+            )
+        )
     return [*figures, _list(d, groups.groups)]
 
 

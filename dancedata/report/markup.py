@@ -1,6 +1,7 @@
 """HTML that nothing from a dataset can break out of, numbers as text, and figures with their tables."""
 
 import html
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,6 +26,14 @@ def number(value: Any) -> str:
     return text.replace("-", "−") if text != "-0" else "0"
 
 
+def rounded(value: float | None) -> str:
+    """Return a measured number with two digits, as sentences and marks have it: 140, 3.0, 0.41."""
+    if value is None or not value:
+        return number(value)
+    places = 1 - math.floor(math.log10(abs(value)))
+    return f"{round(value, places):,.{max(places, 0)}f}".replace("-", "−")
+
+
 def percent(share: float | None) -> "Markup":
     """Return a share as whole per cent; a dash for None."""
     return Markup("–" if share is None else f"{100 * share:.0f}\xa0%")
@@ -33,18 +42,24 @@ def percent(share: float | None) -> "Markup":
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") -> str:
     """Return a table; cells that are `Markup` are kept, all others are escaped."""
     top = "".join(f'<th scope="col">{escaped(cell)}</th>' for cell in head)
-    body = "".join(f"<tr>{''.join(_cell(cell, first=k == 0) for k, cell in enumerate(row))}</tr>" for row in rows)
+    labels = [f' data-label="{escaped(cell)}"' if kind.startswith("list") else "" for cell in head]
+    body = "".join(f"<tr>{''.join(map(_cell, row, labels, range(len(row))))}</tr>" for row in rows)
     attributes = f' class="{kind}"' if kind else ""
     return f"<table{attributes}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def name_text(name: str) -> "Markup":
+    """Return a name for HTML that may be broken after its underscores."""
+    return Markup(escaped(name).replace("_", "_<wbr>"))
 
 
 class Markup(str):
     """HTML that this package made."""
 
 
-def _cell(cell: Any, *, first: bool) -> str:
+def _cell(cell: Any, label: str, place: int) -> str:
     text = str(cell) if isinstance(cell, Markup) else number(cell)
-    return f'<th scope="row">{text}</th>' if first else f"<td>{text}</td>"
+    return f"<td{label}>{text}</td>" if place else f'<th scope="row">{text}</th>'
 
 
 @dataclass(frozen=True)

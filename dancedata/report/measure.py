@@ -13,6 +13,7 @@ from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.music import beats_after
+from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.groups import MeasuredGroups
 from dancedata.report.pieces import ClipReader, Piece
@@ -94,6 +95,8 @@ class Measured:
     ----------
     windows
         Number of windows of each clip.
+    split_speed
+        Speeds of the body as in `speed`, by split.
     clips
         Numbers of each clip that is not a copy of another one.
     joints
@@ -112,6 +115,7 @@ class Measured:
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
     speed: Tally = field(default_factory=lambda: Tally.of(0, 12, 0.01))
+    split_speed: dict[str, Tally] = field(default_factory=dict)
     joint_speed: dict[str, Tally] = field(default_factory=dict)
     sliding: Tally = field(default_factory=lambda: Tally.of(0, 6, 0.01))
     offset_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
@@ -125,7 +129,7 @@ class Measured:
         return self.reader.store
 
 
-def measure(store: Store) -> Measured:
+def measure(store: Store, progress: Progress | None = None) -> Measured:
     """Measure the clips of a dataset; copies that augmentations made are counted, but not measured.
 
     Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
@@ -137,14 +141,15 @@ def measure(store: Store) -> Measured:
     """
     windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
-    for dancers in store.clips.units():
-        if dancers[0].source:
-            continue
-        pieces = [list(measured.reader.pieces(clip, windows[clip.id])) for clip in dancers]
-        for clip, of_clip in zip(dancers, pieces, strict=True):
-            measured.clips[clip.id] = _clip(measured, clip, of_clip)
-        if dancers[0].group:
-            measured.groups.add(store, dancers, pieces, len(windows[dancers[0].id]))
+    units = [dancers for dancers in store.clips.units() if not dancers[0].source]
+    with (progress or Progress(quiet=True)).stage("measuring clips", len(units)) as advance:
+        for dancers in units:
+            pieces = [list(measured.reader.pieces(clip, windows[clip.id])) for clip in dancers]
+            for clip, of_clip in zip(dancers, pieces, strict=True):
+                measured.clips[clip.id] = _clip(measured, clip, of_clip)
+            if dancers[0].group:
+                measured.groups.add(store, dancers, pieces, len(windows[dancers[0].id]))
+            advance(1)
     return measured
 
 
@@ -153,7 +158,7 @@ def _clip(measured: Measured, clip: ClipView, pieces: Sequence[Piece]) -> ClipNu
     parts = [_Part.of(piece, *trim) for piece in pieces]
     parts = [part for part in parts if len(part.speed)]
     for part in parts:
-        _count(measured, part)
+        _count(measured, part, clip.split)
     return _numbers(parts, whole=measured.store.scope == "track") if parts else ClipNumbers()
 
 
@@ -268,7 +273,7 @@ def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
     return score, chance
 
 
-def _count(measured: Measured, part: _Part) -> None:
+def _count(measured: Measured, part: _Part, split: str) -> None:
     if not measured.joint_speed:
         figure = part.piece.figure
         measured.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
@@ -276,6 +281,7 @@ def _count(measured: Measured, part: _Part) -> None:
         measured.joints = part.names
         measured.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
     measured.speed.add(part.speed.mean(axis=1))
+    measured.split_speed.setdefault(split, Tally.of(0, 12, 0.01)).add(part.speed.mean(axis=1))
     for k, name in enumerate(part.names):
         measured.joint_speed[name].add(part.speed[:, k])
     measured.sliding.add(part.sliding)

@@ -33,7 +33,15 @@ from dancedata.report.document import (
 )
 from dancedata.report.groups import groups_of
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
-from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, fine_edges, nice_edges
+from dancedata.report.tally import (
+    ClipHistogram,
+    FiveNumbers,
+    FrameHistogram,
+    Quantiles,
+    counted_between,
+    fine_edges,
+    nice_edges,
+)
 from dancedata.store import ClipView, Store
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
@@ -227,10 +235,14 @@ def _movement(measured: Measured, scales: Scales) -> Movement:
     motion = measured.reader.motion
     contact = zip(measured.feet, measured.contact.tolist(), strict=True)
     clips = measured.clips.items()
+    splits = measured.store.splits
+    of_splits = {
+        s: measured.split_speed[s].histogram(scales.speed).tolist() for s in splits if s in measured.split_speed
+    }
     return Movement(
         field=None if motion is None else motion.name,
         joints=len(measured.joints),
-        speed_m_s=FrameHistogram.of(measured.speed, scales.speed),
+        speed_m_s=FrameHistogram.of(measured.speed, scales.speed, by_split=of_splits),
         joint_speed_m_s={name: Quantiles.of(tally) for name, tally in measured.joint_speed.items()},
         still=Still(**vars(_over_clips(measured, lambda n: n.still)), below_m_s=STILL_M_S),
         root_extent_m=_of_clips(measured, scales.root_extent_m, lambda n: n.root_extent_m),
@@ -277,7 +289,13 @@ def _over_clips(measured: Measured, value: _Value) -> FiveNumbers:
 
 
 def _of_clips(measured: Measured, edges: tuple[float, ...], value: _Value) -> ClipHistogram:
-    return ClipHistogram.of_groups({"all": _values(measured, value)}, edges)
+    store = measured.store
+    by_split: dict[str, list[float]] = {split: [] for split in store.splits}
+    for clip in store.clips:
+        if clip.id in measured.clips and (v := value(measured.clips[clip.id])) is not None:
+            by_split[clip.split].append(v)
+    counts = counted_between(by_split, edges)
+    return ClipHistogram.of_groups({"all": _values(measured, value)}, edges, by_split=counts)
 
 
 def _mean(measured: Measured, value: _Value) -> float | None:

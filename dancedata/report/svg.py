@@ -24,6 +24,8 @@ WIDTH, HEIGHT = 420, 190
 _LEFT, _RIGHT, _TOP, _BOTTOM = 42, 10, 8, 40
 #: Left of horizontal bars there is room for a name.
 _NAMES, _ROW = 128, 19
+#: Width of a digit.
+_DIGIT = 7
 #: Characters of a name in a chart; its title and the table have all of it.
 _SHORT = 18
 
@@ -78,12 +80,15 @@ def histogram(
     *,
     other: Sequence[int] | None = None,
     chance: Sequence[int] | None = None,
+    lines: Mapping[str, Sequence[int]] | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> str:
     """Return stacked bars in per cent of all, and the outlines of other counts in per cent of theirs.
 
     Parameters
     ----------
+    lines
+        Counts of parts of the data, which are lines in their colours, over pale bars.
     other, chance
         Counts of another dataset, and those to be expected by chance.
     marks
@@ -96,8 +101,10 @@ def histogram(
     shares = {name: 100 * c / total for name, c in counts.items()}
     samples = {"chance": np.asarray(chance or (), np.float64), "other": np.asarray(other or (), np.float64)}
     outlines = {kind: 100 * sample / sample.sum() for kind, sample in samples.items() if sample.any()}
+    parts = {name: np.asarray(line, np.float64) for name, line in (lines or {}).items()}
+    parts = {name: 100 * part / part.sum() for name, part in parts.items()}
     stacked = np.sum(list(shares.values()), axis=0)
-    highest = max(float(sample.max()) for sample in (stacked, *outlines.values()))
+    highest = max(float(sample.max()) for sample in (stacked, *outlines.values(), *parts.values()))
     x, y, body = axes((edges[0], edges[-1]), highest * 1.06, label, "%")
     base = np.zeros(len(edges) - 1)
     for k, (name, share) in enumerate(shares.items()):
@@ -106,9 +113,11 @@ def histogram(
                 left, width = x(edges[b]) + 0.5, max(0.8, x(edges[b + 1]) - x(edges[b]) - 1)
                 prefix = f"{name}, " if len(shares) > 1 else ""
                 title = f"{prefix}{number(edges[b])} to {number(edges[b + 1])}: {int(counts[name][b]):,}"
-                body += _bar(k, left, y(base[b] + height), width, y(base[b]) - y(base[b] + height), title)
+                box = left, y(base[b] + height), width, y(base[b]) - y(base[b] + height)
+                body += _bar(k, *box, title) if lines is None else _bar(k, *box, title, kind="pale")
         base += share
-    for kind, outline in outlines.items():
+    kinds = [(f"line s{k % 6}", part) for k, part in enumerate(parts.values())]
+    for kind, outline in [*outlines.items(), *kinds]:
         steps = "".join(f"V{y(v):.1f}H{x(e):.1f}" for v, e in zip(outline.tolist(), edges[1:], strict=True))
         body += f'<path class="{kind}" d="M{x(edges[0]):.1f} {y(0):.1f}{steps}V{y(0):.1f}"/>'
     for value, name in marks:
@@ -118,18 +127,21 @@ def histogram(
     return drawn(body, label)
 
 
-def _bar(k: int, x: float, y: float, width: float, height: float, title: str) -> str:
+def _bar(k: int, x: float, y: float, width: float, height: float, title: str, kind: str = "") -> str:
     place = f'x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"'
-    return f'<rect class="s{k % 6}" {place}><title>{escaped(title)}</title></rect>'
+    return f'<rect class="{kind or f"s{k % 6}"}" {place}><title>{escaped(title)}</title></rect>'
 
 
 def bars(
     rows: Mapping[str, Mapping[str, float]], label: str, *, other: Mapping[str, float] | None = None, unit: str = ""
 ) -> str:
-    """Return one horizontal bar per row, stacked by group; the outline of another total around it."""
+    """Return one horizontal bar per row, stacked by group; the outline of another total around it.
+
+    The total of a row is printed at the end of its bar, the other one in brackets at the end of its outline.
+    """
     totals = {name: sum(counts.values()) for name, counts in rows.items()}
     most = max([*totals.values(), *(other or {}).values(), 0]) or 1
-    room = WIDTH - _NAMES - 52
+    room = WIDTH - _NAMES - (52 if other is None else 104)
     body = ""
     for row, (name, counts) in enumerate(rows.items()):
         y, x = 4 + row * _ROW, float(_NAMES)
@@ -142,11 +154,13 @@ def bars(
                 )
                 body += _bar(k, x, y, max(1.0, width - 1), 13, title)
             x += width
+        text = f"{number(totals[name])}{unit}"
         if other is not None and name in other:
             length = other[name] / most * room
             body += f'<rect class="other" x="{_NAMES}" y="{y - 1.5}" width="{length:.1f}" height="16"/>'
-            x = max(x, _NAMES + length)
-        body += _text(x + 6, y + 11, f"{number(totals[name])}{unit}", "start", "value")
+            after = max(x + 6 + _DIGIT * (len(text) + 1), _NAMES + length + 6)
+            body += _text(after, y + 11, f"({number(other[name])}{unit})", "start", "beside")
+        body += _text(x + 6, y + 11, text, "start", "value")
     return drawn(body, label, 8 + _ROW * len(rows))
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -15,6 +16,8 @@ IntArray = npt.NDArray[np.int64]
 #: Steps of axes: these times a power of ten.
 _STEPS = (1.0, 2.0, 2.5, 5.0)
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: Fewer values than this are named, not drawn.
+_FEW = 3
 #: Slack in units of a bin: rounding does not put a value on a border below it.
 _SLACK = 1e-9
 
@@ -172,26 +175,50 @@ class Histogram:
         (B,) counts of each group.
     n
         Number of values.
+    by_split
+        (B,) counts of each split; empty where `counts` has them.
     """
 
     edges: tuple[float, ...]
     counts: Mapping[str, list[int]]
     n: int
+    by_split: Mapping[str, list[int]] = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True)
 class ClipHistogram(FiveNumbers, Histogram):
-    """Histogram of one value per clip, with their five numbers."""
+    """Histogram of one value per clip, with their five numbers.
+
+    Attributes
+    ----------
+    distinct
+        Number of clips with each value, to a tenth of a bin, where there are at most two; values within one bin
+        count as their median.
+    """
+
+    distinct: tuple[tuple[float, int], ...] = field(default=(), kw_only=True)
 
     @classmethod
     def of_groups(cls, groups: Mapping[str, Sequence[float]], edges: Sequence[float], **more: Any) -> Self:
         """Count values; each is within the edges."""
-        counts = {
-            name: np.histogram(np.asarray(values, dtype=np.float64), edges)[0].tolist()
-            for name, values in groups.items()
-        }
+        counts = counted_between(groups, edges)
         values = [v for values in groups.values() for v in values]
-        return cls(tuple(edges), counts, len(values), *_five(values), **more)
+        distinct = _distinct(values, edges[1] - edges[0])
+        return cls(tuple(edges), counts, len(values), *_five(values), distinct=distinct, **more)
+
+
+def counted_between(groups: Mapping[str, Sequence[float]], edges: Sequence[float]) -> dict[str, list[int]]:
+    """Return the counts of values between edges, by group; each value is within the edges."""
+    return {name: np.histogram(np.asarray(v, np.float64), edges)[0].tolist() for name, v in groups.items()}
+
+
+def _distinct(values: Sequence[float], step: float) -> tuple[tuple[float, int], ...]:
+    if not values:
+        return ()
+    if max(values) - min(values) < step:
+        return ((float(np.median(values)), len(values)),)
+    counts = Counter(round(round(v / step * 10) * step / 10, 10) for v in values)
+    return tuple(sorted(counts.items())) if len(counts) < _FEW else ()
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any, Literal, Self
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import shown
 from dancedata.core.version import __version__
+from dancedata.execution.progress import Progress
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.place import (
     foreign_files,
@@ -20,7 +21,7 @@ from dancedata.exports.base.place import (
 )
 from dancedata.files import atomic, publish
 from dancedata.files.atomic import require_free
-from dancedata.pipeline.diff import Difference, diff
+from dancedata.pipeline.diff import Difference, diff, folded
 from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing
 from dancedata.report.markup import Figure, number
@@ -106,6 +107,7 @@ def write_report(
     against: str | Path | None = None,
     max_mb: float = 20,
     overwrite: bool = False,
+    progress: bool = False,
 ) -> Report:
     """Summarise a built dataset, as ``dancedata report`` does.
 
@@ -130,6 +132,8 @@ def write_report(
         Largest page, megabytes.
     overwrite
         Replace an existing page.
+    progress
+        Show progress on stderr.
 
     Returns
     -------
@@ -150,14 +154,15 @@ def write_report(
         target = Target.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
         folder = None if source is None else Path(source)
         options = _PageOptions(target, _checked(clips), _embeds(audio), folder, may_share)
+    reporter = Progress(quiet=not progress)
     with open_store(store) as opened_store:
         opened_store.require_intact()
-        measured = measure(opened_store)
+        measured = measure(opened_store, reporter)
         if against is None:
             return _report(opened_store, document(measured, Scales.of([measured])), None, (), options)
         with open_store(against) as other:
             other.require_intact()
-            beside = measure(other)
+            beside = measure(other, reporter)
             scales = Scales.of([measured, beside])
             differences = tuple(diff(opened_store.path, other.path))
             numbers, other_numbers = document(measured, scales), document(beside, scales)
@@ -186,7 +191,7 @@ def _report(
     if options is None:
         return Report(numbers, other, differences)
     player = _player(store, numbers, options)
-    texts = [(d.kind, str(d).partition(": ")[2]) for d in differences]
+    texts = [(kind, text) for kind, _, text in (line.partition(": ") for line in folded(differences))]
     parts = PageParts(_spread(numbers, _PATHS), store.fields, _heat_maps(store, numbers), texts, player)
     options.target.write(page(Drawing(numbers, other, player.links, player.group_links), parts).encode(), player)
     return Report(numbers, other, differences, options.target.path)

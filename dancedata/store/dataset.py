@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
-from dancedata.core.errors import StoreError, UsageError, did_you_mean
+from dancedata.core.errors import StoreError, UsageError, did_you_mean, nearest
 from dancedata.core.grid import WindowGrid
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
@@ -489,7 +489,8 @@ class Store(SegmentQueries):
             if row is not None:
                 return self.tables(split), row
         clip_ids = [clip for split in self.splits for clip in self.tables(split).ids]
-        raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=did_you_mean(clip_id, clip_ids))
+        fix = nearest(clip_id, clip_ids, "clip", self.path)
+        raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=fix)
 
     @property
     def weights(self) -> dict[str, str]:

@@ -273,8 +273,12 @@ class SceneList(ABC):
         named = self._by_name.get(name, [])
         if not named:
             kind = "clip or group" if any(item.members for item in self.items) else "clip"
-            raise UsageError(f"no {kind} named {name!r}", where=self.place, fix=did_you_mean(name, self._by_name))
+            raise UsageError(f"no {kind} named {name!r}", where=self.place, fix=self._nearest(name, kind))
         return named
+
+    def _nearest(self, name: str, kind: str) -> str:
+        """Return the names that are meant by an unknown one, as a fix."""
+        return did_you_mean(name, self._by_name)
 
     def has(self, name: str) -> bool:
         """Whether there is an item of this name, or a dancer of a group."""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
-from dancedata.core.errors import DataError, StoreError, UsageError, did_you_mean
+from dancedata.core.errors import DataError, StoreError, UsageError, did_you_mean, nearest
 from dancedata.core.grid import as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.text import counted, listed, shown
@@ -172,6 +172,10 @@ class Scenes(SceneList):
     def _file_identity(self) -> tuple[int, ...]:
         status = os.stat(self.store.path / DATASET_FILE)
         return status.st_ino, status.st_size, status.st_mtime_ns
+
+    @override
+    def _nearest(self, name: str, kind: str) -> str:
+        return nearest(name, self._by_name, kind, self.store.path)
 
     def _drawable(self, field: str) -> str:
         """Return the name of a field that can be drawn; UsageError for another one."""

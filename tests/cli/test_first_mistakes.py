@@ -16,7 +16,7 @@ from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
 from dancedata.cli.app import app
 from dancedata.core.clip import Reject
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, nearest
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS
 from dancedata.pipeline.rejects import BY_CHOICE, left_out_lines
@@ -284,10 +284,15 @@ def test_the_closing_summary_is_short_and_names_the_next_steps(larger: Path, out
     (larger / "ignore_list.txt").write_text("gBR_sBM_cAll_d04_mBR0_ch01\n")
     lines = run(*args).stdout.splitlines()
     assert lines[0].startswith(f"aist++: 7 clips, 21 windows in {out} (")
-    assert lines[1] == "  train 4 clips, 12 windows; val 1 clip, 3 windows; test 2 clips, 6 windows"
-    assert lines[-1] == f"next: dancedata check {out}; details: dancedata info {out}"
+    assert lines[1:5] == [
+        "  split  clips  windows  songs  minutes",
+        "  train      4       12      1      0.4",
+        "  val        1        3      1      0.1",
+        "  test       2        6      1      0.2",
+    ]
+    assert lines[-1] == f"next: dancedata view {out}; dancedata check {out}; details: dancedata info {out}"
     assert "ignored: 1 (" in "\n".join(lines)
-    assert len(lines) <= 8
+    assert len(lines) <= 10
     again = run(*args)
     assert again.stdout.splitlines() == [
         f"nothing to do: {out} is this dataset already, from the same recipe and source (7 clips, 21 windows)",
@@ -303,7 +308,7 @@ def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path, rej
     notes = DATASETS.get("aist++")().scan(larger).notes
     assert all(note in shown for note in notes)
     assert all(note not in summary for note in notes)
-    for part in ("licence: ", "columns (contact", "no quality flags", "median of a clip", "minutes"):
+    for part in ("licence: ", "columns (contact", "no quality flags", "median of a clip"):
         assert part in shown
         assert part not in summary
     details = [row["detail"] for row in rejects(out) if row["reason"] in BY_CHOICE and row.get("detail")]
@@ -446,3 +451,13 @@ def test_a_name_that_looks_like_an_option_has_a_hint(tmp_path: Path):
     assert 'No such option: -A. A name that begins with "-" goes last, after --' in output
     assert "after --" not in run("view", tmp_path, "--fsp", "30", code=2).stderr
     assert "there is nothing to look at" in run("view", tmp_path, "--", "-Ab_cdEf123_01", code=2).stderr
+
+
+def test_an_unknown_clip_of_many_has_the_nearest_names_and_their_number(tmp_path: Path):
+    ids = [f"gBR_sBM_cAll_d{dancer:02d}_mBR{song}_ch01" for dancer in range(10) for song in range(5)]
+    assert nearest("gBR_cAll_d07_mBR3_ch01", ids, "clip", tmp_path / "my data") == (
+        "the nearest names: gBR_sBM_cAll_d07_mBR3_ch01, gBR_sBM_cAll_d09_mBR3_ch01, gBR_sBM_cAll_d08_mBR3_ch01; "
+        f"50 clips in all: dancedata info '{tmp_path}/my data' --clips"
+    )
+    assert nearest("zzz", ids, "clip", tmp_path).count("gBR_") == 3
+    assert nearest("gBR_d07_mBR3", ids[:12], "clip", tmp_path).endswith(f"known: {', '.join(ids[:12])}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,11 @@ from tests.messages import raises_message
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
+
+
+def plain(text: str) -> str:
+    """Return the text of a terminal without its control sequences."""
+    return re.sub(r"\x1b\[[\d;?]*[A-Za-z]|\r", "", text)
 
 
 def square(x: int) -> int:
@@ -50,39 +56,60 @@ def test_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch):
 def test_a_bar_on_a_terminal():
     stream = Terminal()
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream))
-    last = stream.getvalue().split("\r")[-1]
-    assert last.startswith("squaring: 100%")
-    assert "3/3 [00:00<00:00" in last, "time passed and left"
-    assert "/s]" in last, "rate"
+    text = plain(stream.getvalue())
+    assert "━ 3/3" in text
+    *_, shown, last, end = text.split("\n")
+    assert shown.startswith("squaring "), "the bar, which the next line replaces"
+    assert last.split() == ["squaring", "3", "0.0", "s"]
+    assert end == ""
+    assert "\x1b[2m" in stream.getvalue()
+
+
+def test_rows_of_stages_are_a_table():
+    stream = Terminal()
+    progress = Progress(stream=stream)
+    for label, total, known in (("hashing", 1188, 1188), ("encoding motion", 12, 0), ("waiting", None, 0)):
+        with progress.stage(label, total, known) as advance:
+            advance(12)
+    rows = [line for line in plain(stream.getvalue()).split("\n") if line and "━" not in line]
+    assert rows == [
+        "hashing                     1,188    cached",
+        "encoding motion                12     0.0 s",
+        "waiting                               0.0 s",
+    ]
+
+
+def test_a_terminal_without_a_cursor_or_colour_gets_neither(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+    stream = Terminal()
+    run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream))
+    assert not re.search(r"\x1b\[[\d;]*m", stream.getvalue())
+    monkeypatch.setenv("TERM", "dumb")
+    stream = Terminal()
+    run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream))
+    assert re.fullmatch(r"squaring: 3/3 in \d\.\d s\n", stream.getvalue())
+
+
+@pytest.mark.usefixtures("no_time_passes")
+def test_work_without_steps_is_one_line():
+    stream = io.StringIO()
+    with Progress(stream=stream).stage("writing the video", None):
+        pass
+    assert stream.getvalue() == "writing the video: done in 0.0 s\n"
 
 
 @pytest.mark.parametrize("is_notebook", [True, False])
 def test_a_bar_in_a_notebook(is_notebook: bool, monkeypatch: pytest.MonkeyPatch):
-    class Bar(list[int]):
-        update = list.append
-
-        def __enter__(self) -> Bar:
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-    bars: list[tuple[Bar, dict[str, object]]] = []
-
-    def tqdm(**options: object) -> Bar:
-        bars.append((Bar(), options))
-        return bars[-1][0]
-
     # A notebook's stderr is not a terminal.
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     shell = SimpleNamespace(config={"IPKernelApp": {}} if is_notebook else {})
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))  # type: ignore[misc]
-    monkeypatch.setitem(sys.modules, "tqdm.auto", SimpleNamespace(tqdm=tqdm))  # type: ignore[misc]
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress())
-    assert [bar for bar, _ in bars] == [[1, 1, 1]] * is_notebook
+    assert ("━ 3/3" in plain(sys.stderr.getvalue())) is is_notebook  # type: ignore[attr-defined]
     assert ("squaring: 3/3 in" in sys.stderr.getvalue()) is not is_notebook  # type: ignore[attr-defined]
     # Output that a program writes to its own stream stays text.
-    run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=io.StringIO()))
-    assert len(bars) == is_notebook
+    run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=(stream := io.StringIO())))
+    assert stream.getvalue().startswith("squaring: 3/3 in")
 
 
 def test_nothing_if_quiet():

@@ -65,12 +65,12 @@ def test_other_files_clips_and_rejects_are_named(run_build: Any, built: Path, so
     run_build(source, out)
     found = diff(built, out)
     assert kinds(found) >= {"source", "clips", "rejects"}
-    assert of(found, "clips")[0].message == "1 clips only in A"
+    assert of(found, "clips")[0].message == "1 clip only in A"
     assert of(found, "clips")[0].names == (TRAIN,)
     (reject,) = of(found, "rejects")
     assert (reject.message, reject.names) == ("1 line only in B", (TRAIN,))
     # The other way round.
-    assert of(diff(out, built), "clips")[0].message == "1 clips only in B"
+    assert of(diff(out, built), "clips")[0].message == "1 clip only in B"
 
 
 def test_windows_and_fields_are_named(run_build: Any, built: Path, corpus: Path, out: Path):
@@ -94,7 +94,7 @@ def test_a_clips_metadata_are_compared(run_build: Any, built: Path, source: Path
     train.write_text("".join(f"{line}\n" for line in train.read_text().split() if line != TRAIN))
     run_build(source, out)
     (clips,) = [d for d in of(diff(built, out), "clips") if d.message.startswith("split")]
-    assert clips.message == "split of 1 clips, as 'train', 'val'"
+    assert clips.message == "split of 1 clip, as 'train', 'val'"
     assert clips.names == (TRAIN,)
 
 
@@ -145,15 +145,15 @@ def test_values_within_a_tolerance_are_the_same(built: Path, built_copy: Path):
     assert [d["numbers"]["max_abs"] for d in about["differences"]] == [0, pytest.approx(2.0**-10, rel=1e-3)]
     assert "values: librosa35: " in run("diff", built, built_copy, "--atol", "0.0009", code=1).stdout
     assert "values: librosa35: " in run("diff", built, built_copy, "--atol", "0", code=1).stdout
-    assert run("diff", built, built_copy, code=1).stdout.endswith("1 differences\n")
+    assert run("diff", built, built_copy, code=1).stdout.endswith("1 difference\n")
 
 
 def test_numbers_about_clips_are_within_the_tolerance_and_counts_are_exact(built: Path, built_copy: Path):
     bend(built_copy, "clips/height_m", 1e-4)
-    assert "height_m of 1 clips" in run("diff", built, built_copy, code=1).stdout
+    assert "height_m of 1 clip" in run("diff", built, built_copy, code=1).stdout
     run("diff", built, built_copy, "--atol", "0.001", code=0)
     bend(built_copy, "clips/n_frames", -1)
-    assert "n_frames of 1 clips" in run("diff", built, built_copy, "--atol", "100", code=1).stdout
+    assert "n_frames of 1 clip" in run("diff", built, built_copy, "--atol", "100", code=1).stdout
 
 
 def test_lines_match_if_their_numbers_are_within_the_tolerance():

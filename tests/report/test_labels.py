@@ -52,8 +52,8 @@ def test_figures_say_what_is_measured(demo: Path) -> None:
     figures = [*contents_figures(drawing), *movement_figures(drawing, ()), *music_figures(drawing)]
     notes = {figure.key: figure.note for figure in figures}
     assert notes["length_s"] == "frames per second of the files: 60 in 8 clips"
-    assert notes["speed_m_s"].startswith("mean over 22 joints of edge151; ")
-    assert notes["floor_m"].startswith("soles of toes in contact: −0.177 m; feet from 0.55")
+    assert notes["speed_m_s"].startswith("% of frames; mean over 22 joints of edge151; ")
+    assert notes["floor_m"].startswith("% of clips; soles of toes in contact: −0.18 m; feet from 0.55")
     assert notes["contact"].startswith("share of frames")
     assert notes["bas"].startswith("mean over clips, beats of librosa35; ")
     assert any(f.text.startswith("the floor of edge151 is not at 0") for f in findings(numbers))

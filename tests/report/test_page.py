@@ -21,7 +21,7 @@ from dancedata.viewer.page import source_hash
 from tests.messages import raises_message
 from tests.report.conftest import HOSTILE
 
-VOID = {"meta", "link", "img", "br", "input", "hr"}
+VOID = {"meta", "link", "img", "br", "wbr", "input", "hr"}
 
 
 class Page(HTMLParser):

@@ -1,0 +1,158 @@
+"""Text on a terminal: wrapped, with colours; in pipes and logs as it is. Commands run in a pseudo-terminal."""
+
+import fcntl
+import io
+import os
+import pty
+import re
+import struct
+import sys
+import termios
+from pathlib import Path
+
+import pytest
+
+from dancedata.cli.app import app
+from dancedata.cli.terminal import dressed, say
+from dancedata.core.text import age_text
+from dancedata.pipeline.diff import Difference, folded
+from tests.commands import run
+
+
+def on_a_terminal(columns: int, *args: object, **environment: str) -> str:
+    """Return what a command writes to a terminal of this width."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ |= {"TERM": "xterm-256color", **environment}
+        os.environ.pop("COLUMNS", None)
+        os.execv(sys.executable, [sys.executable, "-m", "dancedata", *map(str, args)])
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
+    text = b""
+    while True:
+        try:
+            text += os.read(terminal, 65_536)
+        except OSError:  # the command has ended
+            break
+    os.close(terminal)
+    os.waitpid(pid, 0)
+    return text.decode().replace("\r\n", "\n")
+
+
+def plain(text: str) -> str:
+    return re.sub(r"\x1b\[[\d;]*m", "", text)
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+def test_messages_are_wrapped_between_words(columns: int, tmp_path: Path):
+    there = tmp_path / "nothere"
+    written = on_a_terminal(columns, "info", there)
+    lines = plain(written).rstrip("\n").split("\n")
+    assert len(lines) > 1
+    assert all(len(line) <= columns or " " not in line.strip() for line in lines[1:])
+    assert all(line.startswith("  ") and line[2] != " " for line in lines[1:]), "indent"
+    assert "\x1b[1m" in written
+    in_a_pipe = run("info", there, code=1).stderr
+    assert " ".join(plain(written).split()) == " ".join(in_a_pipe.split())
+    assert in_a_pipe.count("\n") == 1
+    assert "\x1b" not in in_a_pipe
+
+
+def test_no_color_keeps_the_wrapping_alone(tmp_path: Path):
+    written = on_a_terminal(80, "info", tmp_path / "nothere", NO_COLOR="1")
+    assert "\x1b" not in written
+    assert written.count("\n") > 1
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "40")
+
+
+@pytest.mark.usefixtures("colours")
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("error: no", "\x1b[31m\x1b[1merror\x1b[0m: no"),
+        ("  bad: no", "\x1b[31m\x1b[1m  bad\x1b[0m: no"),
+        ("  look: 3 clips", "\x1b[33m  look\x1b[0m: \x1b[1m3\x1b[0m clips"),
+        ("note: 3 clips", "\x1b[2mnote: 3 clips\x1b[0m"),
+        ("1,188 clips, 24 %, 3.5 s", "\x1b[1m1,188\x1b[0m clips, \x1b[1m24\x1b[0m %, \x1b[1m3.5\x1b[0m s"),
+        ("d/2 gBR_1 v1.2 a-3 3x http://127.0.0.1:80/", "d/2 gBR_1 v1.2 a-3 3x\n  http://127.0.0.1:80/"),
+        ("  train     30      540", "  train     30      540"),
+        ("the errors: none", "the errors: none"),
+        ("", ""),
+    ],
+)
+def test_kinds_and_numbers(text: str, shown: str):
+    assert dressed(text, Terminal()) == shown
+
+
+@pytest.mark.usefixtures("colours")
+def test_commands_paths_and_tables_stay_whole(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+    command = "dancedata check 'my dances' --dataset aist++"
+    assert dressed(f"See every file: {command}", Terminal()) == f"See every file:\n  {command}"
+    assert dressed(f"next: {command}; or: {command}", Terminal()).split("\n") == [
+        "next:", f"  {command};", "  or:", f"  {command}",
+    ]  # fmt: skip
+    path = "/long" * 12
+    assert dressed(f"  {path} is not a dataset that was built", Terminal()) == (
+        f"  {path}\n    is not a dataset that was built"
+    )
+    row = "  split  clips  windows  songs  minutes  and more"
+    assert dressed(row, Terminal()) == row
+
+
+def test_a_file_gets_the_text_as_it_is(capsys: pytest.CaptureFixture[str]):
+    text = f"error: 3 {'words ' * 40}"
+    say(text)
+    say(text, err=True)
+    assert capsys.readouterr() == (f"{text}\n", f"{text}\n")
+
+
+def test_help_has_groups_in_the_order_of_use():
+    text = run("--help").stdout
+    assert re.findall(r"^(\w.*):$", text, re.M) == ["Options", "Make a dataset", "Look at it", "Use it", "The rest"]
+    commands = re.findall(r"^  ([a-z]+)  +(\S.*)$", text.split("Make a dataset:")[1], re.M)
+    names = [name for name, _ in commands]
+    assert names[:9] == ["build", "plan", "check", "view", "report", "info", "export", "evaluate", "decode"]
+    known = {command.name or command.callback.__name__ for command in app.registered_commands}  # type: ignore[union-attr]
+    assert set(names) == known | {group.name for group in app.registered_groups}
+    assert [text for _, text in commands if "..." in text or len(text) > 55 or not text.endswith(".")] == []
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (5, "less than a minute"), (60, "1 minute"), (15 * 60, "15 minutes"), (90 * 60, "90 minutes"),
+        (120 * 60, "2 hours"), (36 * 3600, "36 hours"), (48 * 3600, "2 days"), (30 * 86400, "30 days"),
+    ],
+)  # fmt: skip
+def test_times_that_have_passed(seconds: int, text: str):
+    assert age_text(seconds / 86400) == text
+
+
+def test_differences_of_one_kind_are_one_line():
+    differences = [
+        Difference("store", "fps: 30, 60"),
+        *(Difference("store", f"genre_ids.{name}: {k}, null") for k, name in enumerate(("gBR", "gHO", "gLO"))),
+        Difference("fields", "dtype float32, float16", ("edge151",)),
+        Difference("fields", "dtype float32, float16", ("librosa35",)),
+        Difference("recipe", "windows.stride_frames: 15, 30"),
+        Difference("clips", "1 clip only in A", ("a",)),
+    ]
+    assert folded(differences) == [
+        "store: fps: 30, 60",
+        "store: 3 keys of genre_ids differ: gBR: 0, null; gHO: 1, null, ...",
+        "fields: dtype float32, float16: edge151, librosa35",
+        "recipe: windows.stride_frames: 15, 30",
+        "clips: 1 clip only in A: a",
+    ]
+    assert folded([]) == []
