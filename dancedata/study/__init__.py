@@ -1,1 +1,1 @@
-"""User studies: pages of blind pairs, and what their results say."""
+"""User studies: pages of blind pairs, and their results."""
