@@ -40,7 +40,8 @@ class Choice:
     trim
         Whether windows begin at their clip's trim_start.
     ignore
-        Lists whose clips are left out; with a protocol also the list "ignored.<protocol>".
+        Lists whose clips are left out; with a protocol also the list "ignored.<protocol>". "LAYER:LABEL" leaves out
+        windows that overlap such a segment, as "mark:reject" of the viewer.
     protocol
         Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored splits do.
     filter
@@ -71,10 +72,15 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
 
     UsageError for a split that neither the lists nor the store have, or windows that the store cannot provide.
     """
+    marked = [name.partition(":") for name in choice.ignore if ":" in name]
+    choice = replace(choice, ignore=tuple(name for name in choice.ignore if ":" not in name))
     if choice.protocol is None and not choice.ignore:
         windows, rejects = _all_windows(store, split, choice)
     else:
         windows, rejects = _listed_windows(store, split, choice)
+    for layer, _, label in marked:
+        unmarked, found = _unmarked(store, windows, layer, label)
+        windows, rejects = windows.take(unmarked), rejects + found
     if choice.start_at is not None:
         windows, beatless = windows_at(
             store, windows, choice.windows, at=choice.start_at, fields=choice.fields, trim=choice.trim
@@ -115,6 +121,23 @@ def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowLis
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
     return windows, rejects + [_too_short(clips[clip], choice) for clip in sorted(remaining - with_window)]
+
+
+def _unmarked(
+    store: Store, windows: WindowList, layer: str, label: str
+) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
+    """Return which windows no segment of a layer with a label overlaps, (W,), and a reject for each of the others.
+
+    UsageError for an unknown layer.
+    """
+    store.require_layer(layer)
+    keep = np.ones(len(windows), dtype=np.bool_)
+    rejects = []
+    for place, window in enumerate(windows):
+        if any(placed.segment.label == label for placed in store.segments_in(window, layer)):
+            keep[place] = False
+            rejects.append(Reject("ignored", window.clip, window=window.start, detail=f"{layer}: {label}"))
+    return keep, rejects
 
 
 def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipView]:

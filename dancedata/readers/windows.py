@@ -72,7 +72,8 @@ class WindowDataset(SplitDataset):
     trim
         Whether windows begin at each clip's trim_start, where the dance begins according to the source.
     ignore
-        Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well.
+        Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well. "LAYER:LABEL" leaves
+        out windows that overlap a segment of this layer and label, such as "mark:reject" of the viewer's marks.
     protocol
         Such as "cross_genre". If the store's clips are in lists of that name ("cross_genre.train"), these lists,
         and not the stored splits, define which clips `split` has.

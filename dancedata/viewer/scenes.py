@@ -155,6 +155,7 @@ class Scenes(SceneList):
         return {
             "name": shown(meta.get("name", self.store.path.name), MAX_NAME), "fps": float(self.grid.rate),
             "rate": str(self.grid), "scope": self.store.scope, **total,
+            "made": self.store.reference[1],
             "licence": shown(meta.get("licence", ""), 600), "citation": shown(meta.get("citation", ""), 600),
         }  # fmt: skip
 

@@ -242,10 +242,11 @@ def test_invalid_recipes() -> None:
 
 
 def test_every_representation_can_be_built_from_aistpp(corpus: Path, run_build, tmp_path: Path) -> None:
-    every = ", ".join(f"{name}: {{}}" for name in REPRESENTATIONS.names())
+    names = set(REPRESENTATIONS.names()) - {"lda61"}  # of Motorica's joints
+    every = ", ".join(f"{name}: {{}}" for name in sorted(names))
     run_build(corpus, tmp_path / "out", "aist++", (f"motion={{{every}}}", "audio={}", "windows.length_s=4"))
     store = dancedata.open(tmp_path / "out")
-    assert set(store.fields) == set(REPRESENTATIONS.names())
+    assert set(store.fields) == names
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
 
 

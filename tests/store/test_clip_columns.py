@@ -91,7 +91,7 @@ def test_another_attribute_is_two_entries(tmp_path: Path) -> None:
     shown = dict(line.split(":", 1) for line in done.stdout.splitlines() if ":" in line)
     assert shown["read"] == " ['Tokyo', '']"
     assert shown["check"] == " []"
-    assert "clips: studio of 1 clips, as 'Tokyo', 'Osaka': train_c00" in shown["diff"]
+    assert "clips: studio of 1 clip, as 'Tokyo', 'Osaka': train_c00" in shown["diff"]
     assert "studio" in shown["report"]
     assert "Tokyo" in shown["report"]
     assert "studio: an attribute of a clip cannot be stored: a text with a NUL or a line break" in shown["write"]

@@ -9,6 +9,7 @@ import { el, head, plain } from './data.js';
 import { canvas, ratio, readColours } from './figure.js';
 import { linkNow, writeLink } from './link.js';
 import { step } from './list.js';
+import { noteNow, rejectNow, saveMarks, starNow } from './marks.js';
 import { camera, duration, failed, frameRate, state } from './state.js';
 import { loopAt, redraw, zoomAround } from './timeline.js';
 
@@ -98,6 +99,9 @@ const KEYS = [
   ['s', 'S', 'turn it down', () => turn(0, -0.1)],
   ['t', 'T', 'camera follows the dancer, or stays', () => el('follow').click()],
   ['z', 'Z', 'full screen', fullScreen],
+  ['k', 'K', 'star this moment', starNow],
+  ['x', 'X', 'reject the clip, in window scope the window', rejectNow],
+  ['n', 'N', 'note at this moment', noteNow],
   ['f', 'F', 'next quality flag; with shift the one before', e => nextFlag(e.shiftKey)],
   ...Object.keys(RATES).map(k => [k, k, `${RATES[k]} times the speed`, () => setRate(RATES[k])]),
   ['+', '+', 'zoom the time axis in', () => zoomAround(state.t, 0.7)],
@@ -189,6 +193,7 @@ export function startControls() {
   click('zoomin', () => zoomAround(state.t, 0.5));
   click('zoomout', () => zoomAround(state.t, 2));
   click('full', fullScreen);
+  click('marks', saveMarks);
   click('follow', toggle('follow'));
   el('volume').addEventListener('input', () => {
     setMode('mute', false);

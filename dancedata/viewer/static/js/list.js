@@ -8,6 +8,7 @@ const rowBox = el('rows');
 export let shown = items;
 let drawnRows = new Map();
 let open = () => {};
+let signsOf = () => '';
 const describe = item =>
   [
     item.split,
@@ -70,6 +71,8 @@ function rowOf(item, place) {
     count.textContent = `▲ ${item.flags}`;
     count.title = item.flags + (item.flags > 1 ? ' flags' : ' flag');
   }
+  const signs = signsOf(item);
+  if (signs) count.textContent = `${signs} ${count.textContent}`;
   const sliding = el('sort').value === 'sliding' && item.sliding !== undefined && item.sliding !== null;
   about.textContent = (sliding ? `slides ${(item.sliding * 100).toFixed(1)} cm/s  ·  ` : '') + plain(describe(item));
   row.append(name, count, about);
@@ -77,7 +80,7 @@ function rowOf(item, place) {
   return row;
 }
 
-function drawRows(anew) {
+export function drawRows(anew) {
   const first = Math.max(0, Math.floor(listBox.scrollTop / ROW) - 4);
   const last = Math.min(shown.length, first + Math.ceil((listBox.clientHeight || 600) / ROW) + 9);
   const wanted = new Map();
@@ -141,6 +144,11 @@ async function measureSliding() {
 }
 
 // `openItem` is called with the item that is chosen.
+// `signs` tells what stands beside an item in the list.
+export function showSigns(signs) {
+  signsOf = signs;
+}
+
 export function startList(openItem) {
   open = openItem;
   options('split', 'all splits', [...new Set(items.map(i => i.split).filter(Boolean))]);

@@ -4,6 +4,7 @@ import { seek, setLoop } from './clock.js';
 import { together } from './dancers.js';
 import { css, ratio, triangle } from './figure.js';
 import { drawGroupLanes, drawPairs, labelGroup, layOutGroup } from './pairs.js';
+import { marksOf, signOf } from './marks.js';
 import { duration, loopSeconds, state } from './state.js';
 import { drawWords, labelWords, layOutWords } from './words.js';
 
@@ -109,6 +110,11 @@ export function drawLanes() {
     ink.fillStyle = colour;
     ink.fillRect(xOf(start), (rows.windows.y + 2) * ratio, xOf(end) - xOf(start), 4 * ratio);
   }
+  ink.textAlign = 'center';
+  ink.textBaseline = 'middle';
+  ink.font = `${12 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+  ink.fillStyle = css.accent;
+  for (const mark of marksOf(state.item)) ink.fillText(signOf(mark), xOf(mark.at), (rows.flags.y + 7) * ratio);
   const x = xOf(state.t);
   ink.fillStyle = css.ink;
   ink.fillRect(x - ratio * 0.75, 0, 1.5 * ratio, lanes.height);

@@ -9,7 +9,8 @@ import { el, head, items, page, plain, root } from './data.js';
 import { canvas, conesNow, drawStage, sizeCanvas } from './figure.js';
 import { startLayout } from './layout.js';
 import { readLink, wholePage } from './link.js';
-import { shown, startList } from './list.js';
+import { showSigns, shown, startList } from './list.js';
+import { marksFile, marksOf, showMarks, signOf } from './marks.js';
 import { camera, failed, state } from './state.js';
 import { drawLanes, layOut } from './timeline.js';
 
@@ -107,6 +108,8 @@ startLayout();
 layOut(null);
 addEventListener('resize', () => layOut(state.clip));
 startList(openItem);
+showSigns(item => [...new Set(marksOf(item).map(signOf))].join(''));
+showMarks();
 (wholePage ? window : root).addEventListener('keydown', onKey);
 window.addEventListener('hashchange', () => followLink().catch(failed));
 setInterval(metronome, 40);
@@ -128,6 +131,7 @@ window.dancedataViewer = {
   setLoop,
   openItem,
   chooseDancer,
+  marksFile,
   rows,
   get cones() {
     return conesNow();

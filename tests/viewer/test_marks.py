@@ -1,0 +1,79 @@
+"""Marks: set by keys, kept in the browser, saved as rows of segments, and taken by datasets and readers."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import dancedata
+from dancedata.core.errors import UsageError
+from dancedata.readers import WindowDataset
+from tests.messages import raises_message
+from tests.viewer.helpers import FPS, Browser
+from tests.viewer.test_browser import at
+
+V = "window.dancedataViewer"
+
+
+def test_marks_are_kept_and_saved(browser: Browser, served: str, odd: Path, tmp_path: Path) -> None:
+    browser.open(at(served, "wav", "&t=1.5"))
+    browser.js("localStorage.clear(); location.reload()")
+    browser.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")
+    browser.js("window.prompt = () => 'the arm jumps'")
+    browser.key("k")
+    browser.key("n")
+    browser.open(at(served, "flac", "&t=0.5"))
+    browser.key("x")
+    browser.key("k")
+    browser.key("k")  # and off again
+    assert browser.js("return document.querySelector('[data-dd=marks]').textContent") == "Marks (3)"
+    browser.open(at(served, "wav", "&t=0"))
+    assert browser.js("return document.querySelector('[data-dd=marks]').textContent") == "Marks (3)"
+    signs = browser.js(
+        "return [...document.querySelectorAll('.item')].map(row => row.querySelector('.n').textContent)"
+    )
+    assert sum("★✎" in sign for sign in signs) == 1
+    assert sum("✕" in sign for sign in signs) == 1
+    path = tmp_path / "marks.jsonl"
+    path.write_text(browser.js(f"return {V}.marksFile()"))
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [(row["clip"], row["start"], row["label"]) for row in rows] == [
+        ("wav", "1.500", "star"), ("wav", "1.500", "note"), ("flac", "0.000", "reject"),
+    ]  # fmt: skip
+    ds = dancedata.open(odd, segments=path)
+    assert [(s.label, float(s.start)) for s in ds.segments("wav", "mark")] == [("note", 1.5), ("star", 1.5)]
+    assert ds.segments("wav", "mark")[0].texts == ("the arm jumps",)
+    train = WindowDataset(ds, "train", ignore=("mark:reject",))
+    assert "flac" not in {window.clip for window in train.windows}
+    assert len(train) == len(WindowDataset(ds, "train")) - len(ds.windows_of("flac"))
+    browser.js("localStorage.clear()")
+    assert browser.log() == []
+
+
+def test_windows_that_overlap_a_mark_are_left_out(odd: Path, tmp_path: Path) -> None:
+    path = tmp_path / "marks.jsonl"
+    path.write_text(
+        '{"clip": "wav", "start": "2", "end": "2.5", "layer": "mark", "label": "reject", "sided": "no"}\n'
+        '{"clip": "mp3", "start": "1", "end": "1.04", "layer": "mark", "label": "star", "sided": "no"}\n'
+    )
+    ds = dancedata.open(odd, segments=path)
+    train, plain = WindowDataset(ds, "train", ignore=("mark:reject",)), WindowDataset(ds, "train")
+    wanted = [
+        (window.clip, window.start)
+        for window in plain.windows
+        if window.clip != "wav" or not (window.start < 2.5 * FPS and window.start + window.length > 2 * FPS)
+    ]
+    assert [(window.clip, window.start) for window in train.windows] == wanted
+    assert len(wanted) < len(plain)
+    left_out = {(r.clip, r.window) for r in train.rejects if r.reason == "ignored"}
+    assert left_out == {(w.clip, w.start) for w in plain.windows} - set(wanted)
+    assert train.normalizer("edge151").sha256 == plain.normalizer("edge151").sha256
+    with raises_message(UsageError):
+        WindowDataset(dancedata.open(odd), "train", ignore=("mark:reject",))
+
+
+@pytest.mark.parametrize("key", ["k", "x", "n"])
+def test_the_keys_are_in_the_table(browser: Browser, served: str, key: str) -> None:
+    browser.open(at(served, "wav"))
+    keys = browser.js("return [...document.querySelectorAll('kbd')].map(k => k.textContent.toLowerCase())")
+    assert key in keys
