@@ -257,8 +257,9 @@ export function showNow() {
   if (el('clock').textContent !== text) el('clock').textContent = text;
   const whose = f => (together() ? `${clip.members[f[5]].called}: ` : '') + flagText(f);
   const w = state.hovered;
-  const window = w && `window ${clip.windows.indexOf(w)}: frames ${w[0]} to ${w[0] + w[1] - 1}`;
-  const said = window || near.slice(0, 2).map(whose).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
+  const hovered = w && `window ${clip.windows.indexOf(w)}: frames ${w[0]} to ${w[0] + w[1] - 1}`;
+  const said =
+    hovered || near.slice(0, 2).map(whose).join(', ') + (near.length > 2 ? ` and ${near.length - 2} more` : '');
   if (el('toast').textContent !== said) el('toast').textContent = plain(said);
   let last = -9;
   for (const beat of clip.beats) if (beat <= state.t + 1e-6) last = beat;

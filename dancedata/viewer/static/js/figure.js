@@ -290,7 +290,9 @@ export function drawStage() {
     camera.z += (here[2] - camera.z) * move;
   }
   camera.placed = true;
-  camera.y = figure.floor + figure.room * 0.47 + Math.max(0, here[1] - figure.floor - figure.room);
+  // Near by, at the chest.
+  const aimed = figure.room * (0.47 + 0.25 * Math.max(0, 1 - camera.zoom));
+  camera.y = figure.floor + aimed + Math.max(0, here[1] - figure.floor - figure.room);
   camera.still = false;
   const copies = (state.mirror ? 1 : 0) + (other && !state.over ? 1 : 0);
   const wide = copies && !state.over ? 1.25 + 0.9 * copies : 1.05;

@@ -16,12 +16,14 @@ function showMore(on) {
 
 // Whether a control reaches into the right margin of the row.
 function isFull() {
-  const shown = [...bar.querySelectorAll('button, select, input')].filter(e => e.offsetParent && !el('sheet').contains(e));
+  const shown = [...bar.querySelectorAll('button, select, input')].filter(
+    e => e.offsetParent && !el('sheet').contains(e),
+  );
   return Math.max(...shown.map(e => e.getBoundingClientRect().right)) > bar.getBoundingClientRect().right - 13;
 }
 
 // Controls stay in one row; those without room are in the sheet.
-export function fitControls() {
+function fitControls() {
   const sheet = el('sheet');
   el('extra').replaceChildren(...spare);
   el('more').hidden = true;

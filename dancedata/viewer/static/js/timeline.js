@@ -101,11 +101,7 @@ export function drawLanes() {
   }
   for (const [start, end, colour] of [
     loop && [...loop, css.accent],
-    state.hovered && [
-      state.hovered[0] / clip.fps,
-      (state.hovered[0] + state.hovered[1]) / clip.fps,
-      css.ink,
-    ],
+    state.hovered && [state.hovered[0] / clip.fps, (state.hovered[0] + state.hovered[1]) / clip.fps, css.ink],
   ].filter(Boolean)) {
     ink.fillStyle = colour;
     ink.fillRect(xOf(start), (rows.windows.y + 2) * ratio, xOf(end) - xOf(start), 4 * ratio);
@@ -117,11 +113,12 @@ export function drawLanes() {
   for (const mark of marksOf(state.item)) ink.fillText(signOf(mark), xOf(mark.at), (rows.flags.y + 7) * ratio);
   const x = xOf(state.t);
   ink.fillStyle = css.ink;
-  ink.fillRect(x - ratio * 0.75, 0, 1.5 * ratio, lanes.height);
+  // Below the digits.
+  ink.fillRect(x - ratio * 0.75, 14 * ratio, 1.5 * ratio, lanes.height);
   ink.beginPath();
-  ink.moveTo(x - 5 * ratio, 0);
-  ink.lineTo(x + 5 * ratio, 0);
-  ink.lineTo(x, 8 * ratio);
+  ink.moveTo(x - 5 * ratio, 13 * ratio);
+  ink.lineTo(x + 5 * ratio, 13 * ratio);
+  ink.lineTo(x, 20 * ratio);
   ink.fill();
   ink.restore();
   lanes.setAttribute('aria-valuemax', duration().toFixed(2));
@@ -312,7 +309,8 @@ function drawMusic(c, clip) {
 function drawFeet(c, figure) {
   figure.feet.forEach((joint, bit) => {
     c.fillStyle = [css.mid, css.left, css.right][figure.sides[joint]];
-    drawSpans(c, contactSpans(figure, 1 << bit), figure.rate, rows.contact.y + orderOf(bit) * rows.contact.h, rows.contact.h - 3);
+    const { y, h } = rows.contact;
+    drawSpans(c, contactSpans(figure, 1 << bit), figure.rate, y + orderOf(bit) * h, h - 3);
   });
 }
 
