@@ -14,7 +14,7 @@ import numpy as np
 
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted
@@ -121,21 +121,25 @@ class Field:
         is_supported = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES.get(values, ())
         if not is_supported or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
             raise ValueError(f"a field {quoted(obj['name'])}, {quoted(obj['kind'])} of {quoted(obj['dtype'])}")
+        columns = Columns.from_json(obj["columns"])
         return cls(
             name=obj["name"],
             kind=obj["kind"],
-            columns=Columns.from_json(obj["columns"]),
+            columns=columns,
             rate=as_rate(obj["rate"]),
             dtype=obj["dtype"],
-            codebook=_codebook(obj["codebook"], obj["width"]) if values == "code" else None,
+            codebook=_codebook(obj["codebook"], columns.width, obj["dtype"]) if values == "code" else None,
         )
 
 
-def _codebook(obj: Mapping[str, Any], width: int) -> Codebook:
+def _codebook(obj: Mapping[str, Any], width: int, dtype: str) -> Codebook:
     sizes = tuple(int(size) for size in obj["sizes"])
-    if len(sizes) != width or min(sizes, default=0) < 1:
-        raise ValueError(f"a codebook of {len(sizes)} levels for {width} columns")
-    return Codebook(str(obj["name"]), sizes, str(obj["sha256"]), int(obj["pad"]))
+    codebook = Codebook(str(obj["name"]), sizes, str(obj["sha256"]), int(obj["pad"]))
+    try:
+        codebook.check(width, dtype)
+    except UsageError as error:
+        raise ValueError(str(error)) from error
+    return codebook
 
 
 @dataclass(frozen=True)
@@ -199,9 +203,11 @@ class StoreHeader:
                 found=f"{f.kind}, {f.dtype}",
                 allowed=f"{listed(_KINDS)}; {listed(dtypes)}",
             )
-        if f.codebook is not None and len(f.codebook.sizes) != f.columns.width:
-            found = f"{len(f.codebook.sizes)} sizes for {f.columns.width} columns"
-            raise StoreError(f"the codebook of field {f.name} does not fit its columns", found=found)
+        if f.codebook is not None:
+            try:
+                f.codebook.check(f.columns.width, f.dtype)
+            except UsageError as error:
+                raise StoreError(f"the codebook of field {f.name} cannot be stored", found=str(error)) from error
         if not self.grid.is_whole(self.length, of=f.grid):
             raise StoreError(
                 f"a window is not a whole number of rows of field {f.name}",

@@ -15,12 +15,14 @@ import pytest
 
 from dancedata.core.codebook import Codebook
 from dancedata.core.columns import Columns, Group
+from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.leaves import leaf_hashes
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
+from tests.messages import raises_message
 
 TRAIN = "train-00000-of-00001.h5"
 TABLES = "train-tables.h5"
@@ -267,6 +269,34 @@ def test_codes_are_those_of_their_codebook(make_store: Any, tmp_path: Path) -> N
         edit(out, "motion/codes", (row, column), value)
         assert f"1 values are not codes of their codebook, first row {row} (clip train_c01)" in only_error(out)
         edit(out, "motion/codes", (row, column), 0)
+
+
+BAD_BOOKS: dict[str, dict[str, Any]] = {
+    "levels": {"sizes": [4]},
+    "no codes": {"sizes": [4, 0]},
+    "pad": {"pad": 70_000},
+    "pad of a code": {"pad": 3},
+    "size": {"sizes": [4, 70_000]},
+}
+
+
+@pytest.mark.parametrize("case", BAD_BOOKS)
+def test_codebooks_that_do_not_fit(make_store: Any, tmp_path: Path, case: str) -> None:
+    """Neither written nor read: a reader would fill rows up with a pad that the type cannot hold."""
+    made = make_store(clips={"train": 1}, n_frames=(60, 60), length=30, stride=20)
+    columns = Columns((Group("code", 2, "1"),), None)
+    good = Codebook("body", (4, 7))
+    field = Field("codes", "motion", columns, Fraction(30), "int16", good)
+    rows = np.zeros((60, 2), np.int16)
+    clips = [dataclasses.replace(clip, motion={"codes": rows}, audio={}) for clip in made.clips]
+    entry = {**field.to_json(), "codebook": {**good.to_json(), **BAD_BOOKS[case]}}
+    with pytest.raises(ValueError, match="codebook: "):
+        Field.from_json(entry)
+    changes = {key: tuple(v) if isinstance(v, list) else v for key, v in BAD_BOOKS[case].items()}
+    bad = dataclasses.replace(field, codebook=dataclasses.replace(good, **changes))
+    (out := tmp_path / "codes").mkdir()
+    with raises_message(StoreError):
+        write_store(out, dataclasses.replace(made.header, fields=(bad,)), clips)
 
 
 @pytest.mark.parametrize("dataset", ["clips/lists/list", "clips/lists/offset"])
