@@ -11,6 +11,7 @@ from dancedata.report.groups import Groups, group_findings
 from dancedata.report.markup import number
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
+from dancedata.store.free_columns import FreeColumn
 from dancedata.store.segment_numbers import LayerNumbers
 
 #: Raised whenever a key of the document is removed or means something else.
@@ -37,6 +38,7 @@ class About:
     notes: tuple[str, ...]
     skeleton: Mapping[str, Any]
     weights: Mapping[str, str]
+    licences: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -261,6 +263,7 @@ class Document:
     segments: tuple[LayerNumbers, ...]
     ranking: tuple[Suspect, ...]
     clips: tuple[ClipRow, ...]
+    columns: tuple[FreeColumn, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""

@@ -35,6 +35,8 @@ from dancedata.report.groups import groups_of
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, fine_edges, nice_edges
 from dancedata.store import ClipView, Store
+from dancedata.store.free_columns import free_columns
+from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
 
@@ -143,6 +145,7 @@ def document(measured: Measured, scales: Scales) -> Document:
         left_out=_left_out(store.rejects),
         flags=_flags(store),
         segments=layer_numbers(store),
+        columns=free_columns(store),
         ranking=_ranking(measured),
         clips=tuple(_row(measured, clip) for clip in store.clips if not clip.source),
     )
@@ -157,6 +160,7 @@ def _about(store: Store) -> About:
         notes=tuple(store.meta.get("source", {}).get("notes", [])),
         skeleton={"name": store.skeleton.name, "joints": store.skeleton.n_joints},
         weights=store.weights,
+        licences=tuple(terms_text(clips_by_terms(store))),
     )
 
 
