@@ -209,6 +209,34 @@ def test_wrong_lists_of_csv(source: Path) -> None:
         scan(source, f"motion,{columns}\na.npz{',' * 101}\n")
 
 
+# ---- numbers of genres
+
+
+def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
+    head, shas = "id,motion,genre,genre_id\n", []
+    assert scan(source, f"{head}a,a.npz,waltz,\n").genre_ids == {}
+    for number in (7, 8):
+        found = scan(source, f"{head}a,a.npz,waltz,{number}\nb,a.npz,waltz,\nc,a.npz,tango,0\nd,a.npz,,\n")
+        assert found.genre_ids == {"waltz": number, "tango": 0}
+        recipe = {**HEAD, "dataset": {"folder": {"unit": "m", "up": "y", "fps": 30, "music": "optional"}}}
+        options: dict[str, Any] = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}
+        dancedata.build(recipe, source, tmp_path / f"{number}", **options)
+        with dancedata.open(tmp_path / f"{number}") as store:
+            assert store.meta["genre_ids"] == found.genre_ids
+            shas.append(store.meta["source_sha256"])
+    assert shas[0] != shas[1], "another number is another dataset"
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [["waltz,one"], ["waltz,-1"], ["waltz,2.0"], [",1"], ["waltz,1", "waltz,2"], ["waltz,1", "tango,1"],
+     ["waltz,1", "tango,"]],
+)  # fmt: skip
+def test_wrong_numbers_of_genres(source: Path, rows: list[str]) -> None:
+    with raises_message(SourceError):
+        scan(source, "id,motion,genre,genre_id\n" + "".join(f"c{k},a.npz,{row}\n" for k, row in enumerate(rows)))
+
+
 # ---- from the manifest to the dataset
 
 

@@ -33,7 +33,16 @@ from dancedata.datasets.folder.load import (
     motion_of,
     recognised,
 )
-from dancedata.datasets.folder.manifest import MANIFESTS, Row, check_row, clip_id, id_problem, inside, read_manifest
+from dancedata.datasets.folder.manifest import (
+    MANIFESTS,
+    Row,
+    check_row,
+    clip_id,
+    genre_ids_of,
+    id_problem,
+    inside,
+    read_manifest,
+)
 from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.formats.arrays import ArrayFile
@@ -176,7 +185,8 @@ class Folder(Dataset):
         rejects += words.rejects
         notes += [*splits, *files, *words.notes]
         clips = words.clips
-        return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
+        numbers = genre_ids_of(manifests[0], rows) if manifests else {}
+        return Scan(layout, tuple(clips), tuple(rejects), tuple(notes), numbers)
 
     @override
     def body_of(self, ref: ClipRef) -> Skeleton | None:
