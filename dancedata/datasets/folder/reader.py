@@ -97,6 +97,8 @@ class Folder(Dataset):
     music
         "required" leaves out clips without music; "optional" keeps them, for recipes without audio features. With
         audio features it is an error if there are such clips.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     fps: float | str | None = None
@@ -108,6 +110,7 @@ class Folder(Dataset):
     gender: Literal["neutral", "male", "female"] | None = None
     split: str | Mapping[str, Any] = field(default="train", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
     keys: Mapping[str, str] | None = field(default=None, metadata={"added": True})
     people: Literal["one", "split"] = field(default="one", metadata={"scan": True, "added": True})
     language: str = field(default="", metadata={"scan": True, "added": True})
@@ -165,6 +168,9 @@ class Folder(Dataset):
         if self.body_model is not None and not self.body_model.exists():
             where = str(self.body_model)
             raise SourceError("folder: the body model does not exist", where=where, fix="correct body_model")
+        if self.music_dir is not None and not self.music_dir.expanduser().is_dir():
+            where, fix = str(self.music_dir), "correct music_dir"
+            raise SourceError("folder: music_dir is not a folder", where=where, fix=fix)
         manifests = [source / name for name in MANIFESTS if (source / name).exists()]
         if len(manifests) > 1:
             raise SourceError(
@@ -248,6 +254,9 @@ class Folder(Dataset):
         motion = inside(source, row.get("motion"), manifest, row.line, "motion")
         text = row.get("audio")
         audio = inside(source, text, manifest, row.line, "audio") if text else None
+        if self.music_dir is not None and text:
+            elsewhere = inside(self.music_dir.expanduser(), text, manifest, row.line, "audio")
+            audio = elsewhere if elsewhere.is_file() else audio
         if not motion.is_file():
             detail = f"listed, but {_absence(motion)}"
             return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
@@ -282,7 +291,7 @@ class Folder(Dataset):
         )
 
     def _matched(self, source: Path) -> tuple[list[ClipRef], list[Reject], list[str], str]:
-        matched = match_names(source)
+        matched = match_names(source, self.music_dir)
         clips, rejects = [], list(matched.rejects)
         for name, path in matched.motions.items():
             audio = matched.music.get(name)
