@@ -193,12 +193,15 @@ class Scan:
         Files that were found but left out, and missing ones, by name.
     notes
         Sentences for the user: what was recognised and assumed. They are safe to print and store, as in a `Reject`.
+    genre_ids
+        Number of each genre, where this source states them, and not its dataset.
     """
 
     layout: str
     clips: tuple[ClipRef, ...]
     rejects: tuple[Reject, ...] = ()
     notes: tuple[str, ...] = ()
+    genre_ids: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "notes", tuple(shown(note, _MAX_DETAIL) for note in self.notes))

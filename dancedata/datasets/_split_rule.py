@@ -4,6 +4,9 @@ The name, in Unicode's form NFC, is hashed to a number in [0, 1): the first 8 by
 ``SEED``, a line break, ``NAME``, as a big-endian integer, divided by 2**64. Below the fraction of test the clip is
 test, from 1 - the fraction of val on it is val, else train. No clip changes its split when the dataset grows; the
 fractions are met only on average. Songs with equal samples are one song, under the first of their names.
+
+With ``balance`` the groups in the order of these numbers are dealt out so that the clips of val and test come close
+to their fractions, for datasets of a few groups; a clip that is added may then move others.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ from dancedata.files.regular_file import open_regular
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
 _TRAIN, _VAL, _TEST = "train", "val", "test"
-_KEYS = (_VAL, _TEST, _TRAIN, "by", "seed")
+_KEYS = (_VAL, _TEST, _TRAIN, "by", "seed", "balance")
 _FIX = "write it as {val: 0.1, test: 0.1, by: music}"
 #: Seeds that are tried to find one that comes closer to the fractions.
 _SEEDS_TRIED = 100
@@ -50,12 +53,15 @@ class SplitRule:
     by
         The attribute that defines a group: all clips of one music, dancer or genre are in one split; "clip": each
         clip is a group.
+    balance
+        Whether groups are dealt out by their numbers of clips, and not each by its name alone.
     """
 
     val: Fraction
     test: Fraction
     by: str
     seed: int
+    balance: bool = False
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> SplitRule:
@@ -68,6 +74,9 @@ class SplitRule:
             problems.append(f"by is {found}; allowed: {', '.join(_NOUNS)}")
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
             problems.append(f"seed is {seed!r}; allowed: an integer from 0 on")
+        balance = document.get("balance", False)
+        if not isinstance(balance, bool):
+            problems.append(f"balance is {str(balance)[:40]!r}; allowed: true or false")
         rest = 1 - sum(parts.values())
         if not problems and not (0 < rest < 1):
             problems.append(f"the sum of val and test is {float(1 - rest):g}; allowed: above 0 and below 1")
@@ -80,22 +89,45 @@ class SplitRule:
             problems.append(f"train must be the remainder, {float(rest):g}; remove it")
         if problems:
             raise UsageError("folder: invalid rule for splits", found="; ".join(problems), fix=_FIX)
-        return cls(parts[_VAL], parts[_TEST], str(by), seed)
+        return cls(parts[_VAL], parts[_TEST], str(by), seed, balance)
 
     def document(self) -> dict[str, Any]:
         """Return the rule as stored in recipes; equal rules give equal documents, however they were written."""
-        return {_VAL: str(self.val), _TEST: str(self.test), "by": self.by, "seed": self.seed}
+        document = {_VAL: str(self.val), _TEST: str(self.test), "by": self.by, "seed": self.seed}
+        return document | ({"balance": True} if self.balance else {})
 
     def _text(self) -> str:
         """Return the rule as it is written in a recipe."""
-        return f"{{{', '.join(f'{key}: {value}' for key, value in self.document().items())}}}"
+        texts = {key: "true" if value is True else value for key, value in self.document().items()}
+        return f"{{{', '.join(f'{key}: {value}' for key, value in texts.items())}}}"
 
     def split(self, group: str, seed: int | None = None) -> str:
         """Return the split of a group by its name."""
+        place = self._place(group, seed)
+        return _TEST if place < self.test else _VAL if place >= 1 - self.val else _TRAIN
+
+    def _place(self, group: str, seed: int | None = None) -> Fraction:
+        """Return the number of a group, in [0, 1)."""
         text = f"{self.seed if seed is None else seed}\n{unicodedata.normalize('NFC', group)}"
         digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()
-        place = Fraction(int.from_bytes(digest[:8], "big"), 2**64)
-        return _TEST if place < self.test else _VAL if place >= 1 - self.val else _TRAIN
+        return Fraction(int.from_bytes(digest[:8], "big"), 2**64)
+
+    def _splits(self, sizes: Mapping[str, int], fixed: Mapping[str, str], seed: int | None = None) -> dict[str, str]:
+        """Return the split of every group; `sizes` are their numbers of clips, `fixed` splits of the manifest."""
+        if not self.balance:
+            return {group: fixed.get(group) or self.split(group, seed) for group in sizes}
+        splits = {group: fixed.get(group) or _TRAIN for group in sizes}
+        free = sorted((group for group in sizes if not fixed.get(group)), key=lambda g: (self._place(g, seed), g))
+        n = sum(sizes.values())
+        for name, part, groups in ((_TEST, self.test, free), (_VAL, self.val, free[::-1])):
+            left, wanted = [g for g in groups if splits[g] == _TRAIN], part * n
+            held = sum(size for g, size in sizes.items() if splits[g] == name)
+            for group in left if part else ():
+                if abs(held + sizes[group] - wanted) < abs(held - wanted):
+                    splits[group], held = name, held + sizes[group]
+            if part and not held and len(left) > 1:
+                splits[min(left, key=lambda g: sizes[g])] = name
+        return splits
 
     def group(self, clip: ClipRef) -> str:
         """Return the name of a clip's group; a clip without music is a group by itself."""
@@ -120,9 +152,8 @@ class SplitRule:
                 fix=f"fill in the column {self.by} of the manifest, or split by music or clip",
             )
         fixed = self._fixed_splits(clips)
-        assigned = [
-            replace(clip, split=fixed.get(self.group(clip)) or self.split(self.group(clip))) for clip in clips
-        ]
+        splits = self._splits(Counter(self.group(clip) for clip in clips), fixed)
+        assigned = [replace(clip, split=splits[self.group(clip)]) for clip in clips]
         closer = self._closer_seed(clips, fixed)
         self._require_all(assigned, closer)
         return assigned, [self._note(assigned, closer)]
@@ -156,8 +187,8 @@ class SplitRule:
 
         def off(seed: int) -> tuple[int, Fraction]:
             splits: Counter[str] = Counter()
-            for group, n in sizes.items():
-                splits[fixed.get(group) or self.split(group, seed)] += n
+            for group, split in self._splits(sizes, fixed, seed).items():
+                splits[split] += sizes[group]
             return self._off(splits)
 
         if not clips or off(self.seed) <= (0, _CLOSE):
@@ -170,11 +201,13 @@ class SplitRule:
         empty = [name for name in self._requested() if not splits[name]]
         if not empty or not clips:
             return
+        enough = len({self.group(clip) for clip in clips}) >= len(self._requested())
+        balance = "set balance: true, " if enough and not self.balance else ""
         seed = f"set seed: {closer}, the best of 0 to {_SEEDS_TRIED - 1}; or " if closer is not None else ""
         raise SourceError(
             f"folder: no clip is in {' and '.join(empty)} by the rule {self._text()}",
             found=self._count(clips),
-            fix=f"{seed}use larger fractions, split by clip, or write splits into a manifest",
+            fix=f"{seed}{balance}use larger fractions, split by clip, or write splits into a manifest",
         )
 
     def _count(self, clips: Sequence[ClipRef]) -> str:
@@ -190,7 +223,8 @@ class SplitRule:
             origin = f"requested {float(requested[name]):.1%}" if name in requested else "from the manifest"
             parts.append(f"{name} {len(of_split) / max(1, len(clips)):.1%} ({origin}; {self._count(of_split)})")
         hint = f"; seed {closer} would come closer" if closer is not None else ""
-        return f"Splits by {self.by}, seed {self.seed}: {', '.join(parts)}{hint}."
+        balanced = ", balanced: a clip that is added may move others" if self.balance else ""
+        return f"Splits by {self.by}, seed {self.seed}{balanced}: {', '.join(parts)}{hint}."
 
 
 def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:

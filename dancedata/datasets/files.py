@@ -185,6 +185,49 @@ def list_audio(
     return audio_files(candidates, source, rejects)
 
 
+def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_problem: Callable[[str], str]) -> Files:
+    """Return the audio files of a source, those of the folder that a recipe names first.
+
+    Parameters
+    ----------
+    music
+        Files of the dataset's own folders; one with the name of a file of `music_dir` is ``unused_music``.
+    music_dir
+        None: there is no such folder.
+    name_problem
+        As for `list_audio`.
+
+    Raises
+    ------
+    SourceError
+        If the folder does not exist, or has no audio file.
+    """
+    if music_dir is None:
+        return music
+    folder = music_dir.expanduser()
+    first = list_audio([folder], source, name_problem)
+    if not first.files:
+        raise SourceError(
+            "there is no music in music_dir",
+            where=str(folder),
+            found=describe(folder) if folder.is_dir() else "no such folder",
+            allowed=f"audio files by the names of the dataset, {', '.join(AUDIO_SUFFIXES)}",
+            fix="correct music_dir",
+        )
+    replaced = tuple(
+        Reject("unused_music", file=relative(path, source), detail=f"music_dir has {first.files[name].name}")
+        for name, path in music.files.items()
+        if name in first.files and first.files[name].resolve() != path.resolve()
+    )
+    note = f"Music: {len(first.files):,} of music_dir ({folder.name}/), before the source's own."
+    return Files(
+        {**music.files, **first.files},
+        (*music.rejects, *first.rejects, *replaced),
+        (*music.notes, *first.notes, note),
+        (*music.folders, *first.folders),
+    )
+
+
 def best_audio(paths: Iterable[Path]) -> list[Path]:
     """Sort audio files with equal stems, the preferred one first; of equal suffixes in the given order."""
     return sorted(paths, key=lambda path: AUDIO_SUFFIXES.index(path.suffix.lower()))

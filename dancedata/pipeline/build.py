@@ -219,7 +219,7 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
         "axes": {motion_field.name: motion_field.representation.axes for motion_field in recipe.motion},
         "rotation_6d": {motion_field.name: motion_field.representation.rotation_6d for motion_field in recipe.motion},
         "skeletons": {motion_field.name: motion_field.representation.skeleton.name for motion_field in recipe.motion},
-        "genre_ids": dict(recipe.dataset.genre_ids),
+        "genre_ids": dict(sources.scan.genre_ids or recipe.dataset.genre_ids),
         "content": sources.content,
         "arithmetic": expected(),
         **({"encoders": networks} if (networks := _networks(recipe)) else {}),

@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dancedata.core.clip import Reject
+from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS
 from dancedata.core.text import counted, shown, size_text, table
 from dancedata.pipeline.rejects import NOTED, describe_implausible, left_out_lines
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.free_columns import free_columns
+from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.schema import sort_splits
 
 if TYPE_CHECKING:  # `info` needs neither stages nor recipes
@@ -153,10 +156,18 @@ def dataset_card(
         _fields_list(recipe, networks),
         _FIRST_LOOK.format(split=splits[0], field=recipe.motion[0].name),
         f"## Source\n\nDataset `{recipe.dataset.name}`, layout {scan.layout}.\n\n{notes}\n\n"
-        f"Licence: {recipe.dataset.licence}\n\nCite: {recipe.dataset.citation}\n",
+        f"Licence: {recipe.dataset.licence}\n\nCite: {recipe.dataset.citation}\n{_terms_list(computed)}",
         "\n".join(["## Left out (rejects.jsonl)", "", *reasons, "", flags, ""]),
     ]
     return "\n".join(parts)
+
+
+def _terms_list(computed: ComputedClips) -> str:
+    counts = Counter(c.terms for c in computed.clips if not c.source)
+    if set(counts) <= {None}:
+        return ""
+    terms = {k: counts[k] for k in sorted(counts, key=lambda k: (k is None, k or Licence("")))}
+    return "\nClips have terms of their own:\n\n" + "".join(f"- {line}\n" for line in terms_text(terms))
 
 
 def _splits_table(recipe: Recipe, computed: ComputedClips, splits: Sequence[str], songs: Mapping[str, str]) -> str:
@@ -207,6 +218,12 @@ def _store_json(store: Store, path: Path) -> dict[str, Any]:
         "bytes": _bytes(store),
         "recipe_sha256": store.meta.get("recipe_sha256"),
         "weights": store.weights,
+        **({"columns": [vars(column) for column in columns]} if (columns := free_columns(store)) else {}),
+        **(
+            {"licences": [{**(Licence("") if k is None else k).to_json(), "clips": n} for k, n in terms.items()]}
+            if (terms := clips_by_terms(store))
+            else {}
+        ),
     }
 
 
@@ -228,6 +245,7 @@ def describe_store(path: Path) -> str:
     with open_store(path) as store:
         info = _store_json(store, path)
         left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
+        columns, terms = free_columns(store), terms_text(clips_by_terms(store))
         quality = _describe_quality([f for f in store.quality if f.get("kind") not in OF_CLIPS])
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
     lines = [
@@ -251,9 +269,11 @@ def describe_store(path: Path) -> str:
     if info["height_m"]:
         low, high = info["height_m"]["min"], info["height_m"]["max"]
         lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
+    lines += [f"  {shown(str(column), _NOTE)}" for column in columns]
     lines += [f"  source: {shown(note, _NOTE)}" for note in info["notes"]]
     lines += [*left_out, *implausible, *quality]
     lines.append(f"  licence: {shown(info.get('licence', 'unknown'), _NOTE)}")
+    lines += [f"  licence of {shown(line, _NOTE)}" for line in terms]
     return "\n".join([*lines, *(f"  weights of {shown(name)}: {text}" for name, text in info["weights"].items())])
 
 

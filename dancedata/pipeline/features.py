@@ -15,6 +15,7 @@ from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.licence import Licence
 from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.executors.base import Executor
@@ -102,6 +103,7 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
         source_start=ref.source_start,
         source_end=ref.source_end,
         audio_start=ref.audio_start,
+        terms=Licence(ref.licence, ref.citation) if ref.licence or ref.citation else None,
         made_of=clip.source.made_of,
         columns={**dict(ref.keys), **dict(ref.columns)},
     )

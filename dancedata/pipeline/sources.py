@@ -99,7 +99,8 @@ class Sources:
         """Hash of the clips, with the contents of their files, and of the rejects."""
         left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in self.rejects)
         inputs = [clip.inputs() for clip in self.clips]
-        return json_sha256({"clips": inputs, "left_out": left_out, "content": self.content})
+        numbers = {"genre_ids": dict(self.scan.genre_ids)} if self.scan.genre_ids else {}
+        return json_sha256({"clips": inputs, "left_out": left_out, "content": self.content, **numbers})
 
 
 def scan_source(recipe: Recipe, source: Path) -> Scan:

@@ -1,6 +1,6 @@
 """ClipDataset: the clips of a built dataset, whole or cropped at random, as a map-style torch dataset."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -83,6 +83,8 @@ class ClipDataset(SplitDataset):
         min_share: float = 0.5,
         empty: float = 0.0,
         mirror_words: MirrorWords = "error",
+        columns: Sequence[str] = (),
+        where: Mapping[str, Any] | None = None,
         seed: int = 0,
     ) -> None:
         """Open a split of a built dataset; parameters that are not named here are those of `WindowDataset`.
@@ -120,7 +122,7 @@ class ClipDataset(SplitDataset):
         if self.start_at is not None and self.crop_frames is None:
             raise UsageError("start_at is the place of crops", found=start_at, fix="give crop_s with it")
         self._starts: dict[str, npt.NDArray[np.int64]] = {}
-        selection = self._select({"whole": True}, trim, ignore, filter)
+        selection = self._select({"whole": True}, trim, ignore, filter, None, where)
         spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
         if not spans:
             raise no_window_error(self.store, split, self.rejects, self.start_at)
@@ -128,7 +130,7 @@ class ClipDataset(SplitDataset):
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
             normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
-            words=SegmentChoice(segments, min_share, empty, mirror_words),
+            words=SegmentChoice(segments, min_share, empty, mirror_words), columns=columns,
         )  # fmt: skip
         self._prepare(changes, allow_crop=False)
         self._is_random |= self.crop_frames is not None

@@ -22,6 +22,7 @@ from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.split_dataset import Changes, SplitDataset
 from dancedata.readers.windows import WindowDataset
+from dancedata.store.clip_columns import FREE
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import IntArray, WindowList
 
@@ -59,6 +60,9 @@ class GroupDataset(WindowDataset):
     segments, min_share, empty, mirror_words
         As in `WindowDataset`: ``"segments"`` and ``"text"`` are lists of P, and ``"segments_group"`` or
         ``"text_group"`` are those of the whole group.
+    columns, where
+        As in `WindowDataset`: samples have lists of P values, None where there is none. A group is read if its first
+        dancer has the values.
     scaler, clip, mapped, seed
         As in `WindowDataset`.
 
@@ -84,6 +88,7 @@ class GroupDataset(WindowDataset):
     torch.Size([3, 150, 151])
     """
 
+    _lists_columns = True
     _wider = "name a wider scaler with scaler="
 
     def __init__(
@@ -110,6 +115,8 @@ class GroupDataset(WindowDataset):
         min_share: float = 0.5,
         empty: float = 0.0,
         mirror_words: MirrorWords = "error",
+        columns: Sequence[str] = (),
+        where: Mapping[str, Any] | None = None,
         mapped: bool = True,
         seed: int = 0,
     ) -> None:
@@ -121,14 +128,14 @@ class GroupDataset(WindowDataset):
         self.choose = choose
         lengths = {"length_s": length_s, "length_frames": length_frames}
         requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
-        dancers = self._select(requested, trim, None, None)
+        dancers = self._select(requested, trim, None, None, None, where)
         self._group_windows(dancers.windows, exactly, singles, list(dancers.rejects))
         sizes = self._sizes[self._group_of]
         self.persons = whole("persons", persons or exactly or int(sizes.max(initial=1)), 1)
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=False,
             normalizer_covers=(), normalizer_over="train", scaler=scaler, clip=clip, seed=seed,
-            words=SegmentChoice(segments, min_share, empty, mirror_words),
+            words=SegmentChoice(segments, min_share, empty, mirror_words), columns=columns,
         )  # fmt: skip
         self._prepare(changes)
         self._check_augmentations()
@@ -234,6 +241,13 @@ class GroupDataset(WindowDataset):
         return values | {
             "group": groups,
             "clips": [[c.id for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
+            **{
+                name: [
+                    [c.columns.get(name.removeprefix(FREE)) for c in clips] + [None] * len(rest)
+                    for clips, rest in zip(records, blank, strict=True)
+                ]
+                for name in self.columns
+            },
             "roles": [[c.role for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
         }
 

@@ -12,6 +12,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
 from dancedata.core.text import counted
+from dancedata.readers.clip_values import chosen_clips
 from dancedata.readers.music_beats import StartAt, windows_at
 from dancedata.store import ClipRecord
 from dancedata.store.clip_view import ClipView
@@ -48,6 +49,8 @@ class Choice:
         Which windows are kept.
     start_at
         What windows begin with: "beat" or "downbeat"; None: where the stride puts them.
+    where
+        Values that clips may have, by column of the table of clips.
     """
 
     fields: tuple[str, ...]
@@ -57,6 +60,7 @@ class Choice:
     protocol: str | None = None
     filter: WindowFilter | None = None
     start_at: StartAt | None = None
+    where: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -99,8 +103,12 @@ def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, 
         store.tables(split),
     )
     counts = np.bincount(windows.clip, minlength=tables.n_clips)
-    short = sorted((tables.record(row) for row in np.flatnonzero(counts == 0).tolist()), key=lambda clip: clip.id)
-    return windows, [_too_short(clip, choice) for clip in short]
+    missing, rejects = counts == 0, list[Reject]()
+    if choice.where:
+        chosen, rejects = chosen_clips([tables], choice.where)
+        windows, missing = windows.take(chosen[windows.clip]), missing & chosen
+    short = sorted((tables.record(row) for row in np.flatnonzero(missing).tolist()), key=lambda clip: clip.id)
+    return windows, rejects + [_too_short(clip, choice) for clip in short]
 
 
 def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
@@ -116,6 +124,10 @@ def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowLis
     remaining = {clip for clip, lists in ignored_by.items() if not lists}
     # A protocol's split has clips of several stored splits.
     stored_splits = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
+    if choice.where:
+        _, unwanted = chosen_clips([store.tables(name) for name in stored_splits], choice.where)
+        rejects += [reject for reject in unwanted if reject.clip in remaining]
+        remaining -= {reject.clip for reject in unwanted}
     parts = [store.windows(name, fields=choice.fields, trim=choice.trim, **choice.windows) for name in stored_splits]
     windows = WindowList.joined(split, parts)
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))

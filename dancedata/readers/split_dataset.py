@@ -20,6 +20,7 @@ from dancedata.core.typing import override
 from dancedata.readers.arguments import probability, whole
 from dancedata.readers.augmenting import Augment, Augmenter
 from dancedata.readers.batch_reader import Request, blank_of
+from dancedata.readers.clip_values import require_columns, require_where, value_of
 from dancedata.readers.draws import uniform
 from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.music_beats import StartAt, estimated_tempo
@@ -72,6 +73,7 @@ class Changes:
     clip: bool | None
     seed: int
     words: SegmentChoice
+    columns: Sequence[str] = ()
 
 
 class SplitDataset(EpochDataset):
@@ -89,6 +91,8 @@ class SplitDataset(EpochDataset):
 
     windows: WindowList
     rejects: tuple[Reject, ...]
+    #: Whether a sample has a list of values of each free column.
+    _lists_columns: ClassVar[bool] = False
     #: How a reader gets a wider scaler.
     _wider: ClassVar[str] = "name what the scaler has to cover with normalizer_covers="
 
@@ -119,6 +123,7 @@ class SplitDataset(EpochDataset):
         ignore: Sequence[str] | None,
         filter_: FilterLike,
         start_at: StartAt | None = None,
+        where: Mapping[str, Any] | None = None,
     ) -> Selection:
         """Return the windows of the split."""
         self._choice = Choice(
@@ -129,11 +134,14 @@ class SplitDataset(EpochDataset):
             protocol=self._protocol,
             filter=window_filter(filter_),
             start_at=start_at,
+            where=require_where(self.store, where),
         )
         return select(self.store, self.split, self._choice)
 
     def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
         """Make what mirrors, augments and normalises samples."""
+        chosen = [self.windows.clip_ids[k] for k in np.unique(self.windows.clip)] if changes.columns else []
+        self.columns = require_columns(self.store, changes.columns, chosen, lists=self._lists_columns)
         self.mirror, self.seed = probability("mirror", changes.mirror), whole("seed", changes.seed)
         mirrored = self.mirror > 0
         self.normalizer_covers_mirror = bool(changes.normalizer_covers_mirror)
@@ -316,6 +324,7 @@ class SplitDataset(EpochDataset):
             "mirrored": mirrored,
             **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
             "index": [int(place) for place in request.places],
+            **{name: [value_of(self.store, r.columns, name) for r in records] for name in self.columns},
             **self._segment_values(request, clips, starts, lengths, mirrored),
         }
 

@@ -113,6 +113,12 @@ class WindowDataset(SplitDataset):
     mirror_words
         "error": a layer that may name sides and has no mirrored words cannot be read mirrored. "keep": its words are
         given as they are.
+    columns
+        Names of free columns, ``["x/level"]``: samples have their clip's value under that name, a list where the
+        column holds lists; "" and nan where a clip has no text or number.
+    where
+        Clips to read, by values of columns, ``{"x/level": (3, 4), "genre": "waltz"}``: one of several values; of a
+        column of lists, lists that have one of them. Others are in `rejects` ("filtered").
     mapped
         False: read by position, for files that may be overwritten in place, or file systems that map poorly.
     seed
@@ -188,6 +194,8 @@ class WindowDataset(SplitDataset):
         min_share: float = 0.5,
         empty: float = 0.0,
         mirror_words: MirrorWords = "error",
+        columns: Sequence[str] = (),
+        where: Mapping[str, Any] | None = None,
         mapped: bool = True,
         seed: int = 0,
     ) -> None:
@@ -196,7 +204,7 @@ class WindowDataset(SplitDataset):
         requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
         filter_ = value_or_preset(filter, self._preset, "filter", None)
         start = require_start_at(start_at)
-        selection = self._select(preset_windows(self._preset, requested), trim, ignore, filter_, start)
+        selection = self._select(preset_windows(self._preset, requested), trim, ignore, filter_, start, where)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
             raise no_window_error(self.store, split, self.rejects, start)
@@ -207,7 +215,7 @@ class WindowDataset(SplitDataset):
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
             normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
-            words=SegmentChoice(segments, min_share, empty, mirror_words),
+            words=SegmentChoice(segments, min_share, empty, mirror_words), columns=columns,
         )  # fmt: skip
         self._prepare(changes)
         if start is not None and self._augmenter.crops:

@@ -12,6 +12,7 @@ from dancedata.report.groups import Groups, group_findings
 from dancedata.report.markup import number, rounded
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
+from dancedata.store.free_columns import FreeColumn
 from dancedata.store.segment_numbers import LayerNumbers
 
 #: Raised whenever a key of the document is removed or means something else.
@@ -38,6 +39,7 @@ class About:
     notes: tuple[str, ...]
     skeleton: Mapping[str, Any]
     weights: Mapping[str, str]
+    licences: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -263,6 +265,7 @@ class Document:
     segments: tuple[LayerNumbers, ...]
     ranking: tuple[Suspect, ...]
     clips: tuple[ClipRow, ...]
+    columns: tuple[FreeColumn, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""

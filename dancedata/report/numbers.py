@@ -43,6 +43,8 @@ from dancedata.report.tally import (
     nice_edges,
 )
 from dancedata.store import ClipView, Store
+from dancedata.store.free_columns import free_columns
+from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
 
@@ -151,6 +153,7 @@ def document(measured: Measured, scales: Scales) -> Document:
         left_out=_left_out(store.rejects),
         flags=_flags(store),
         segments=layer_numbers(store),
+        columns=free_columns(store),
         ranking=_ranking(measured),
         clips=tuple(_row(measured, clip) for clip in store.clips if not clip.source),
     )
@@ -165,6 +168,7 @@ def _about(store: Store) -> About:
         notes=tuple(store.meta.get("source", {}).get("notes", [])),
         skeleton={"name": store.skeleton.name, "joints": store.skeleton.n_joints},
         weights=store.weights,
+        licences=tuple(terms_text(clips_by_terms(store))),
     )
 
 

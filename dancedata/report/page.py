@@ -214,6 +214,9 @@ def page(d: Drawing, parts: PageParts) -> str:
     chapters = sections(d, parts.chosen, parts.columns, parts.heat_maps)
     if d.other is not None:
         chapters.append(("differences", "Differences", _differences(d.other, parts.differences)))
+    if d.numbers.columns:
+        lines = "".join(f"<li>{escaped(str(column), 2000)}</li>" for column in d.numbers.columns)
+        chapters.append(("columns", "Columns of the clips", f'<ul class="terms">{lines}</ul>'))
     chapters.append(("about", "Source and terms", _terms(d.numbers)))
     links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in chapters) + _play(parts.player)
     body = "".join(
@@ -280,6 +283,7 @@ def _terms(document: Document) -> str:
     about = document.about
     rows = [
         ("licence", about.licence or "unknown"),
+        *(("licence of", text) for text in about.licences),
         *((f"weights of {name}", text) for name, text in about.weights.items()),
         ("cite", about.citation or "unknown"),
         ("dataset", about.dataset),

@@ -53,6 +53,8 @@ class ClipRecord:
         Second of the audio file at frame 0; negative where the music begins later.
     audio_start_by
         How that was found, and how sure it is; "" where it was given.
+    licence
+        Number of its terms in `Store.licences`; -1 for those of the dataset.
     made_of
         First 12 digits of the hashes of motion file, decoded music and metadata, 36 in all; "" if not recorded.
     columns
@@ -80,6 +82,7 @@ class ClipRecord:
     source_end: Fraction | None = None
     audio_start: Fraction = Fraction(0)
     audio_start_by: str = ""
+    licence: int = -1
     made_of: str = ""
     columns: Mapping[str, ColumnValue] = field(default_factory=dict)
 
@@ -185,6 +188,7 @@ CLIP_COLUMNS = (
     _seconds("source_end", None),
     _seconds("audio_start", Fraction(0)),
     _text("audio_start_by"),
+    ClipColumn("licence", "int32", -1, type_of("int32").problem, int, int),
     ClipColumn("made_of", "hash:18", b"", hash_type(18).problem, decode=lambda v: bytes(v).hex() if any(v) else ""),
 )
 #: Columns that every dataset has.

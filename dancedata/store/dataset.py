@@ -16,6 +16,7 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError, did_you_mean, nearest
 from dancedata.core.grid import WindowGrid
+from dancedata.core.licence import Licence
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_view import Clips, ClipView
@@ -497,6 +498,11 @@ class Store(SegmentQueries):
         """By field that a network computed: name, commit and hash of its weights, and their licence."""
         weights = {name: stated_weights(self.meta, name) for name in self._fields}
         return {name: text for name, text in weights.items() if text}
+
+    @property
+    def licences(self) -> tuple[Licence, ...]:
+        """Terms of clips that differ from the dataset's, numbered as in `ClipRecord.licence`."""
+        return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.meta.get("licences", ()))
 
     @property
     def stats(self) -> dict[str, Any]:

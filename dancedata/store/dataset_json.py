@@ -284,6 +284,9 @@ def _check_about(document: Mapping[str, Any]) -> None:
             _whole(counts[name])
         if not _is_number(counts["hours"]):
             raise ValueError(f"{shown(split)} has {quoted(counts['hours'])} hours")
+    for entry in document.get("licences", []):
+        if not isinstance(entry, dict) or not all(isinstance(entry.get(k), str) for k in ("licence", "citation")):
+            raise ValueError("licences are not a list of licence and citation")
     notes = document.get("source", {}).get("notes", [])
     if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise ValueError("the notes on the source are not a list of texts")

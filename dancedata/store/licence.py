@@ -1,8 +1,11 @@
 """Permission to copy music into a page or a video: its licence decides, not the person at the keyboard."""
 
+from collections import Counter
+
 from dancedata.core.errors import UsageError
+from dancedata.core.licence import Licence
 from dancedata.core.registry import DATASETS
-from dancedata.core.text import quoted, shown
+from dancedata.core.text import counted, listed, quoted, shown
 from dancedata.store.dataset import Store
 
 #: The option by which a user states the right to share music.
@@ -11,10 +14,35 @@ OVERRIDE = "--i-may-share-this-music"
 _LICENCE = 600
 
 
+def clips_by_terms(store: Store) -> dict[Licence | None, int]:
+    """Return the number of clips, without copies, of each of `Store.licences`; None: those of the dataset."""
+    if not store.licences:
+        return {}
+    numbers = Counter(clip.licence for clip in store.clips if not clip.source)
+    terms = {k: licence for k, licence in enumerate(store.licences)}
+    return {terms.get(k): numbers[k] for k in sorted(numbers, key=lambda k: (k < 0, k))}
+
+
+def terms_text(terms: dict[Licence | None, int]) -> list[str]:
+    """Return a line for each entry of `clips_by_terms`."""
+    return [
+        f"{counted(n, 'clip')}: "
+        + (
+            "the licence of the dataset" if licence is None
+            else f"{licence.text or 'the licence of the dataset'}"
+            f"{f'; cite: {licence.citation}' if licence.citation else ''}"
+            f"; {'may' if licence.may_share else 'may not'} be passed on"
+        )
+        for licence, n in terms.items()
+    ]  # fmt: skip
+
+
 def may_share_audio(store: Store) -> bool:
-    """Return whether the licence of a dataset's source allows its music to be passed on; False where unknown."""
+    """Return whether the strictest licence of a dataset allows its music to be passed on; False where unknown."""
     name = store.meta.get("dataset", "")
-    return name in DATASETS.names() and DATASETS.get(name).may_share_audio
+    of_dataset = name in DATASETS.names() and DATASETS.get(name).may_share_audio
+    terms = clips_by_terms(store) or {None: 1}
+    return all(of_dataset if licence is None or not licence.text else licence.may_share for licence in terms)
 
 
 def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
@@ -23,6 +51,10 @@ def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
     UsageError if the licence does not allow to pass the music on, and the caller does not state the right to do so.
     """
     licence = shown(store.meta.get("licence", "unknown"), _LICENCE)
+    terms = clips_by_terms(store)
+    if terms:
+        strict = {k: n for k, n in terms.items() if k is None or not k.may_share} or terms
+        licence = shown(f"{licence.rstrip('.')}; {listed(terms_text(strict), 4)}", 2 * _LICENCE)
     if may_share_audio(store):
         return f"Music: {licence}"
     if not allowed_by_caller:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
+from dancedata.core.licence import Licence
 from dancedata.core.segments import Segment
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
@@ -197,6 +198,8 @@ class StoredClip(ClipRecord):
         Spans and instants of the clip.
     group_size
         Dancers of the group's source, stored or not; 0: those that are stored.
+    terms
+        Licence and citation of this clip; None for those of the dataset.
     """
 
     starts: tuple[int, ...]
@@ -205,6 +208,7 @@ class StoredClip(ClipRecord):
     signal: Signal | None = None
     segments: tuple[Segment, ...] = ()
     group_size: int = 0
+    terms: Licence | None = None
 
     def __repr__(self) -> str:
         fields = ", ".join([*self.motion, *self.audio])

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from dancedata.core.errors import StoreError
+from dancedata.core.licence import Licence
 from dancedata.core.segments import Layer
 from dancedata.core.text import quoted
 from dancedata.files.atomic import atomic_file
@@ -44,11 +45,12 @@ class Header(Protocol):
 
 @dataclass(frozen=True)
 class TablePlan:
-    """What the tables of all splits have in common: their columns, with their types, and the layers of segments."""
+    """What the tables of all splits have in common: columns with their types, layers of segments, terms of clips."""
 
     clips: tuple[ClipColumn, ...]
     free: Mapping[str, str]
     layers: tuple[Layer, ...]
+    licences: tuple[Licence, ...]
     header: StoreHeader
     has_groups: bool
     has_songs: bool
@@ -64,7 +66,9 @@ class TablePlan:
         free = {name: _free_type(name, clips) for name in names}
         layers = sorted({s.layer for clip in clips for s in clip.segments}, key=lambda layer: repr(layer))
         has_songs = any(clip.signal is not None for clip in clips)
-        return cls(columns, free, tuple(layers), header, any(clip.group for clip in clips), has_songs)
+        licences = sorted({clip.terms for clip in clips if clip.terms is not None})
+        has_groups = any(clip.group for clip in clips)
+        return cls(columns, free, tuple(layers), tuple(licences), header, has_groups, has_songs)
 
     @property
     def types(self) -> dict[str, dict[str, str]]:
@@ -93,6 +97,8 @@ def _is_set(column: ClipColumn, clip: StoredClip) -> bool:
     value = getattr(clip, column.name)
     if column.name == "song":
         return clip.signal is not None
+    if column.name == "licence":
+        return clip.terms is not None
     if column.type.startswith("row:") or column.name == "made_of":
         return bool(value)
     stored = column.encode(value)
@@ -184,6 +190,8 @@ def _write_clips(
             values: list[Any] = [groups.get(clip.group, -1) for clip in clips]
         elif column.name == "song":
             values = [songs.get((clip.song, clip.signal), -1) for clip in clips]
+        elif column.name == "licence":
+            values = [-1 if clip.terms is None else plan.licences.index(clip.terms) for clip in clips]
         else:
             values = [column.encode(getattr(clip, column.name)) for clip in clips]
         type_of(column.type).write(group, column.name, values)

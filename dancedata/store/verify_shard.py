@@ -77,6 +77,7 @@ def verify_split(store: Store, description: Description, split: str) -> Iterator
             messages += [
                 *_check_offsets(tables),
                 *_check_by_id(tables),
+                *_check_licences(store, tables),
                 *_check_groups(tables),
             ]
             messages += _check_segments(store, tables, description)
@@ -144,6 +145,13 @@ def _check_clips(tables: Tables) -> Iterator[str]:
             if problem:
                 yield f"/clips/{column.name} of clip {tables.ids[row]!r}: {problem}"
                 break
+
+
+def _check_licences(store: Store, tables: Tables) -> Iterator[str]:
+    numbers = np.asarray(tables.columns.get("licence", ()), dtype=np.int64)
+    bad = (numbers < -1) | (numbers >= len(store.licences))
+    if bad.any():
+        yield f"/clips/licence: of licences that do not exist, in rows {_places(bad)}"
 
 
 def _check_offsets(tables: Tables) -> Iterator[str]:

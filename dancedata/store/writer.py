@@ -162,6 +162,7 @@ def _describe(
             }
             for name, columns in tables.types.items()
         },
+        **({"licences": [licence.to_json() for licence in tables.licences]} if tables.licences else {}),
         "counts": _count(header, plans),
         "rejects": dict(sorted(Counter(r.reason for r in rejects).items())),
     }
@@ -208,7 +209,7 @@ def _write_tables(out: Path, tables: TablePlan, plans: Sequence[ShardPlan]) -> d
 
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
     """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
-    reserved = {*document, "shards", "splits", "layers", "leaves", "files", "self_sha256"}
+    reserved = {*document, "shards", "splits", "layers", "licences", "leaves", "files", "self_sha256"}
     clashing = sorted(reserved & set(header.meta))
     if clashing:
         raise StoreError("meta has keys that the format uses itself", found=", ".join(clashing))

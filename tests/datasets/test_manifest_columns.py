@@ -15,6 +15,7 @@ from dancedata.datasets.folder import Folder
 from dancedata.datasets.motorica.motion import write_recording
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
+from tests.commands import as_json, run
 from tests.messages import raises_message
 
 N = 240
@@ -206,3 +207,87 @@ def test_wrong_lists_of_csv(source: Path) -> None:
     columns = ",".join(f"x/c{k}" for k in range(101))
     with raises_message(SourceError):
         scan(source, f"motion,{columns}\na.npz{',' * 101}\n")
+
+
+# ---- numbers of genres
+
+
+def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
+    head, shas = "id,motion,genre,genre_id\n", []
+    assert scan(source, f"{head}a,a.npz,waltz,\n").genre_ids == {}
+    for number in (7, 8):
+        found = scan(source, f"{head}a,a.npz,waltz,{number}\nb,a.npz,waltz,\nc,a.npz,tango,0\nd,a.npz,,\n")
+        assert found.genre_ids == {"waltz": number, "tango": 0}
+        recipe = {**HEAD, "dataset": {"folder": {"unit": "m", "up": "y", "fps": 30, "music": "optional"}}}
+        options: dict[str, Any] = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}
+        dancedata.build(recipe, source, tmp_path / f"{number}", **options)
+        with dancedata.open(tmp_path / f"{number}") as store:
+            assert store.meta["genre_ids"] == found.genre_ids
+            shas.append(store.meta["source_sha256"])
+    assert shas[0] != shas[1], "another number is another dataset"
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [["waltz,one"], ["waltz,-1"], ["waltz,2.0"], [",1"], ["waltz,1", "waltz,2"], ["waltz,1", "tango,1"],
+     ["waltz,1", "tango,"]],
+)  # fmt: skip
+def test_wrong_numbers_of_genres(source: Path, rows: list[str]) -> None:
+    with raises_message(SourceError):
+        scan(source, "id,motion,genre,genre_id\n" + "".join(f"c{k},a.npz,{row}\n" for k, row in enumerate(rows)))
+
+
+# ---- from the manifest to the dataset
+
+
+@pytest.fixture(scope="module")
+def built(files: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two parts of one file, with music, free columns and terms, and mirrored copies."""
+    folder = tmp_path_factory.mktemp("built")
+    text = (
+        "id,motion,audio,split,audio_start_s,start_s,end_s,licence,citation,x/level,x/tags\n"
+        'one,a.npz,a.wav,train,0.25,,4,CC BY 4.0,"Anna, 2026",3,"[""turn""]"\n'
+        "two,a.npz,a.wav,test,0.25,4,,all rights reserved,,4,[]\n"
+    )
+    (files / "manifest.csv").write_text(text, encoding="utf-8")
+    recipe = {
+        **HEAD, "dataset": {"folder": {"unit": "m", "up": "y", "fps": 30}}, "audio": {"librosa35": {}},
+        "augment": {"mirror": True},
+    }  # fmt: skip
+    dancedata.build(recipe, files, folder / "out", cache=folder / "cache", jobs=1, progress=False)
+    (files / "manifest.csv").unlink()
+    return folder / "out"
+
+
+def test_parts_and_columns_of_a_dataset(built: Path, files: Path) -> None:
+    from dancedata.store import verify_store
+
+    assert [p for p in verify_store(built) if p.severity == "error" and "song" not in str(p)] == []
+    with dancedata.open(built) as store:
+        one, copy, two = (store.clip(name) for name in ("one", "one__mirror", "two"))
+        assert (one.n_frames, two.n_frames) == (120, 120)
+        assert (one.audio_start, two.audio_start, two.source_start) == (Fraction(1, 4), Fraction(17, 4), 4)
+        assert dict(one.columns) == dict(copy.columns) == {"level": 3, "tags": ("turn",)}
+        assert dict(two.columns) == {"level": 4}, "an empty list is none"
+        assert [store.licences[clip.licence].text for clip in (one, copy, two)] == [
+            "CC BY 4.0", "CC BY 4.0", "all rights reserved",
+        ]  # fmt: skip
+        # Rows of one song from its first half row on: the parts begin at 7 and 4 s later.
+        offsets = [int(store.tables(split).spans["librosa35"].offset[0]) for split in ("train", "test")]
+        assert offsets == [7, 7 + 120]
+
+
+def test_terms_on_the_card_and_in_a_page(built: Path, files: Path, tmp_path: Path) -> None:
+    card = (built / "README.md").read_text(encoding="utf-8")
+    assert "- 1 clip: CC BY 4.0; cite: Anna, 2026; may be passed on\n" in card
+    assert "- 1 clip: all rights reserved; may not be passed on\n" in card
+    found = as_json("report", built, "--to", tmp_path / "report.html", "--clips", "none")["report"]
+    assert [column["name"] for column in found["columns"]] == ["x/level", "x/tags"]
+    assert "1 clip: all rights reserved; may not be passed on" in found["about"]["licences"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "x/level: int, 2 of 2 clips, 3 to 4, median 3.5" in page
+    assert "all rights reserved; may not be passed on" in page
+    options = ["--to", tmp_path / "music.html", "--audio", "embed", "--source", files]
+    refused = run("report", built, *options, code=2).stderr
+    assert "1 clip: all rights reserved; may not be passed on" in refused
+    assert not (tmp_path / "music.html").exists()

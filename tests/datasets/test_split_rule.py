@@ -5,6 +5,8 @@ import json
 import random
 import shutil
 import unicodedata
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +150,7 @@ def test_an_empty_split_names_a_seed_that_does() -> None:
         {"by": "clip"},
         {"val": 0.1, "by": "clip", "seed": -1},
         {"val": 0.1, "by": "clip", "seed": "x"},
+        {"val": 0.1, "by": "clip", "balance": "yes"},
         {"val": 0.1, "train": 0.8, "by": "clip"},
         {},
     ],
@@ -155,6 +158,51 @@ def test_an_empty_split_names_a_seed_that_does() -> None:
 def test_nonsense_is_refused(rule: dict[str, Any]) -> None:
     with raises_message(UsageError):
         Folder(split=rule)
+
+
+# ---- few groups
+
+
+def uneven(*sizes: int) -> list[ClipRef]:
+    return [clip for s, n in enumerate(sizes) for clip in clips(s + 1, n) if clip.music == f"song{s}"]
+
+
+@given(sizes=st.lists(st.integers(1, 9), min_size=5, max_size=12), seed=st.integers(0, 1000))
+def test_balanced_splits_of_a_few_songs(sizes: list[int], seed: int) -> None:
+    refs = uneven(*sizes)
+    rule = {"val": 0.2, "test": 0.2, "by": "music", "seed": seed, "balance": True}
+    found = splits(rule, refs)
+    assert {"train", "val", "test"} == set(found.values())
+    assert found == splits(rule, refs[::-1])
+    songs = {(clip.music, found[clip.id]) for clip in refs}
+    assert len(songs) == len(sizes), "songs are whole"
+    n = Counter(found.values())
+    for name in ("val", "test"):
+        # No song of train would bring the split closer.
+        left = [size for s, size in enumerate(sizes) if (f"song{s}", "train") in songs]
+        off = abs(n[name] - 0.2 * len(refs))
+        alone = sum(split == name for _, split in songs) == 1
+        assert alone or all(abs(n[name] + size - 0.2 * len(refs)) >= off - 1e-9 for size in left)
+
+
+def test_balance_meets_the_fractions_that_names_alone_miss() -> None:
+    refs = uneven(*[10] * 10)
+    plain, balanced = ({**RULE, "seed": 3, **more} for more in ({}, {"balance": True}))
+    assert Counter(splits(balanced, refs).values()) == {"train": 80, "val": 10, "test": 10}
+    with raises_message(SourceError):
+        splits(plain, refs)
+    _, notes = SplitRule.of(balanced).apply(refs)
+    assert "balanced: a clip that is added may move others" in notes[0]
+    # What the manifest states is counted, and stays.
+    stated = [replace(clip, split="test") if clip.music in ("song1", "song2") else clip for clip in refs]
+    assert Counter(splits(balanced, stated).values()) == {"train": 70, "val": 10, "test": 20}
+    with raises_message(SourceError):
+        splits(balanced, uneven(3, 3))
+
+
+def test_recipes_without_balance_have_their_hash() -> None:
+    assert SplitRule.of({**RULE, "balance": False}).document() == SplitRule.of(RULE).document()
+    assert SplitRule.of({**RULE, "balance": True}).document()["balance"] is True
 
 
 def document(split: Any) -> dict[str, Any]:

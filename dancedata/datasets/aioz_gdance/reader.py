@@ -30,6 +30,7 @@ from dancedata.datasets.files import (
     read_names,
     relative,
     require_choice,
+    with_music_dir,
 )
 from dancedata.files.regular_file import read_regular
 
@@ -111,6 +112,8 @@ class AiozGdance(Dataset):
         by a hash of their ids; sequences on no list are included.
     music
         ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio features.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     genre_column
         Title of the column of the label files with the genre of the music; by default the only one with "genre".
     style_column
@@ -119,6 +122,7 @@ class AiozGdance(Dataset):
 
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
     genre_column: str = field(default="", metadata={"scan": True})
     style_column: str = field(default="", metadata={"scan": True})
 
@@ -161,9 +165,9 @@ class AiozGdance(Dataset):
             If a column of the labels is not there.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
-        music = list_audio(
-            [place / name for place in folders.places for name in MUSIC], folders.source, _name_problem
-        )
+        places = [place / name for place in folders.places for name in MUSIC]
+        own = list_audio(places, folders.source, _name_problem)
+        music = with_music_dir(own, self.music_dir, folders.source, _name_problem)
         lists, labels = _Lists.find(folders), self._labels(folders)
         if self.split == OFFICIAL:
             _require_lists(folders, lists)

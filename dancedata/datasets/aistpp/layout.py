@@ -27,6 +27,7 @@ from dancedata.datasets.files import (
     list_folder,
     read_names,
     relative,
+    with_music_dir,
 )
 
 LAYOUT = Layout(
@@ -118,7 +119,7 @@ class Copy:
     rejects: tuple[Reject, ...]
 
 
-def find_copy(source: Path, split: str, split_dir: str | None, ignore: bool) -> Copy:
+def find_copy(source: Path, split: str, split_dir: str | None, ignore: bool, music_dir: Path | None = None) -> Copy:
     """List the files of a copy and read its lists.
 
     Raises
@@ -129,7 +130,8 @@ def find_copy(source: Path, split: str, split_dir: str | None, ignore: bool) -> 
     folders, motions = LAYOUT.list_motions(source)
     music_folders = [place / name for place in folders.places for name in MUSIC_FOLDERS]
     music_folders = [folder for folder in (*music_folders, *folders.places) if folder.is_dir()]
-    music = list_audio(music_folders, source, music_problem, mixed=folders.places)
+    own = list_audio(music_folders, source, music_problem, mixed=folders.places)
+    music = with_music_dir(own, music_dir, source, music_problem)
     sequences = {name: parts for name in motions.files if (parts := parse_name(name)) is not None}
     recordings = frozenset(name for name in sequences if name in music.files)
     songs = {

@@ -102,12 +102,15 @@ class AistPP(Dataset):
     music
         ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio
         features. With audio features it is an error if there are such sequences.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     split: str = field(default="crossmodal", metadata={"scan": True})
     split_dir: str | None = field(default=None, metadata={"path": True})
     ignore: Literal["list", "none"] = field(default="list", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = (
@@ -162,7 +165,7 @@ class AistPP(Dataset):
         SourceError
             If the folder is not an AIST++ copy, or its lists are unusable.
         """
-        copy = find_copy(Path(source), self.split, self.split_dir, self.ignore == "list")
+        copy = find_copy(Path(source), self.split, self.split_dir, self.ignore == "list", self.music_dir)
         clips, left_out = self._clips(copy)
         missing = [
             Reject("missing_motion", clip=name, detail=f"listed, but there is no motions/{name}.pkl")

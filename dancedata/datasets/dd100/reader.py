@@ -27,6 +27,7 @@ from dancedata.datasets.files import (
     relative,
     require_choice,
     require_folder,
+    with_music_dir,
 )
 
 OFFICIAL, BY_CHOREOGRAPHY = "official", "by-choreography"
@@ -68,12 +69,15 @@ class DD100(Dataset):
         ``by-choreography``: a tenth of the choreographies each is val and test, by a hash of their names.
     music
         ``required`` leaves out pairs without music; ``optional`` keeps them, for recipes without audio features.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     up
         Axis that is up in the files: ``z`` as published, or ``y``. A file whose heads are elsewhere is set aside.
     """
 
     split: Literal["official", "by-choreography"] = field(default="official", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
     up: Literal["z", "y"] = "z"
 
     version: ClassVar[int] = 1
@@ -128,7 +132,8 @@ class DD100(Dataset):
                 allowed=_LOOKED_FOR,
                 fix="set --source to the folder that contains motion/ and music/",
             )
-        music = _merged([list_audio([source / _MUSIC / p], source, _pair_problem) for p in _PARTS], source)
+        own = _merged([list_audio([source / _MUSIC / p], source, _pair_problem) for p in _PARTS], source)
+        music = with_music_dir(own, self.music_dir, source, _pair_problem)
         near = NearMusic(
             source,
             [source / _MUSIC / part for part in _PARTS],

@@ -7,7 +7,16 @@ from pathlib import Path
 
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets.files import Files, Folders, Layout, files_by_stem, list_audio, list_folder, relative
+from dancedata.datasets.files import (
+    Files,
+    Folders,
+    Layout,
+    files_by_stem,
+    list_audio,
+    list_folder,
+    relative,
+    with_music_dir,
+)
 from dancedata.datasets.finedance.facts import facts
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
@@ -116,9 +125,15 @@ def list_labels(folders: Folders) -> Files:
     return files_by_stem(folders.root / LABELS, folders.source, ".json", lambda stem: _id_problem(stem, ".json"))
 
 
-def list_music(folders: Folders) -> Files:
-    """List ``music_wav/NNN.wav``; of several files with one id the preferred format is used."""
-    return list_audio([folders.root / MUSIC], folders.source, lambda stem: _id_problem(stem, ".wav"))
+def list_music(folders: Folders, music_dir: Path | None = None) -> Files:
+    """List ``music_wav/NNN.wav``, those of `music_dir` first; of several files with one id the preferred format."""
+
+    def problem(stem: str) -> str:
+        return _id_problem(stem, ".wav")
+
+    return with_music_dir(
+        list_audio([folders.root / MUSIC], folders.source, problem), music_dir, folders.source, problem
+    )
 
 
 def music_fix(folders: Folders, music: Files) -> Callable[[str], str]:

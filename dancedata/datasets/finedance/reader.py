@@ -148,6 +148,8 @@ class FineDance(Dataset):
     body_model
         SMPL-X model file (.npz) with the bones to use; default: those published by Lodge and FineDance.
         FineDance has no betas: all motion is on the neutral body.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     split: Literal["cross_genre", "cross_dancer"] = field(default="cross_genre", metadata={"scan": True})
@@ -155,6 +157,7 @@ class FineDance(Dataset):
     trim: bool = True
     labels: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
     body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = (
@@ -208,7 +211,7 @@ class FineDance(Dataset):
         from dancedata.datasets.finedance.load import length_note
 
         folders, motions = LAYOUT.list_motions(Path(source))
-        music, labels = list_music(folders), list_labels(folders)
+        music, labels = list_music(folders, self.music_dir), list_labels(folders)
         kept, model = self._kept(), self.body_model
         absent = set(facts().ids) - set(motions.files) - (facts().ignored(self.split) - kept)
         clips, left_out = self._clips(folders, motions, music, labels)

@@ -11,6 +11,7 @@ from dancedata.datasets._words import words_of
 from dancedata.datasets.files import (
     AUDIO_SUFFIXES,
     MOTION_SUFFIXES,
+    Files,
     best_audio,
     describe,
     extra_file,
@@ -18,6 +19,7 @@ from dancedata.datasets.files import (
     group_by_stem,
     list_folder,
     relative,
+    with_music_dir,
 )
 
 MOTION_FOLDERS = ("motions", "motion")
@@ -49,8 +51,8 @@ class Matched:
     near: NearMusic
 
 
-def match_names(source: Path) -> Matched:
-    """List motion and audio files by their names.
+def match_names(source: Path, music_dir: Path | None = None) -> Matched:
+    """List motion and audio files by their names; those of `music_dir` come before the source's own.
 
     Raises
     ------
@@ -63,7 +65,9 @@ def match_names(source: Path) -> Matched:
     music_folders = [source / n for n in MUSIC_FOLDERS if (source / n).is_dir()] if apart else [source]
     rejects: list[Reject] = []
     motions = _motions(source, motion_folder, rejects)
-    music = _music(source, music_folders, rejects)
+    own = Files(_music(source, music_folders, rejects), ())
+    files = with_music_dir(own, music_dir, source, lambda stem: "")
+    music, rejects = files.files, [*rejects, *files.rejects]
     if not motions and not any(r.reason == "ambiguous_name" for r in rejects):
         raise SourceError(
             "folder: no motion found",
@@ -81,6 +85,7 @@ def match_names(source: Path) -> Matched:
         f"No manifest: motion and music were matched by file name, {places if apart else 'side by side'}; "
         f"{counted(len(both), 'pair')}, {counted(len(motions) - len(both), 'motion')} without music."
     ]
+    notes += files.notes
     layout = "names" if apart else "names, side by side"
     expected = (f"{music_folders[0].name}/" if music_folders else f"{MUSIC_FOLDERS[0]}/") if apart else ""
     near = NearMusic(source, (*music_folders, source), {music[name] for name in both}, motions.__contains__)

@@ -5,7 +5,7 @@ import io
 import json
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
@@ -17,12 +17,20 @@ from dancedata.core.errors import SourceError, StoreError, closest, did_you_mean
 from dancedata.core.text import csv_text, quoted, shown
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.datasets.folder.facts import Declared
-from dancedata.datasets.folder.manifest_values import FREE, SECONDS, check_free_names, joint_map, seconds, typed
+from dancedata.datasets.folder.manifest_values import (
+    FREE,
+    SECONDS,
+    check_free_names,
+    genre_numbers,
+    joint_map,
+    seconds,
+    typed,
+)
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 
 MANIFESTS = ("manifest.csv", "manifest.jsonl")
-_ABOUT = ("id", "motion", "audio", "split", "genre", "music", "dancer", "tempo_bpm")
+_ABOUT = ("id", "motion", "audio", "split", "genre", "genre_id", "music", "dancer", "tempo_bpm")
 _DECLARED = ("fps", "up", "unit", "layout", "gender", "person", "joint_map")
 COLUMNS = (*_ABOUT, *_DECLARED, *SECONDS, "licence", "citation")
 #: Enough for a hundred thousand clips.
@@ -94,6 +102,11 @@ def read_manifest(path: Path) -> list[Row]:
         raise _bad(path, None, "the manifest contains no clip", "no line", "one line per clip")
     _check_unique(path, rows)
     return rows
+
+
+def genre_ids_of(path: Path, rows: Sequence[Row]) -> dict[str, int]:
+    """Return the number of each genre that a manifest states; empty if it states none. SourceError for a mistake."""
+    return genre_numbers([(row.get("genre"), row.get("genre_id"), partial(_bad, path, row.line)) for row in rows])
 
 
 def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> Path:

@@ -91,6 +91,39 @@ def joint_map(text: str, motion: str, file_of: Callable[[str], Path], bad: Bad) 
     return json.dumps(names, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
+def genre_numbers(rows: Sequence[tuple[str, str, Bad]]) -> dict[str, int]:
+    """Return the number of each genre of rows (genre, genre_id, error); empty without any.
+
+    Raises
+    ------
+    SourceError
+        For what is not a whole number from 0 on, a number without a genre, a genre with several numbers or
+        without one, and a number of several genres.
+    """
+    numbers: dict[str, int] = {}
+    for genre, text, bad in rows:
+        if not text:
+            continue
+        if not _WHOLE.fullmatch(text) or not 0 <= int(text) < 2**31:
+            raise bad("genre_id is not a number of a genre", shown(text, 60), "whole numbers from 0 on")
+        if not genre:
+            raise bad("genre_id is given, but the clip has no genre", text, None, "fill in the column genre")
+        if numbers.setdefault(genre, int(text)) != int(text):
+            found = f"{text} and {numbers[genre]} for {quoted(genre, 40)}"
+            raise bad("a genre has two numbers in genre_id", found, "one number for each genre")
+        other = next((name for name, n in numbers.items() if n == int(text) and name != genre), None)
+        if other is not None:
+            found = f"{text} for {quoted(genre, 40)} and {quoted(other, 40)}"
+            raise bad("two genres have one number in genre_id", found, "one number for each genre")
+    for genre, _, bad in rows if numbers else ():
+        if genre and genre not in numbers:
+            fix = "give each genre a number in one of its rows, or leave the column out"
+            raise bad(
+                "a genre has no number in genre_id", quoted(genre, 40), "a number for each genre or for none", fix
+            )
+    return numbers
+
+
 def check_free_names(columns: Sequence[str], bad: Bad) -> None:
     """Raise SourceError for free columns whose names no dataset can store, or for too many of them."""
     from dancedata.store.schema import check_name

@@ -33,7 +33,16 @@ from dancedata.datasets.folder.load import (
     motion_of,
     recognised,
 )
-from dancedata.datasets.folder.manifest import MANIFESTS, Row, check_row, clip_id, id_problem, inside, read_manifest
+from dancedata.datasets.folder.manifest import (
+    MANIFESTS,
+    Row,
+    check_row,
+    clip_id,
+    genre_ids_of,
+    id_problem,
+    inside,
+    read_manifest,
+)
 from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.formats.arrays import ArrayFile
@@ -88,6 +97,8 @@ class Folder(Dataset):
     music
         "required" leaves out clips without music; "optional" keeps them, for recipes without audio features. With
         audio features it is an error if there are such clips.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     fps: float | str | None = None
@@ -99,6 +110,7 @@ class Folder(Dataset):
     gender: Literal["neutral", "male", "female"] | None = None
     split: str | Mapping[str, Any] = field(default="train", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
     keys: Mapping[str, str] | None = field(default=None, metadata={"added": True})
     people: Literal["one", "split"] = field(default="one", metadata={"scan": True, "added": True})
     language: str = field(default="", metadata={"scan": True, "added": True})
@@ -156,6 +168,9 @@ class Folder(Dataset):
         if self.body_model is not None and not self.body_model.exists():
             where = str(self.body_model)
             raise SourceError("folder: the body model does not exist", where=where, fix="correct body_model")
+        if self.music_dir is not None and not self.music_dir.expanduser().is_dir():
+            where, fix = str(self.music_dir), "correct music_dir"
+            raise SourceError("folder: music_dir is not a folder", where=where, fix=fix)
         manifests = [source / name for name in MANIFESTS if (source / name).exists()]
         if len(manifests) > 1:
             raise SourceError(
@@ -176,7 +191,8 @@ class Folder(Dataset):
         rejects += words.rejects
         notes += [*splits, *files, *words.notes]
         clips = words.clips
-        return Scan(layout, tuple(clips), tuple(rejects), tuple(notes))
+        numbers = genre_ids_of(manifests[0], rows) if manifests else {}
+        return Scan(layout, tuple(clips), tuple(rejects), tuple(notes), numbers)
 
     @override
     def body_of(self, ref: ClipRef) -> Skeleton | None:
@@ -238,6 +254,9 @@ class Folder(Dataset):
         motion = inside(source, row.get("motion"), manifest, row.line, "motion")
         text = row.get("audio")
         audio = inside(source, text, manifest, row.line, "audio") if text else None
+        if self.music_dir is not None and text:
+            elsewhere = inside(self.music_dir.expanduser(), text, manifest, row.line, "audio")
+            audio = elsewhere if elsewhere.is_file() else audio
         if not motion.is_file():
             detail = f"listed, but {_absence(motion)}"
             return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
@@ -272,7 +291,7 @@ class Folder(Dataset):
         )
 
     def _matched(self, source: Path) -> tuple[list[ClipRef], list[Reject], list[str], str]:
-        matched = match_names(source)
+        matched = match_names(source, self.music_dir)
         clips, rejects = [], list(matched.rejects)
         for name, path in matched.motions.items():
             audio = matched.music.get(name)

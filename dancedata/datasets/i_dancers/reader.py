@@ -26,6 +26,7 @@ from dancedata.datasets.files import (
     read_names,
     relative,
     require_choice,
+    with_music_dir,
 )
 from dancedata.datasets.i_dancers.motion import SUFFIX
 
@@ -66,6 +67,8 @@ class IDancers(Dataset):
     music
         ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio features:
         then `fps` has to be a number.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     trim_frames
         Frames to leave out at both ends, of motion and music; CoheDancers' loader leaves out 15.
     """
@@ -73,6 +76,7 @@ class IDancers(Dataset):
     fps: str = field(default="auto", metadata={"scan": True})
     up: Literal["auto", "y", "z"] = "auto"
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
     trim_frames: int = field(default=0, metadata={"scan": True})
 
     version: ClassVar[int] = 1
@@ -120,7 +124,8 @@ class IDancers(Dataset):
             If the folder is not a copy of I-Dancers, a list is missing, or both name a sequence.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
-        music = list_audio([folders.root / "music"], folders.source, lambda stem: "")
+        own = list_audio([folders.root / "music"], folders.source, lambda stem: "")
+        music = with_music_dir(own, self.music_dir, folders.source, lambda stem: "")
         lists = _find_lists(folders)
         clips, left_out = self._clips(folders, motions, music, lists)
         names = {stem.removesuffix(SUFFIX) for stem in motions.files}

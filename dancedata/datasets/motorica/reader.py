@@ -18,7 +18,16 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import AUDIO_SUFFIXES, Files, Folders, Layout, clips_note, list_audio, relative
+from dancedata.datasets.files import (
+    AUDIO_SUFFIXES,
+    Files,
+    Folders,
+    Layout,
+    clips_note,
+    list_audio,
+    relative,
+    with_music_dir,
+)
 from dancedata.datasets.files import require_choice as choice
 from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
 
@@ -64,6 +73,8 @@ class Motorica(Dataset):
         ``keep`` stores the joints of the fingers; they are captured in some sessions only.
     music
         ``required`` leaves out recordings without music; ``optional`` keeps them, for recipes without audio features.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     takes
         ``both`` makes two clips of each recording, NAME_00 and NAME_01, which begins 1/60 s later: at 30 frames per
         second, LDA's two takes. ``first``: one clip, whose frames are those of NAME_00.
@@ -77,6 +88,7 @@ class Motorica(Dataset):
     audio_start: Mapping[str, Any] | None = field(default=None, metadata={"scan": True})
     fingers: Literal["drop", "keep"] = "drop"
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
     takes: Literal["first", "both"] = field(default="first", metadata={"scan": True, "added": True})
     labels: Path | None = field(default=None, metadata={"path": True})
 
@@ -138,12 +150,13 @@ class Motorica(Dataset):
         """
         folders, motions = LAYOUT.list_motions(Path(source))
         folder = folders.root / LAYOUT.motions
-        music = list_audio(
+        own = list_audio(
             [folders.root / "wav", folder, *folders.places],
             folders.source,
             lambda stem: "",
             [folder, *folders.places],
         )
+        music = with_music_dir(own, self.music_dir, folders.source, lambda stem: "")
         clips, left_out = self._clips(folders, motions, music)
         clips, unlabelled, labels = self._with_labels(clips, folders.root)
         left_out += unlabelled

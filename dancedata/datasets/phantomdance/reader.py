@@ -27,6 +27,7 @@ from dancedata.datasets.files import (
     relative,
     require_choice,
     require_folder,
+    with_music_dir,
 )
 
 BY_SONG = "by-song"
@@ -50,11 +51,14 @@ class PhantomDance(Dataset):
         Folder of the JSON files, below the source, if several folders have some.
     music
         ``required`` leaves out dances without music; ``optional`` keeps them, for recipes without audio features.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     split: Literal["by-song", "all"] = field(default="by-song", metadata={"scan": True})
     motions: str | None = field(default=None, metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = (
@@ -92,7 +96,8 @@ class PhantomDance(Dataset):
         motions = files_by_stem(folder, source, ".json", lambda stem: "")
         places = [folder, source, *(entry for entry in list_folder(source) if entry.is_dir() and entry != folder)]
         places = list(dict.fromkeys(places))
-        music = list_audio(places, source, lambda stem: "", places)
+        own = list_audio(places, source, lambda stem: "", places)
+        music = with_music_dir(own, self.music_dir, source, lambda stem: "")
         near = NearMusic(source, places, set(music.files.values()), motions.files.__contains__)
         clips, left_out = [], []
         for name, path in sorted(motions.files.items()):

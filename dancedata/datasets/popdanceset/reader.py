@@ -26,6 +26,7 @@ from dancedata.datasets.files import (
     read_names,
     relative,
     require_choice,
+    with_music_dir,
 )
 
 if TYPE_CHECKING:
@@ -103,11 +104,14 @@ class PopDanceSet(Dataset):
         one metre up and five forward, as POPDG reads the files.
     music
         ``required`` leaves out clips without music; ``optional`` keeps them, for recipes without audio features.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})
     scale: Literal["multiply", "none"] = field(default="none", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = (
@@ -147,7 +151,8 @@ class PopDanceSet(Dataset):
             If the folder is not a copy of PopDanceSet, or the lists are missing or name a clip twice.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
-        music = list_audio([folders.root / "wavs"], folders.source, _name_problem)
+        own = list_audio([folders.root / "wavs"], folders.source, _name_problem)
+        music = with_music_dir(own, self.music_dir, folders.source, _name_problem)
         lists = _Lists.find(folders)
         if self.split == OFFICIAL:
             self._require_lists(folders, lists)

@@ -100,7 +100,7 @@ def record_json(clip: ClipView) -> dict[str, Any]:
 #: Attributes that few clips have, with their defaults.
 _OPTIONAL: dict[str, Any] = {
     "group": "", "member": -1, "role": "", "song": "", "source_start": None, "source_end": None,
-    "audio_start": 0, "audio_start_by": "", "columns": {},
+    "audio_start": 0, "audio_start_by": "", "licence": -1, "columns": {},
 }  # fmt: skip
 
 

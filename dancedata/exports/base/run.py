@@ -17,6 +17,7 @@ from dancedata.pipeline.source_music import is_source
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
+from dancedata.store.licence import clips_by_terms, terms_text
 
 _TEXT = 5000
 
@@ -47,13 +48,18 @@ def licence_text(store: Store) -> str:
         return ""
     return (
         f"These files were made from a dataset with this licence; it holds for them too:\n\n{licence}\n\n"
-        f"Cite: {citation or 'see the dataset'}\n"
+        f"Cite: {citation or 'see the dataset'}\n{_terms(store)}"
     )
 
 
 def _origin(store: Store) -> str:
     licence, citation = (shown(store.meta.get(key) or "unknown", _TEXT) for key in ("licence", "citation"))
-    return f"## Origin\n\nLicence of the data: {licence}\n\nCite: {citation}\n"
+    return f"## Origin\n\nLicence of the data: {licence}\n\nCite: {citation}\n{_terms(store)}"
+
+
+def _terms(store: Store) -> str:
+    lines = "".join(f"- {shown(line, _TEXT)}\n" for line in terms_text(clips_by_terms(store)))
+    return f"\nClips have terms of their own:\n\n{lines}" if lines else ""
 
 
 LICENCE = "LICENCE.txt"
@@ -249,6 +255,7 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
         "dataset": {key: job.store.meta.get(key) for key in ("self_sha256", "recipe_sha256")},
         "clips": {split: len(job.clips(split)) for split in job.store.splits},
         "licence": job.store.meta.get("licence"),
+        **({"licences": job.store.meta["licences"]} if job.store.licences else {}),
         "notes": list(folder.notes),
     }
     write_about(folder, record)
