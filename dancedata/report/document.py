@@ -11,6 +11,7 @@ from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.report.groups import Groups, group_findings
 from dancedata.report.markup import number, rounded
 from dancedata.report.measure import ClipNumbers
+from dancedata.report.scaling import EXPLODES, ScaledGroup
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.store.segment_numbers import LayerNumbers
 
@@ -166,16 +167,17 @@ class Splits:
 
 @dataclass(frozen=True)
 class ColumnRange:
-    """Range and quantiles of a column over the rows of train windows."""
+    """Range, quantiles and mean of a column over the rows of train windows; without a median for several columns."""
 
     label: str
     min: float
     p5: float
     p25: float
-    p50: float
+    p50: float | None
     p75: float
     p95: float
     max: float
+    mean: float | None = None
 
 
 @dataclass(frozen=True)
@@ -191,6 +193,7 @@ class FieldNumbers:
     rows: int
     constant: tuple[str, ...]
     columns: tuple[ColumnRange, ...]
+    scaling: tuple[ScaledGroup, ...]
 
 
 @dataclass(frozen=True)
@@ -409,4 +412,9 @@ def _fields(d: Document) -> list[Finding]:
             sentences.append(Finding("note", text, f"columns_{name}"))
         elif not field.columns:
             sentences.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
+        exploding = [label for group in field.scaling for label, _ in group.exploding]
+        if exploding:
+            count = f"{counted(len(exploding), 'column')} of {name}"
+            text = f"{count} beyond ±{EXPLODES:g} when normalised: {listed(exploding, 4)}"
+            sentences.append(Finding("look", text, f"scaling_{name}"))
     return sentences

@@ -33,6 +33,7 @@ from dancedata.report.document import (
 )
 from dancedata.report.groups import groups_of
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
+from dancedata.report.scaling import scaled_groups
 from dancedata.report.tally import (
     ClipHistogram,
     FiveNumbers,
@@ -352,12 +353,13 @@ def _field(store: Store, name: str) -> FieldNumbers:
         rows=0 if stats is None else stats["n"],
         constant=tuple(column.label for column in columns if column.max - column.min < _CONSTANT),
         columns=columns,
+        scaling=scaled_groups(store, name),
     )
 
 
 def _ranges(labels: Sequence[str], stats: Mapping[str, Any]) -> tuple[ColumnRange, ...]:
     quantiles = (stats["quantiles"][q] for q in ("0.05", "0.25", "0.5", "0.75", "0.95"))
-    rows = zip(labels, stats["min"], *quantiles, stats["max"], strict=True)
+    rows = zip(labels, stats["min"], *quantiles, stats["max"], stats["mean"], strict=True)
     return tuple(ColumnRange(label, *map(float, numbers)) for label, *numbers in rows)
 
 
