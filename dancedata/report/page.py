@@ -16,8 +16,11 @@ from dancedata.report.figures import (
     split_figures,
 )
 from dancedata.report.group_figures import group_figures
-from dancedata.report.markup import Figure, Markup, escaped, number, percent, table
+from dancedata.report.markup import Figure, Markup, escaped, number, percent, rounded, table
+from dancedata.report.outliers import LIMIT, MEASURES, Outlier
 from dancedata.report.player import NO_PLAYER, Player
+from dancedata.report.rhythm_figures import rhythm_figures
+from dancedata.report.space_figures import pose_figures, split_space_figures
 from dancedata.report.svg import bars
 from dancedata.viewer.payload import link
 
@@ -48,11 +51,11 @@ def sections(
     parts = [
         ("look", "Look at these first", _look(d)),
         ("contents", "What is in it", _grid(contents_figures(d))),
-        ("movement", "How it moves", _grid(movement_figures(d, chosen))),
+        ("movement", "How it moves", _grid([*movement_figures(d, chosen), *pose_figures(d), *outlier_figures(d)])),
         ("groups", "Dancers together", _grid(group_figures(d))),
-        ("music", "Music and dance", _grid(music_figures(d))),
+        ("music", "Music and dance", _grid([*music_figures(d), *rhythm_figures(d)])),
         ("segments", "Words and events", _grid(_segments(d))),
-        ("splits", "Splits", _grid(split_figures(d))),
+        ("splits", "Splits", _grid([*split_figures(d), *split_space_figures(d)])),
         ("columns", "Columns", _grid(column_figures(d, columns, heat_maps))),
         ("left-out", "Left out and flagged", _grid(_left_out(d))),
     ]
@@ -80,6 +83,27 @@ def _look(d: Drawing) -> str:
     note = f"most flags per second, most sliding in contact, longest standing still take turns{more}"
     body = f'<div class="scroll">{table(head, rows, "list")}</div>'
     return Figure("look", "Clips in the order of suspicion", note, body, kind="wide").to_html()
+
+
+def outlier_figures(d: Drawing) -> list[Figure]:
+    """Return the table of clips whose movement is unlike that of the others."""
+    found = d.numbers.outliers
+    if not found:
+        return []
+    rows = [(d.link(outlier.clip), Markup("<br>".join(_reasons(outlier)))) for outlier in found[:_LOOK]]
+    left = len(found) - len(rows)
+    note = f"robust z above {LIMIT:g}: a number far above the median of all clips" + (f"; {left:,} more" * (left > 0))
+    body = f'<div class="scroll">{table(("clip", "because of"), rows, "list texts")}</div>'
+    return [Figure("outliers", "Clips unlike the others", note, body, kind="wide")]
+
+
+def _reasons(outlier: Outlier) -> list[str]:
+    texts = []
+    for reason in outlier.reasons:
+        name, unit = MEASURES[reason.measure]
+        values = f"{rounded(reason.value)} {unit}".strip(), f"{rounded(reason.median)} {unit}".strip()
+        texts.append(f"{name}: {escaped(values[0])}, median {escaped(values[1])} (z {rounded(reason.z)})")
+    return texts
 
 
 def _left_out(d: Drawing) -> list[Figure]:

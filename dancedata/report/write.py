@@ -33,7 +33,8 @@ from dancedata.report.numbers import Scales, document
 from dancedata.report.page import PageParts, page
 from dancedata.report.pieces import ClipReader
 from dancedata.report.player import Player, clip_player, embedded_sound
-from dancedata.report.poses import frontal, still
+from dancedata.report.space import frontal
+from dancedata.report.stills import still
 from dancedata.store import Store, open_store
 
 #: Number of clips of a page.

@@ -19,8 +19,8 @@ from dancedata.report.figures import Drawing, contents_figures, movement_figures
 from dancedata.report.heat import Timeline, joint_map
 from dancedata.report.markup import name_text, rounded, table
 from dancedata.report.pieces import ClipReader
-from dancedata.report.poses import frontal
 from dancedata.report.scaling import scaled_groups
+from dancedata.report.space import frontal
 from dancedata.report.svg import bars, by_joint, histogram, strips
 from dancedata.report.tally import ClipHistogram
 from dancedata.store import open_store

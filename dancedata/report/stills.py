@@ -1,8 +1,4 @@
-"""Poses as they are compared and drawn: relative to the root, turned to face the front."""
-
-from collections.abc import Sequence
-
-import numpy as np
+"""Stills: poses that face the reader."""
 
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
@@ -10,30 +6,6 @@ from dancedata.report.svg import drawn
 
 #: Size of a still, units of the page's text.
 _WIDTH, _HEIGHT, _MARGIN = 90.0, 120.0, 6.0
-
-
-def frontal(joints: Float64Array, names: Sequence[str]) -> Float64Array:
-    """Return joints (T, J, 3) relative to the root, turned about +Y so that the left hip lies along +X.
-
-    A body of SMPL then faces +Z. Bodies without named hips are not turned.
-
-    Parameters
-    ----------
-    joints
-        Metres, +Y up; joint 0 is the root.
-    names
-        Names of the joints.
-    """
-    poses = joints - joints[:, :1]
-    if "left_hip" not in names or "right_hip" not in names:
-        return poses
-    across = joints[:, names.index("left_hip")] - joints[:, names.index("right_hip")]
-    length = np.hypot(across[:, 0], across[:, 2])
-    flat = length < 1e-9
-    cos = np.where(flat, 1.0, across[:, 0] / np.where(flat, 1.0, length))[:, None]
-    sin = np.where(flat, 0.0, across[:, 2] / np.where(flat, 1.0, length))[:, None]
-    x, y, z = poses[..., 0], poses[..., 1], poses[..., 2]
-    return np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=-1)
 
 
 def still(pose: Float64Array, skeleton: Skeleton, label: str) -> str:
