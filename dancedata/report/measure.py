@@ -409,10 +409,10 @@ def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
         bas_chance=float(np.mean([chance for _, chance in scores])) if scores else None,
         tempo_found=float(60 / np.median(periods)) if len(periods) else None,
         music_s=music[0] if music and whole else None,
-        floor_drift_m=max(part.physics[0] for part in parts),
-        below_floor_m=max(part.heights[2] - part.heights[0] for part in parts),
-        jerk=float(np.average([part.physics[1] for part in parts], weights=[len(part.root) for part in parts])),
-        bone_spread_m=max(part.physics[2] for part in parts),
+        floor_drift_m=round(max(part.physics[0] for part in parts), 6),
+        below_floor_m=round(max(part.heights[2] - part.heights[0] for part in parts), 6),
+        jerk=round(float(np.average([p.physics[1] for p in parts], weights=[len(p.root) for p in parts])), 6),
+        bone_spread_m=round(max(part.physics[2] for part in parts), 6),
         path=_thinned(roots - roots[0]),
     )
 
