@@ -11,6 +11,9 @@ from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.report.groups import Groups, group_findings
 from dancedata.report.markup import number, rounded
 from dancedata.report.measure import ClipNumbers
+from dancedata.report.outliers import Outlier
+from dancedata.report.scaling import EXPLODES, ScaledGroup
+from dancedata.report.space import DUPLICATE_M, Poses
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.store.free_columns import FreeColumn
 from dancedata.store.segment_numbers import LayerNumbers
@@ -18,6 +21,8 @@ from dancedata.store.segment_numbers import LayerNumbers
 #: Raised whenever a key of the document is removed or means something else.
 SCHEMA = 1
 
+#: Milliseconds from which on a song is named as shifted, least agreement of phases, and least key motions.
+SHIFTED_MS, ALIGNED, _MIN_KEYS = 60.0, 0.4, 8
 #: Windows by a name of their clip, then by split.
 Counts = Mapping[str, Mapping[str, int]]
 
@@ -133,6 +138,33 @@ class Tempo:
 
 
 @dataclass(frozen=True)
+class SongShift:
+    """Key motions against the beats of one song.
+
+    Attributes
+    ----------
+    shift_ms
+        Mean offset on the circle of a beat; positive if the dance is late.
+    strength
+        Share of the phases that agree, 0 to 1.
+    counts
+        Key motions in the bins of `Music.offset_ms`.
+    """
+
+    song: str
+    clips: int
+    key_motions: int
+    shift_ms: float
+    strength: float
+    counts: tuple[int, ...]
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether the music is probably at another time than the dance."""
+        return abs(self.shift_ms) > SHIFTED_MS and self.strength > ALIGNED and self.key_motions >= _MIN_KEYS
+
+
+@dataclass(frozen=True)
 class Music:
     """Distances of key motions from beats, and from beats moved by half a period."""
 
@@ -147,6 +179,7 @@ class Music:
     bas: float | None
     bas_chance: float | None
     tempo_bpm: tuple[Tempo, ...]
+    songs: tuple[SongShift, ...]
 
 
 @dataclass(frozen=True)
@@ -169,16 +202,17 @@ class Splits:
 
 @dataclass(frozen=True)
 class ColumnRange:
-    """Range and quantiles of a column over the rows of train windows."""
+    """Range, quantiles and mean of a column over the rows of train windows; without a median for several columns."""
 
     label: str
     min: float
     p5: float
     p25: float
-    p50: float
+    p50: float | None
     p75: float
     p95: float
     max: float
+    mean: float | None = None
 
 
 @dataclass(frozen=True)
@@ -194,6 +228,7 @@ class FieldNumbers:
     rows: int
     constant: tuple[str, ...]
     columns: tuple[ColumnRange, ...]
+    scaling: tuple[ScaledGroup, ...]
 
 
 @dataclass(frozen=True)
@@ -259,6 +294,8 @@ class Document:
     groups: Groups
     music: Music
     splits: Splits
+    poses: Poses
+    outliers: tuple[Outlier, ...]
     fields: Mapping[str, FieldNumbers]
     left_out: Mapping[str, LeftOut]
     flags: Flags
@@ -310,7 +347,8 @@ class Finding:
 
 def findings(d: Document) -> list[Finding]:
     """Return the findings, errors first."""
-    sentences = [*_splits(d), *_quality(d), *_movement(d), *_groups(d), *_music(d), *_contents(d), *_fields(d)]
+    parts = (_splits, _quality, _movement, _outliers, _poses, _groups, _music, _contents, _fields)
+    sentences = [finding for part in parts for finding in part(d)]
     return sorted(sentences, key=lambda f: ("bad", "look", "note").index(f.kind))
 
 
@@ -368,6 +406,22 @@ def _movement(d: Document) -> list[Finding]:
     return sentences
 
 
+def _poses(d: Document) -> list[Finding]:
+    n, pairs = d.poses.n_duplicates, d.poses.duplicates
+    if not n:
+        return []
+    text = f"{counted(n, 'pair')} of windows in two splits nearer than {100 * DUPLICATE_M:g} cm"
+    with_train = any("train" in pair.splits for pair in pairs)
+    return [Finding("look" if with_train else "note", f"{text}: {' and '.join(pairs[0].clips)}", "duplicates")]
+
+
+def _outliers(d: Document) -> list[Finding]:
+    if not d.outliers:
+        return []
+    names = listed([outlier.clip for outlier in d.outliers], 3)
+    return [Finding("look", f"{counted(len(d.outliers), 'clip')} unlike the others in movement: {names}", "outliers")]
+
+
 def _groups(d: Document) -> list[Finding]:
     return [Finding(kind, text, "groups_list") for kind, text in group_findings(d.groups)]
 
@@ -378,6 +432,11 @@ def _music(d: Document) -> list[Finding]:
     if bas is not None and chance is not None and bas <= chance * 1.1:
         text = f"the dance does not follow the beats: alignment {number(bas)}, by chance {number(chance)}"
         sentences.append(Finding("look", text, "bas"))
+    shifted = [song for song in d.music.songs if song.is_shifted]
+    if shifted:
+        named = listed([f"{song.song} {song.shift_ms:+.0f} ms" for song in shifted], 4)
+        text = f"{counted(len(shifted), 'song')} with dance late or early by more than {SHIFTED_MS:g} ms: {named}"
+        sentences.append(Finding("look", text, "song_offsets"))
     tempos = d.music.tempo_bpm
     off = [t for t in tempos if abs(t.found / t.stated - 1) > 0.05]
     if off:
@@ -413,4 +472,9 @@ def _fields(d: Document) -> list[Finding]:
             sentences.append(Finding("note", text, f"columns_{name}"))
         elif not field.columns and not field.rows:
             sentences.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
+        exploding = [label for group in field.scaling for label, _ in group.exploding]
+        if exploding:
+            count = f"{counted(len(exploding), 'column')} of {name}"
+            text = f"{count} beyond ±{EXPLODES:g} when normalised: {listed(exploding, 4)}"
+            sentences.append(Finding("look", text, f"scaling_{name}"))
     return sentences

@@ -158,7 +158,7 @@ def bar_figure(
 
 def shares_of(counts: Mapping[str, float], total: float) -> dict[str, float]:
     """Return counts as per cent of a total."""
-    return {name: round(100 * n / total, 1) if total else 0.0 for name, n in counts.items()}
+    return {name: 100 * n / total if total else 0.0 for name, n in counts.items()}
 
 
 def contents_figures(d: Drawing) -> list[Figure]:

@@ -12,11 +12,13 @@ from dancedata.core.bodies import BODY_JOINTS
 from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import Skeleton
 from dancedata.evaluation.music import beats_after
 from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.groups import MeasuredGroups
 from dancedata.report.pieces import ClipReader, Piece
+from dancedata.report.space import Space
 from dancedata.report.tally import Tally
 from dancedata.store import ClipView, Store
 from dancedata.viewer.figure import Figure
@@ -25,6 +27,8 @@ from dancedata.viewer.figure import Figure
 STILL_M_S = 0.05
 #: A foot joint with a contact label that moves sideways faster than this slides.
 SLIDE_M_S = 0.15
+#: Seconds of a stretch whose lowest foot is compared.
+_STRETCH_S = 2.0
 #: Points of a clip's path that are kept.
 _PATH_POINTS = 96
 #: Key motions are minima at least this deep, as a share of the clip's highest speed.
@@ -61,6 +65,14 @@ class ClipNumbers:
         60 / median distance of beats, beats per minute.
     music_s
         Length of the music from the first frame on.
+    floor_drift_m
+        Largest difference of the lowest foot joints of two stretches of 2 s.
+    below_floor_m
+        Depth of the lowest joint below the floor.
+    jerk
+        Mean over joints and frames of the third derivative, metres per cubic second.
+    bone_spread_m
+        Largest range of the length of a bone, 1 to 99 %.
     path
         (P, 2) root on the floor, metres, relative to its first position.
     """
@@ -84,7 +96,55 @@ class ClipNumbers:
     bas_chance: float | None = None
     tempo_found: float | None = None
     music_s: float | None = None
+    floor_drift_m: float | None = None
+    below_floor_m: float | None = None
+    jerk: float | None = None
+    bone_spread_m: float | None = None
     path: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass
+class SongOffsets:
+    """Offsets of key motions from the beats of one song.
+
+    Attributes
+    ----------
+    clips
+        Number of clips.
+    tally
+        Milliseconds after the nearest beat.
+    phase
+        Sum of the offsets as phases of the beat: ``exp(2 pi i offset / period)``.
+    period_s
+        Sum of the beat periods of the offsets.
+    """
+
+    clips: int = 0
+    tally: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
+    phase: complex = 0j
+    period_s: float = 0.0
+
+    def add(self, offsets: Float64Array, piece: Piece) -> None:
+        """Count the key motions of a piece, seconds."""
+        times = piece.beat_times
+        if times is None or len(times) < 2 or not len(offsets):
+            return
+        period = float(np.median(np.diff(times)))
+        self.clips += 1
+        self.tally.add(offsets * 1000)
+        self.phase += complex(np.exp(2j * np.pi * offsets / period).sum())
+        self.period_s += period * len(offsets)
+
+    @property
+    def shift_ms(self) -> float | None:
+        """Mean offset on the circle of a beat, milliseconds; positive if the dance is late."""
+        n = self.tally.n
+        return float(np.angle(self.phase) / (2 * np.pi) * self.period_s / n * 1000) if n else None
+
+    @property
+    def strength(self) -> float:
+        """Share of the phases that agree: 1 if all offsets are equal, about 0 if dance and beats are unrelated."""
+        return abs(self.phase) / self.tally.n if self.tally.n else 0.0
 
 
 @dataclass
@@ -95,6 +155,8 @@ class Measured:
     ----------
     windows
         Number of windows of each clip.
+    song_offsets
+        Offsets of key motions from beats, by song.
     split_speed
         Speeds of the body as in `speed`, by split.
     clips
@@ -107,6 +169,8 @@ class Measured:
         Frames in contact and all frames, by foot joint, (F, 2).
     groups
         The groups.
+    space
+        The poses of the splits.
     """
 
     reader: ClipReader
@@ -115,6 +179,7 @@ class Measured:
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
     speed: Tally = field(default_factory=lambda: Tally.of(0, 12, 0.01))
+    song_offsets: dict[str, SongOffsets] = field(default_factory=dict)
     split_speed: dict[str, Tally] = field(default_factory=dict)
     joint_speed: dict[str, Tally] = field(default_factory=dict)
     sliding: Tally = field(default_factory=lambda: Tally.of(0, 6, 0.01))
@@ -122,6 +187,7 @@ class Measured:
     shifted_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
     contact: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     groups: MeasuredGroups = field(default_factory=MeasuredGroups)
+    space: Space | None = None
 
     @property
     def store(self) -> Store:
@@ -141,12 +207,14 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
     """
     windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
+    measured.space = space = Space.of(store, windows)
     units = [dancers for dancers in store.clips.units() if not dancers[0].source]
     with (progress or Progress(quiet=True)).stage("measuring clips", len(units)) as advance:
         for dancers in units:
             pieces = [list(measured.reader.pieces(clip, windows[clip.id])) for clip in dancers]
             for clip, of_clip in zip(dancers, pieces, strict=True):
                 measured.clips[clip.id] = _clip(measured, clip, of_clip)
+                space.add(clip, of_clip, windows[clip.id])
             if dancers[0].group:
                 measured.groups.add(store, dancers, pieces, len(windows[dancers[0].id]))
             advance(1)
@@ -158,7 +226,7 @@ def _clip(measured: Measured, clip: ClipView, pieces: Sequence[Piece]) -> ClipNu
     parts = [_Part.of(piece, *trim) for piece in pieces]
     parts = [part for part in parts if len(part.speed)]
     for part in parts:
-        _count(measured, part, clip.split)
+        _count(measured, part, clip)
     return _numbers(parts, whole=measured.store.scope == "track") if parts else ClipNumbers()
 
 
@@ -190,6 +258,7 @@ class _Part:
     offsets: Float64Array
     shifted: Float64Array
     alignment: tuple[float, float] | None
+    physics: tuple[float, float, float]
 
     @classmethod
     def of(cls, piece: Piece, grid: FrameGrid, trim_start: int) -> _Part:
@@ -215,7 +284,25 @@ class _Part:
             offsets=_offsets(times, beats),
             shifted=_offsets(times, middles),
             alignment=_alignment(piece, first),
+            physics=physics(joints, piece.rate, figure.skeleton),
         )
+
+
+def physics(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[float, float, float]:
+    """Return the drift of the floor, the jerk and the spread of bone lengths of joints (T, J, 3).
+
+    See `ClipNumbers`; 0 for pieces that are too short.
+    """
+    stretch = max(1, round(_STRETCH_S * rate))
+    feet = joints[:, list(skeleton.feet), 1].min(axis=1)
+    lowest = [feet[k : k + stretch].min() for k in range(0, len(feet) - stretch + 1, stretch)]
+    drift = float(np.ptp(lowest)) if lowest else 0.0
+    jerk = float(np.linalg.norm(np.diff(joints, 3, axis=0), axis=2).mean()) * rate**3 if len(joints) > 3 else 0.0
+    child = [j for j, parent in enumerate(skeleton.parents) if parent >= 0]
+    parents = [skeleton.parents[j] for j in child]
+    lengths = np.linalg.norm(joints[:, child] - joints[:, parents], axis=2)
+    spread = np.ptp(np.quantile(lengths, (0.01, 0.99), axis=0), axis=0).max() if len(joints) and child else 0.0
+    return drift, jerk, float(spread)
 
 
 def _heights(figure: Figure, first: int) -> tuple[float, float, float, float]:
@@ -273,7 +360,7 @@ def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
     return score, chance
 
 
-def _count(measured: Measured, part: _Part, split: str) -> None:
+def _count(measured: Measured, part: _Part, clip: ClipView) -> None:
     if not measured.joint_speed:
         figure = part.piece.figure
         measured.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
@@ -281,11 +368,13 @@ def _count(measured: Measured, part: _Part, split: str) -> None:
         measured.joints = part.names
         measured.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
     measured.speed.add(part.speed.mean(axis=1))
-    measured.split_speed.setdefault(split, Tally.of(0, 12, 0.01)).add(part.speed.mean(axis=1))
+    measured.split_speed.setdefault(clip.split, Tally.of(0, 12, 0.01)).add(part.speed.mean(axis=1))
     for k, name in enumerate(part.names):
         measured.joint_speed[name].add(part.speed[:, k])
     measured.sliding.add(part.sliding)
     measured.offset_ms.add(part.offsets * 1000)
+    if clip.music:
+        measured.song_offsets.setdefault(clip.music, SongOffsets()).add(part.offsets, part.piece)
     measured.shifted_ms.add(part.shifted * 1000)
     measured.contact += part.contact
 
@@ -322,6 +411,10 @@ def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
         bas_chance=float(np.mean([chance for _, chance in scores])) if scores else None,
         tempo_found=float(60 / np.median(periods)) if len(periods) else None,
         music_s=music[0] if music and whole else None,
+        floor_drift_m=round(max(part.physics[0] for part in parts), 6),
+        below_floor_m=round(max(part.heights[2] - part.heights[0] for part in parts), 6),
+        jerk=round(float(np.average([p.physics[1] for p in parts], weights=[len(p.root) for p in parts])), 6),
+        bone_spread_m=round(max(part.physics[2] for part in parts), 6),
         path=_thinned(roots - roots[0]),
     )
 

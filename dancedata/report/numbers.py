@@ -25,6 +25,7 @@ from dancedata.report.document import (
     MusicGaps,
     Shared,
     Sliding,
+    SongShift,
     Splits,
     Still,
     Suspect,
@@ -33,6 +34,9 @@ from dancedata.report.document import (
 )
 from dancedata.report.groups import groups_of
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
+from dancedata.report.outliers import outliers
+from dancedata.report.scaling import scaled_groups
+from dancedata.report.space import Space, poses_of
 from dancedata.report.tally import (
     ClipHistogram,
     FiveNumbers,
@@ -149,6 +153,8 @@ def document(measured: Measured, scales: Scales) -> Document:
         groups=groups_of(store, measured.groups, scales.distance_m, _FACING_DEG),
         music=_music(measured, scales),
         splits=splits(store),
+        outliers=outliers(measured.clips),
+        poses=poses_of(measured.space or Space.of(store, {}), store.splits),
         fields={name: _field(store, name) for name in store.fields},
         left_out=_left_out(store.rejects),
         flags=_flags(store),
@@ -285,7 +291,25 @@ def _music(measured: Measured, scales: Scales) -> Music:
         bas=_mean(measured, lambda n: n.bas),
         bas_chance=_mean(measured, lambda n: n.bas_chance),
         tempo_bpm=tempos,
+        songs=_songs(measured, scales),
     )
+
+
+def _songs(measured: Measured, scales: Scales) -> tuple[SongShift, ...]:
+    """Return the songs, those with the largest shift first."""
+    songs = [
+        SongShift(
+            song,
+            o.clips,
+            o.tally.n,
+            round(o.shift_ms, 1),
+            round(o.strength, 3),
+            tuple(o.tally.histogram(scales.offset_ms).tolist()),
+        )
+        for song, o in measured.song_offsets.items()
+        if o.shift_ms is not None
+    ]
+    return tuple(sorted(songs, key=lambda song: (not song.is_shifted, -abs(song.shift_ms), song.song)))
 
 
 def _over_clips(measured: Measured, value: _Value) -> FiveNumbers:
@@ -357,12 +381,13 @@ def _field(store: Store, name: str) -> FieldNumbers:
         rows=0 if stats is None else stats["n"],
         constant=tuple(column.label for column in columns if column.max - column.min < _CONSTANT),
         columns=columns,
+        scaling=scaled_groups(store, name),
     )
 
 
 def _ranges(labels: Sequence[str], stats: Mapping[str, Any]) -> tuple[ColumnRange, ...]:
     quantiles = (stats["quantiles"][q] for q in ("0.05", "0.25", "0.5", "0.75", "0.95"))
-    rows = zip(labels, stats["min"], *quantiles, stats["max"], strict=True)
+    rows = zip(labels, stats["min"], *quantiles, stats["max"], stats["mean"], strict=True)
     return tuple(ColumnRange(label, *map(float, numbers)) for label, *numbers in rows)
 
 

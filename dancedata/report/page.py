@@ -6,7 +6,8 @@ from importlib.resources import files
 
 from dancedata.core.columns import Columns
 from dancedata.core.text import counted, listed
-from dancedata.report.document import Document, FieldNumbers, findings
+from dancedata.report.column_figures import column_figures
+from dancedata.report.document import Document, findings
 from dancedata.report.figures import (
     Drawing,
     contents_figures,
@@ -15,9 +16,12 @@ from dancedata.report.figures import (
     split_figures,
 )
 from dancedata.report.group_figures import group_figures
-from dancedata.report.markup import Figure, Markup, escaped, number, percent, table
+from dancedata.report.markup import Figure, Markup, escaped, number, percent, rounded, table
+from dancedata.report.outliers import LIMIT, MEASURES, Outlier
 from dancedata.report.player import NO_PLAYER, Player
-from dancedata.report.svg import bars, strips
+from dancedata.report.rhythm_figures import rhythm_figures
+from dancedata.report.space_figures import pose_figures, split_space_figures
+from dancedata.report.svg import bars
 from dancedata.viewer.payload import link
 
 #: Rows of the list of clips to look at, and names of clips that were left out for a reason.
@@ -47,12 +51,12 @@ def sections(
     parts = [
         ("look", "Look at these first", _look(d)),
         ("contents", "What is in it", _grid(contents_figures(d))),
-        ("movement", "How it moves", _grid(movement_figures(d, chosen))),
+        ("movement", "How it moves", _grid([*movement_figures(d, chosen), *pose_figures(d), *outlier_figures(d)])),
         ("groups", "Dancers together", _grid(group_figures(d))),
-        ("music", "Music and dance", _grid(music_figures(d))),
+        ("music", "Music and dance", _grid([*music_figures(d), *rhythm_figures(d)])),
         ("segments", "Words and events", _grid(_segments(d))),
-        ("splits", "Splits", _grid(split_figures(d))),
-        ("columns", "Columns", _grid(_field_figures(d, columns, heat_maps))),
+        ("splits", "Splits", _grid([*split_figures(d), *split_space_figures(d)])),
+        ("columns", "Columns", _grid(column_figures(d, columns, heat_maps))),
         ("left-out", "Left out and flagged", _grid(_left_out(d))),
     ]
     return [part for part in parts if part[2]]
@@ -81,33 +85,25 @@ def _look(d: Drawing) -> str:
     return Figure("look", "Clips in the order of suspicion", note, body, kind="wide").to_html()
 
 
-def _field_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
-    figures = []
-    for name, field in d.numbers.fields.items():
-        if field.columns:
-            figures.append(_ranges(d, name, field, columns[name]))
-        if name in heat_maps:
-            figures.append(heat_maps[name])
-    return figures
+def outlier_figures(d: Drawing) -> list[Figure]:
+    """Return the table of clips whose movement is unlike that of the others."""
+    found = d.numbers.outliers
+    if not found:
+        return []
+    rows = [(d.link(outlier.clip), Markup("<br>".join(_reasons(outlier)))) for outlier in found[:_LOOK]]
+    left = len(found) - len(rows)
+    note = f"robust z above {LIMIT:g}: a number far above the median of all clips" + (f"; {left:,} more" * (left > 0))
+    body = f'<div class="scroll">{table(("clip", "because of"), rows, "list texts")}</div>'
+    return [Figure("outliers", "Clips unlike the others", note, body, kind="wide")]
 
 
-def _ranges(d: Drawing, name: str, field: FieldNumbers, columns: Columns) -> Figure:
-    constant = "no column is constant"
-    if field.constant:
-        constant = f"{len(field.constant)} never change (crosses): {listed(field.constant, 8)}"
-    text = (
-        f"{field.width} columns, {field.rate} per second, over {field.rows:,} rows of train windows; "
-        f"{constant}; line: range, box: 25 to 75 %, mark: median"
-    )
-    other = None if d.other is None else d.other.fields.get(name)
-    beside = {} if other is None else {row.label: row for row in other.columns}
-    extra = ("min", "p50", "max") if beside else ()
-    head = ("column", "min", "p5", "p25", "p50", "p75", "p95", "max", *(f"{q}, other" for q in extra))
-    rows = tuple(
-        (*vars(row).values(), *(getattr(beside.get(row.label), q, None) for q in extra)) for row in field.columns
-    )
-    return Figure(f"columns_{name}", f"Ranges of {name}", text, strips(columns, field.columns, beside), head, rows,
-                  other=d.outline if beside else "", kind="wide")  # fmt: skip
+def _reasons(outlier: Outlier) -> list[str]:
+    texts = []
+    for reason in outlier.reasons:
+        name, unit = MEASURES[reason.measure]
+        values = f"{rounded(reason.value)} {unit}".strip(), f"{rounded(reason.median)} {unit}".strip()
+        texts.append(f"{name}: {escaped(values[0])}, median {escaped(values[1])} (z {rounded(reason.z)})")
+    return texts
 
 
 def _left_out(d: Drawing) -> list[Figure]:
@@ -196,6 +192,8 @@ class PageParts:
         Columns of each field.
     heat_maps
         The heat map of each field that has one.
+    stills
+        A pose of each of some clips: the clip and an SVG image.
     differences
         Kind and text of each difference from the other dataset.
     player
@@ -205,6 +203,7 @@ class PageParts:
     chosen: Sequence[str]
     columns: Mapping[str, Columns]
     heat_maps: Mapping[str, Figure]
+    stills: Sequence[tuple[str, str]] = ()
     differences: Sequence[tuple[str, str]] = ()
     player: Player = NO_PLAYER
 
@@ -234,7 +233,8 @@ def page(d: Drawing, parts: PageParts) -> str:
         '<meta name="referrer" content="no-referrer"><link rel="icon" href="data:,">'
         f"<title>{escaped(d.numbers.about.name)}: dataset report</title>"
         f'<style>{parts.player.css}{style}</style></head><body data-page="report">'
-        f'<main id="r-report">{_header(d)}{tiles(d)}<nav aria-label="Sections">{links}</nav>'
+        f'<main id="r-report">{_header(d)}{tiles(d)}{_stills(d, parts.stills)}'
+        f'<nav aria-label="Sections">{links}</nav>'
         f"{_findings(d.numbers)}{body}</main>{parts.player.body}</body></html>\n"
     )
 
@@ -245,6 +245,12 @@ def _play(player: Player) -> str:
         return ""
     kind = "group" if all(item.members for item in player.items) else "clip"
     return f'<a class="play" href="{escaped(link(player.items[0]), 2000)}">▶ {counted(len(player.items), kind)}</a>'
+
+
+def _stills(d: Drawing, stills: Sequence[tuple[str, str]]) -> str:
+    """Return a strip of poses, under the links of their clips."""
+    cells = "".join(f"<li>{image}{d.link(clip)}</li>" for clip, image in stills)
+    return f'<ul class="stills" aria-label="Clips">{cells}</ul>' if cells else ""
 
 
 def _header(d: Drawing) -> str:

@@ -1,17 +1,12 @@
-"""Charts, paths and column ranges as SVG text, and heat maps as PNG.
+"""Charts, paths and column ranges as SVG text.
 
 Colours are classes, so that the page's theme sets them.
 """
 
-import base64
-import struct
-import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.columns import Columns
 from dancedata.core.text import counted
@@ -154,12 +149,14 @@ def bars(
                 )
                 body += _bar(k, x, y, max(1.0, width - 1), 13, title)
             x += width
-        text = f"{number(totals[name])}{unit}"
+        text = f"{number(round(totals[name], 1) if unit else totals[name])}{unit}"
         if other is not None and name in other:
             length = other[name] / most * room
             body += f'<rect class="other" x="{_NAMES}" y="{y - 1.5}" width="{length:.1f}" height="16"/>'
-            after = max(x + 6 + _DIGIT * (len(text) + 1), _NAMES + length + 6)
-            body += _text(after, y + 11, f"({number(other[name])}{unit})", "start", "beside")
+            width, end = _DIGIT * len(text) + 6, _NAMES + length
+            x = end if x < end < x + width else x  # the outline does not cross the number
+            theirs = number(round(other[name], 1) if unit else other[name])
+            body += _text(max(x + width + _DIGIT, end + 6), y + 11, f"({theirs}{unit})", "start", "beside")
         body += _text(x + 6, y + 11, text, "start", "value")
     return drawn(body, label, 8 + _ROW * len(rows))
 
@@ -253,17 +250,10 @@ def points(pairs: Sequence[Pair], labels: tuple[str, str], *, other: Sequence[Pa
     return drawn(body, f"{labels[1]} against {labels[0]}", top + size + 38, WIDTH)
 
 
-#: Most rows and columns of a heat map; more are left out evenly.
-_ROWS, _FRAMES = 320, 900
 #: Most columns of a group in the strips.
 _STRIPS = 200
 #: Size of a path's square, and of a group's strips.
 _SQUARE, _PANEL = 130.0, (760.0, 64.0)
-#: Least height of a group of the heat map, so that its name can be read; narrow fields have room for it.
-_NAME = 14
-#: Corners of the palette, dark to light (of equal steps in lightness), and its number of colours.
-_PALETTE = ((13, 8, 60), (60, 20, 120), (150, 40, 110), (225, 95, 60), (250, 180, 60), (252, 250, 190))
-_COLOURS = 32
 
 
 def paths(clips: Mapping[str, Sequence[Sequence[float]]], links: Mapping[str, str]) -> str:
@@ -293,6 +283,8 @@ def _path(clip: str, path: Sequence[Sequence[float]], reach: float) -> str:
 def strips(columns: Columns, rows: Sequence[ColumnRange], other: Mapping[str, ColumnRange] | None = None) -> str:
     """Return a panel for each group of columns: range, quartiles and median of each column.
 
+    Several columns of a joint are one mark, of the range of them all; columns of 0 and 1 are bars: their share of 1.
+
     Parameters
     ----------
     other
@@ -300,13 +292,59 @@ def strips(columns: Columns, rows: Sequence[ColumnRange], other: Mapping[str, Co
     """
     panels = []
     for group in columns.groups:
-        lines = list(rows[columns.slice(group.name)])
+        whole = list(rows[columns.slice(group.name)])
+        title = f"{group.name}, {group.unit}".removesuffix(", 1")  # a unit of 1 is none
+        if all(_is_binary(row) for row in whole):
+            panels.append(_shares(title, whole, other or {}))
+            continue
+        lines = by_joint(whole)
+        beside = (
+            {row.label: row for row in by_joint([other[row.label] for row in whole if row.label in (other or {})])}
+            if other
+            else {}
+        )
         step = -(-len(lines) // _STRIPS)
-        panels.append(_panel(f"{group.name}, {group.unit}", lines[::step], len(lines), step, other or {}))
+        count = counted(len(whole), "column")
+        of_joints = f", one mark for each of {len(lines)} joints" if len(lines) < len(whole) else ""
+        thinned = f", one of {step} is drawn" if step > 1 else ""
+        panels.append(_panel(title, f"{title}: {count}{of_joints}{thinned}", lines[::step], beside))
     return f'<div class="scroll">{"".join(panels)}</div>'
 
 
-def _panel(title: str, rows: Sequence[ColumnRange], n: int, step: int, other: Mapping[str, ColumnRange]) -> str:
+def by_joint(rows: Sequence[ColumnRange]) -> list[ColumnRange]:
+    """Return one row for the columns of each joint: the least and the largest of their numbers, no median.
+
+    Columns of joints are named group.joint.part; rows of other columns are unchanged.
+    """
+    joints: dict[str, list[ColumnRange]] = {}
+    for row in rows:
+        parts = row.label.split(".")
+        joints.setdefault(".".join(parts[:-1]) if len(parts) > 2 else row.label, []).append(row)
+    return [
+        of_joint[0] if len(of_joint) == 1 else ColumnRange(
+            name, min(r.min for r in of_joint), min(r.p5 for r in of_joint), min(r.p25 for r in of_joint), None,
+            max(r.p75 for r in of_joint), max(r.p95 for r in of_joint), max(r.max for r in of_joint),
+        )
+        for name, of_joint in joints.items()
+    ]  # fmt: skip
+
+
+def _is_binary(row: ColumnRange) -> bool:
+    values = {row.min, row.p5, row.p25, row.p50, row.p75, row.p95, row.max}
+    return row.mean is not None and values <= {0.0, 1.0}
+
+
+def _shares(title: str, rows: Sequence[ColumnRange], other: Mapping[str, ColumnRange]) -> str:
+    def shares(rows: Iterable[ColumnRange]) -> dict[str, float]:
+        return {row.label.rpartition(".")[2]: round(100 * (row.mean or 0), 1) for row in rows}
+
+    drawn_rows = {name: {"": share} for name, share in shares(rows).items()}
+    beside = shares(other[row.label] for row in rows if row.label in other) if other else None
+    body = bars(drawn_rows, f"share of ones of {title}", other=beside, unit=" %")
+    return f"<p>{escaped(title)}: {counted(len(rows), 'column')}, share of rows that are 1</p>{body}"
+
+
+def _panel(title: str, caption: str, rows: Sequence[ColumnRange], other: Mapping[str, ColumnRange]) -> str:
     both = [*rows, *(other[row.label] for row in rows if row.label in other)]
     low, high = min(row.min for row in both), max(row.max for row in both)
     (width, height), left, top = _PANEL, 62.0, 16.0
@@ -315,8 +353,6 @@ def _panel(title: str, rows: Sequence[ColumnRange], n: int, step: int, other: Ma
         return float(top + (height - top - 6) * (1 - (value - low) / ((high - low) or 1)))
 
     room = (width - left - 6) / len(rows)
-    thinned = f", one of {step} is drawn" if step > 1 else ""
-    caption = f"{title.removesuffix(', 1')}: {counted(n, 'column')}{thinned}"  # a unit of 1 is none
     body = f'<text x="{left}" y="11" text-anchor="start">{escaped(caption)}</text>'
     for value in dict.fromkeys((low, high)):
         body += f'<text x="{left - 5}" y="{y(value) + 4:.1f}" text-anchor="end">{number(value)}</text>'
@@ -324,7 +360,9 @@ def _panel(title: str, rows: Sequence[ColumnRange], n: int, step: int, other: Ma
     for k, row in enumerate(rows):
         x, thick = left + (k + 0.5) * room, min(8.0, room * 0.7)
         constant = row.max - row.min < 1e-6
-        text = f"{row.label}: " + ", ".join(f"{q} {number(v)}" for q, v in asdict(row).items() if q != "label")
+        text = f"{row.label}: " + ", ".join(
+            f"{q} {number(v)}" for q, v in asdict(row).items() if q != "label" and v is not None
+        )
         body += (
             f'<g class="{"constant" if constant else "s0"}"><title>{escaped(text)}</title>'
             f'<path class="whisker" d="M{x:.1f} {y(row.min):.1f}V{y(row.max):.1f}"/>'
@@ -341,51 +379,3 @@ def _panel(title: str, rows: Sequence[ColumnRange], n: int, step: int, other: Ma
                 f'height="{max(1.0, y(beside.min) - top_of):.1f}"/>'
             )
     return drawn(body, f"ranges of {title}", height, width, "panel")
-
-
-def heat_map(rows: npt.NDArray[Any], columns: Columns, label: str) -> str:
-    """Return rows (T, D) as an image, a line per column, each scaled by its 2nd and 98th percentile."""
-    values = np.asarray(rows, dtype=np.float64)[:: -(-len(rows) // _FRAMES)]
-    kept = np.arange(0, values.shape[1], -(-values.shape[1] // _ROWS))
-    values = values[:, kept].T
-    low, high = np.percentile(values, (2, 98), axis=1, keepdims=True)
-    flat = high <= low
-    low, high = (
-        np.where(flat, values.min(axis=1, keepdims=True), low),
-        np.where(flat, values.max(axis=1, keepdims=True), high),
-    )
-    scaled = np.clip((values - low) / np.where(high > low, high - low, 1), 0, 1)
-    image = base64.b64encode(_png((scaled * (_COLOURS - 1)).round().astype(np.uint8))).decode()
-    names, least = "", len(kept)
-    for group in columns.groups:
-        span = columns.slice(group.name)
-        inside = np.flatnonzero((kept >= span.start) & (kept < span.stop))
-        if len(inside):
-            least = min(least, len(inside))
-            names += f'<li style="flex:{len(inside)} 0 0">{escaped(group.name.replace("_", " "))}</li>'
-    height = int(np.clip(len(kept) * max(7, _NAME / least), 120, 520))
-    return (
-        f'<div class="heat" style="height:{height}px"><ul>{names}</ul>'
-        f'<img alt="{escaped(label)}" src="data:image/png;base64,{image}"></div>'
-    )
-
-
-def _png(pixels: npt.NDArray[np.uint8]) -> bytes:
-    """Return a PNG with a palette of numbers of colours (H, W)."""
-    height, width = pixels.shape
-    at = np.linspace(0, len(_PALETTE) - 1, _COLOURS)
-    corners = np.asarray(_PALETTE, dtype=np.float64)
-    palette = np.stack([np.interp(at, range(len(corners)), corners[:, c]) for c in range(3)], axis=1)
-    lines = np.concatenate([np.zeros((height, 1), np.uint8), pixels], axis=1).tobytes()
-    header = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
-    chunks = (
-        (b"IHDR", header),
-        (b"PLTE", palette.round().astype(np.uint8).tobytes()),
-        (b"IDAT", zlib.compress(lines, 9)),
-        (b"IEND", b""),
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, data) for kind, data in chunks)
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

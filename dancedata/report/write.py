@@ -7,6 +7,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, Self
 
+import numpy as np
+
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import shown
 from dancedata.core.version import __version__
@@ -24,12 +26,15 @@ from dancedata.files.atomic import require_free
 from dancedata.pipeline.diff import Difference, diff, folded
 from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing
-from dancedata.report.markup import Figure, number
+from dancedata.report.heat import Timeline, heat_map, joint_map
+from dancedata.report.markup import Figure
 from dancedata.report.measure import measure
 from dancedata.report.numbers import Scales, document
 from dancedata.report.page import PageParts, page
+from dancedata.report.pieces import ClipReader
 from dancedata.report.player import Player, clip_player, embedded_sound
-from dancedata.report.svg import heat_map
+from dancedata.report.space import frontal
+from dancedata.report.stills import still
 from dancedata.store import Store, open_store
 
 #: Number of clips of a page.
@@ -159,14 +164,14 @@ def write_report(
         opened_store.require_intact()
         measured = measure(opened_store, reporter)
         if against is None:
-            return _report(opened_store, document(measured, Scales.of([measured])), None, (), options)
+            return _report(measured.reader, document(measured, Scales.of([measured])), None, (), options)
         with open_store(against) as other:
             other.require_intact()
             beside = measure(other, reporter)
             scales = Scales.of([measured, beside])
             differences = tuple(diff(opened_store.path, other.path))
             numbers, other_numbers = document(measured, scales), document(beside, scales)
-            return _report(opened_store, numbers, other_numbers, differences, options)
+            return _report(measured.reader, numbers, other_numbers, differences, options)
 
 
 def _checked(clips: Clips) -> Clips:
@@ -182,7 +187,7 @@ def _embeds(audio: str) -> bool:
 
 
 def _report(
-    store: Store,
+    reader: ClipReader,
     numbers: Document,
     other: Document | None,
     differences: tuple[Difference, ...],
@@ -190,9 +195,12 @@ def _report(
 ) -> Report:
     if options is None:
         return Report(numbers, other, differences)
+    store = reader.store
     player = _player(store, numbers, options)
     texts = [(kind, text) for kind, _, text in (line.partition(": ") for line in folded(differences))]
-    parts = PageParts(_spread(numbers, _PATHS), store.fields, _heat_maps(store, numbers), texts, player)
+    chosen = _spread(numbers, _PATHS)
+    heat_maps, stills = _heat_maps(store, numbers, reader), _stills(store, reader, chosen)
+    parts = PageParts(chosen, store.fields, heat_maps, stills, texts, player)
     options.target.write(page(Drawing(numbers, other, player.links, player.group_links), parts).encode(), player)
     return Report(numbers, other, differences, options.target.path)
 
@@ -225,27 +233,48 @@ def _spread(numbers: Document, n: int) -> list[str]:
     return [*first, *(clip for turn in turns for clip in turn if clip is not None)][:n]
 
 
-def _heat_maps(store: Store, numbers: Document) -> dict[str, Figure]:
-    """Return the heat map of each field, of the longest clip."""
+def _heat_maps(store: Store, numbers: Document, reader: ClipReader) -> dict[str, Figure]:
+    """Return the heat map of each field, of the longest clip: of motion the speed of each joint above the columns."""
     if not numbers.clips:
         return {}
     clip = max(numbers.clips, key=lambda row: (row.frames, row.clip)).clip
     windows = store.windows_of(clip)
     if store.scope == "window" and not windows:
         return {}
+    piece = next(reader.pieces(store.clip(clip), windows), None)
+    beats = () if piece is None or piece.beat_times is None else tuple(piece.beat_times.tolist())
     figures = {}
     for name, columns in store.fields.items():
         rows = store.rows_within(clip, name)[1] if store.scope == "track" else store.read(windows[0], name)
         if not len(rows):
             continue
-        seconds = number(len(rows) / float(store.field(name).grid.rate))
-        note = (
-            f"clip {shown(clip)}; from left to right {seconds} s; a line for each column, "
-            "dark at its 2nd percentile, light at its 98th"
-        )
-        body = heat_map(rows, columns, f"columns of {name} over time")
-        figures[name] = Figure(f"heat_{name}", f"{name} over time", note, body, kind="wide")
+        time = Timeline(len(rows) / float(store.field(name).grid.rate), beats)
+        body = heat_map(rows, columns, f"columns of {name} over time", time)
+        note = f"clip {shown(clip)}; seconds, with marks at the beats"
+        if piece is not None and reader.motion is not None and name == reader.motion.name:
+            figure = piece.figure
+            speed = np.linalg.norm(np.diff(figure.joints, axis=0), axis=2) * piece.rate
+            joints = joint_map(speed, figure.skeleton.joints, time, "speed of the joints over time")
+            note += "; speed of each joint, light where it is fast"
+        else:
+            joints = ""
+        key = "; a line for each column, dark at its 2nd percentile, light at its 98th"
+        fold = f"<details><summary>all columns</summary><p>{key.removeprefix('; ')}</p>{body}</details>"
+        figures[name] = Figure(f"heat_{name}", f"{name} over time", note, joints + fold, kind="wide")
     return figures
+
+
+def _stills(store: Store, reader: ClipReader, clips: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the pose in the middle of each clip, facing the reader; in window scope of its first window."""
+    stills = []
+    for clip in clips:
+        piece = next(reader.pieces(store.clip(clip), store.windows_of(clip)), None)
+        if piece is not None and len(piece.figure.joints):
+            middle = len(piece.figure.joints) // 2
+            skeleton = piece.figure.skeleton
+            pose = frontal(piece.figure.joints[middle : middle + 1], skeleton.joints)[0]
+            stills.append((clip, still(pose, skeleton, f"a pose of {clip}")))
+    return stills
 
 
 def default_path(store: str | Path) -> Path:

@@ -1,6 +1,9 @@
 """What figures show: both numbers of a comparison, units, few values as a sentence, splits, names that break well."""
 
+import base64
 import re
+import struct
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,12 +12,18 @@ import numpy as np
 import pytest
 
 from dancedata.core.clip import Reject
+from dancedata.core.columns import Columns, Group
 from dancedata.report import write_report
-from dancedata.report.document import LeftOut, findings
+from dancedata.report.document import ColumnRange, LeftOut, findings
 from dancedata.report.figures import Drawing, contents_figures, movement_figures
+from dancedata.report.heat import Timeline, joint_map
 from dancedata.report.markup import name_text, rounded, table
-from dancedata.report.svg import bars, histogram
+from dancedata.report.pieces import ClipReader
+from dancedata.report.scaling import scaled_groups
+from dancedata.report.space import frontal
+from dancedata.report.svg import bars, by_joint, histogram, strips
 from dancedata.report.tally import ClipHistogram
+from dancedata.store import open_store
 
 
 def texts(svg: str, kind: str) -> list[tuple[float, str]]:
@@ -117,7 +126,7 @@ def test_names_break_after_underscores_only(demo: Path, tmp_path: Path) -> None:
     write_report(demo, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
     assert "gBR_<wbr>" in page or "gJB_<wbr>" in page
-    style = re.findall(r"\.list a,\s+\.paths a \{([^}]*)\}", page)
+    style = re.findall(r"\.list a,\s+\.stills a,\s+\.paths a \{([^}]*)\}", page)
     assert any("text-decoration: none" in rule for rule in style)
 
 
@@ -153,3 +162,127 @@ def test_left_out_reasons_of_a_build_are_notes(relabelled: Any) -> None:
     path = relabelled(lambda k: {}, rejects=[Reject("missing_motion", "c1"), Reject("ignored", "c2")])
     found = [f for f in findings(write_report(path).numbers) if f.figure == "left_out"]
     assert [f.kind for f in found] == ["note"]
+
+
+def test_the_outline_does_not_cross_a_number() -> None:
+    svg = bars({"a": {"": 70}, "b": {"": 100}}, "x", other={"a": 75, "b": 100})
+    (own, *_), (end, *_) = texts(svg, "value"), ends(svg, "other")
+    assert own[0] > end
+
+
+# Values over time
+
+
+def test_a_map_of_joints_has_seconds_and_beats() -> None:
+    speed = np.zeros((60, 3))
+    speed[:30, 1] = 2.0
+    html = joint_map(speed, ["pelvis", "left_hip", "<b>"], Timeline(2.0, (0.5, 1.0, 7.0)), "x")
+    assert "--height:240px" in html
+    assert re.findall(r'<i style="left:([\d.]+)%">', html) == ["25.00", "50.00"]
+    assert re.findall(r"<span style=.left:([\d.]+)%.>([\d.]+)<", html)[-1] == ("100.00", "2")
+    assert re.findall(r"<li[^>]*>(.*?)</li>", html) == ["pelvis", "left hip", "&lt;b&gt;"]
+    assert pixels(html).shape == (3, 60)
+    assert (pixels(html) == 31).tolist() == [[False] * 60, [True] * 30 + [False] * 30, [False] * 60]
+
+
+def pixels(html: str) -> np.ndarray:
+    data = base64.b64decode(re.findall(r"base64,([^\"]*)", html)[0])
+    width, height = struct.unpack(">II", data[16:24])
+    start = data.index(b"IDAT") + 4
+    return np.frombuffer(zlib.decompress(data[start:]), np.uint8).reshape(height, width + 1)[:, 1:]
+
+
+def test_the_page_folds_columns_and_shows_joints(demo: Path, tmp_path: Path) -> None:
+    write_report(demo, tmp_path / "page.html", clips="none")
+    figures = dict(re.findall(r'<figure id="r-(\w+)"(.*?)</figure>', (tmp_path / "page.html").read_text(), re.S))
+    body, _, fold = figures["heat_edge151"].partition("<summary>all columns</summary>")
+    assert body.count('class="heat joints"') == 1
+    assert body.count("<li") == 24
+    assert 'class="heat"' in fold
+    assert "joints" not in figures["heat_librosa35"]
+
+
+# Columns
+
+
+def test_columns_of_a_joint_are_one_mark_and_those_of_0_and_1_are_shares() -> None:
+    parts = ("hip.0x", "hip.1x", "knee.0x", "knee.1x")
+    columns = Columns((Group("rot", 4, "1", parts), Group("contact", 2, "1", ("l", "r"))))
+    ranges = [
+        ColumnRange("rot.hip.0x", -1, -0.5, -0.2, 0.0, 0.2, 0.5, 0.9, 0.0),
+        ColumnRange("rot.hip.1x", -0.8, -0.6, -0.1, 0.0, 0.3, 0.4, 1.0, 0.0),
+        ColumnRange("rot.knee.0x", 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.3),
+        ColumnRange("rot.knee.1x", 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.3),
+        ColumnRange("contact.l", 0, 0, 0, 1, 1, 1, 1, 0.75),
+        ColumnRange("contact.r", 0, 0, 0, 0, 0, 0, 1, 0.02),
+    ]
+    hip, knee = by_joint(ranges[:4])
+    assert hip == ColumnRange("rot.hip", -1, -0.6, -0.2, None, 0.3, 0.5, 1.0)
+    assert knee.max == 0.7
+    drawn = strips(columns, ranges)
+    assert "rot: 4 columns, one mark for each of 2 joints" in drawn
+    assert drawn.count('class="whisker"') == 2
+    assert [text for _, text in texts(drawn, "value")] == ["75 %", "2 %"]
+
+
+def test_columns_that_explode_are_found(demo: Path, relabelled: Any) -> None:
+    """A column that train hardly moves, and test does: the scaler divides by 5e-4."""
+    with open_store(demo) as store:
+        rows = {clip.id: np.array(clip.read("edge151")) for clip in store.clips}
+        splits = {clip.id: clip.split for clip in store.clips}
+        labels = store.fields["edge151"].labels
+    planted = 4 + 2  # of the translation
+    for clip, of_clip in rows.items():
+        of_clip[:, planted] = np.linspace(0, 5e-4, len(of_clip))
+        of_clip[7, planted] += 0.4 * (splits[clip] == "test")
+    with open_store(relabelled(lambda k: {"motion": {"edge151": list(rows.values())[k]}})) as store:
+        groups = {group.group: group for group in scaled_groups(store, "edge151")}
+        assert scaled_groups(store, "librosa35") == ()
+        covered = {(w.clip, frame) for w in store.windows("train") for frame in range(w.start, w.start + w.length)}
+    train = np.array([rows[clip][frame] for clip, frame in sorted(covered)])
+    train, rest = train.astype(np.float64), np.concatenate([v for k, v in rows.items() if splits[k] != "train"])
+    low, high = train.min(axis=0), train.max(axis=0)
+    divisor = np.where(high - low < 1e-6, 1.0, high - low)
+    largest = np.abs(2 * (rest - low) / divisor - 1).max(axis=0)
+    five = [np.abs(2 * (train.mean(axis=0) + k * train.std(axis=0) - low) / divisor - 1) for k in (-5, 5)]
+    moved = groups["translation"]
+    assert moved.narrow == (labels[planted],)
+    assert [label for label, _ in moved.exploding] == [labels[planted]]
+    assert moved.exploding[0][1] == pytest.approx(largest[planted], rel=1e-3)
+    assert moved.largest == pytest.approx(largest[4:7].max(), rel=1e-3)
+    assert moved.five_sigma == pytest.approx(np.max(five, axis=0)[4:7].max(), rel=1e-3)
+    assert (moved.min, moved.max) == (low[4:7].min(), high[4:7].max())
+    assert moved.std == pytest.approx(np.median(train.std(axis=0)[4:7]), rel=1e-3)
+    assert groups["rotation_6d"].exploding == ()
+
+
+# Poses
+
+
+def test_poses_face_the_front(demo: Path) -> None:
+    with open_store(demo) as store:
+        piece = next(ClipReader.of(store).pieces(store.clips[0], store.windows_of(store.clips[0].id)))
+    joints, names = piece.figure.joints, piece.figure.skeleton.joints
+    poses = frontal(joints, names)
+    across = poses[:, names.index("left_hip")] - poses[:, names.index("right_hip")]
+    assert np.abs(across[:, 2]).max() < 1e-12
+    assert across[:, 0].min() > 0
+    assert np.abs(poses[:, 0]).max() == 0
+    bones = np.linalg.norm(joints[:, 5] - joints[:, 2], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(poses[:, 5] - poses[:, 2], axis=1), bones)
+    turned = joints @ np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]]) + [3, 0, -2]
+    np.testing.assert_allclose(frontal(turned, names), poses, atol=1e-12)
+    np.testing.assert_array_equal(frontal(joints, ["a"] * len(names)), joints - joints[:, :1])
+
+
+def test_stills_lead_to_their_clips(demo: Path, tmp_path: Path) -> None:
+    write_report(demo, tmp_path / "page.html", clips=3)
+    strip = (tmp_path / "page.html").read_text().partition('<ul class="stills"')[2].partition("</ul>")[0]
+    assert strip.count('class="still"') == strip.count("<li>") == 8
+    assert strip.count('href="#clip=') == 3
+    assert {'class="bone left"', 'class="bone right"', 'class="bone mid"'} <= set(
+        re.findall(r'class="bone \w+"', strip)
+    )
+    numbers = [float(x) for x in re.findall(r"[ML](-?[\d.]+)", strip)]
+    assert min(numbers) >= 0
+    assert max(numbers) <= 90

@@ -12,7 +12,8 @@ from dancedata.pipeline import describe
 from dancedata.report import write_report
 from dancedata.report.document import ColumnRange, findings
 from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures
-from dancedata.report.svg import heat_map, strips
+from dancedata.report.heat import heat_map
+from dancedata.report.svg import strips
 from dancedata.store import open_store
 from dancedata.testing.stores import write_random_store
 

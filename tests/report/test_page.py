@@ -185,10 +185,10 @@ def test_every_figure_has_the_other_dataset_as_outline(hostile: Path, tmp_path: 
     write_report(hostile, path, clips="none", against=hostile)
     figures = re.findall(r'<figure id="r-(\w+)"(.*?)</figure>', path.read_text(), flags=re.DOTALL)
     charts = {key: body for key, body in figures if "<svg" in body}
-    # Paths are those of single clips; the score of the other dataset is a separate bar.
+    # Paths, poses and offsets are those of single clips and songs; the score of the other dataset is a separate bar.
     assert {"joint_speed", "key_beats", "tempo_pairs", "flags", "columns_edge151"} <= charts.keys()
     without = {key for key, body in charts.items() if not re.search(r'<(path|rect|circle) class="other', body)}
-    assert without == {"paths", "bas"}
+    assert without == {"paths", "bas", "poses", "bas_clips", "song_offsets"}
     assert [key for key in charts.keys() - without if '<i class="other">' not in charts[key]] == []
     # Outlines of equal numbers lie on the bars, and marks on the medians.
     box = re.search(

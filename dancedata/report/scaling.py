@@ -1,0 +1,93 @@
+"""What the scaler of training does to a field: its divisors, a sample at five sigma, columns that explode."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.store import Store
+
+#: A smaller range in training, as a divisor, magnifies noise.
+NARROW = 1e-3
+#: Normalised values beyond this explode; training has -1 to 1.
+EXPLODES = 10.0
+
+
+@dataclass(frozen=True)
+class ScaledGroup:
+    """A group of columns and its scaler, EDGE's of the range in training.
+
+    Attributes
+    ----------
+    min, max
+        Over train windows, in the group's unit.
+    std
+        Median over columns of the standard deviation.
+    five_sigma
+        Largest normalised value, without its sign, of a sample five standard deviations from the mean.
+    largest
+        The same of the rows of other splits; None without them.
+    narrow
+        Columns with a range below NARROW that is not 0.
+    exploding
+        Columns with rows of other splits beyond EXPLODES, and that value.
+    """
+
+    group: str
+    unit: str
+    width: int
+    min: float
+    max: float
+    std: float
+    five_sigma: float
+    largest: float | None
+    narrow: tuple[str, ...]
+    exploding: tuple[tuple[str, float], ...]
+
+
+def scaled_groups(store: Store, name: str) -> tuple[ScaledGroup, ...]:
+    """Return the groups of a motion field; empty for other fields and without train windows."""
+    field, stats = store.field(name), store.stats["fields"].get(name)
+    if field.kind != "motion" or stats is None:
+        return ()
+    scaler = store.normalizer(name)
+    mean, std = (np.asarray(stats[key], dtype=np.float64) for key in ("mean", "std"))
+    low, high = (np.asarray(stats[key], dtype=np.float64) for key in ("min", "max"))
+    sigma = np.abs(scaler.normalize(np.stack([mean - 5 * std, mean + 5 * std]))).max(axis=0)
+    blocks = [np.abs(scaler.normalize(rows)).max(axis=0) for rows in _other_rows(store, name) if len(rows)]
+    largest = np.max(blocks, axis=0) if blocks else None
+    narrow = (high - low < NARROW) & (high > low)
+    labels = field.columns.labels
+    groups = []
+    for group in field.columns.groups:
+        span = field.columns.slice(group.name)
+        columns = range(span.start, span.stop)
+        exploding = [] if largest is None else [j for j in columns if largest[j] > EXPLODES]
+        groups.append(
+            ScaledGroup(
+                group=group.name,
+                unit=group.unit,
+                width=group.width,
+                min=float(low[span].min()),
+                max=float(high[span].max()),
+                std=float(np.median(std[span])),
+                five_sigma=float(sigma[span].max()),
+                largest=None if largest is None else float(largest[span].max()),
+                narrow=tuple(labels[j] for j in columns if narrow[j]),
+                exploding=tuple((labels[j], float(largest[j])) for j in exploding) if largest is not None else (),
+            )
+        )
+    return tuple(groups)
+
+
+def _other_rows(store: Store, name: str) -> Iterator[npt.NDArray[Any]]:
+    """Yield the rows of all splits except train."""
+    for split in store.splits:
+        if split == "train":
+            continue
+        if store.scope == "window":
+            yield from (store.read(window, name) for window in store.windows(split))
+        else:
+            yield from (clip.read(name) for clip in store.clips if clip.split == split and not clip.source)
