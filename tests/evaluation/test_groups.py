@@ -216,3 +216,27 @@ def test_a_single_dancer_is_counted_as_undefined(motions: Mapping[str, list[Moti
     score = next(s for s in report.scores if s.name == "gmc")
     assert all(name.startswith("one") for name in score.undefined["few_dancers"])
     assert score.value is not None
+
+
+def test_files_of_dancers_are_one_group(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
+    """NAME_00 and NAME_01 are a duet, follower and leader, as in DD100."""
+    joints = {name: group for name, group in joints_of(motions).items() if len(group) == 2}
+    assert joints
+    for name, duet in joints.items():
+        for k, dancer in enumerate(duet):
+            np.savez(tmp_path / f"{name}_{k:02}.npz", joints=dancer, fps=FPS)
+    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "bootstrap": 0, "body": "smpl24"}
+    expected = dancedata.evaluate(joints, pool=joints, **options)
+    found = dancedata.evaluate(tmp_path, pool=joints, up="y", **options)
+    assert {score.name: score.value for score in found.scores} == {s.name: s.value for s in expected.scores}
+    first = next(iter(joints))
+    (tmp_path / f"{first}_00.npz").rename(tmp_path / f"{first}_02.npz")
+    with pytest.raises(UsageError, match="a dancer of a group is missing"):
+        dancedata.evaluate(tmp_path, pool=joints, up="y", **options)
+
+
+def test_a_group_is_not_measured_as_a_dancer(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
+    group = next(iter(joints_of(motions).values()))
+    np.savez(tmp_path / "group.npz", joints=group, fps=FPS)
+    with pytest.raises(DataError, match="--protocol groups"):
+        dancedata.evaluate(tmp_path, protocol="dancedata", fps=FPS, up="y", bootstrap=0, metrics=["pfc"])

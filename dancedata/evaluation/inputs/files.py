@@ -1,5 +1,6 @@
 """Files of generated motion: columns of a representation, joint positions, SMPL arrays, BVH."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -89,11 +90,14 @@ class FileClip(ClipInput):
     ----------
     sample
         Number of the motion in the batch; None: the file is one clip.
+    partners
+        Files of the other dancers of a group, where each dancer has a file.
     """
 
     path: Path
     format: FileFormat
     sample: int | None = None
+    partners: tuple[Path, ...] = ()
 
     @property
     @override
@@ -111,16 +115,21 @@ class FileClip(ClipInput):
         if self.path.suffix.lower() != ".bvh":
             declared.append(RATE_KEYS)
         declared += [] if self.sample is None else [self.sample]
-        return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path)]
+        partners = [[path.suffix.lower(), cache.file_sha256(path)] for path in self.partners]
+        return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path), *partners]
 
     @override
     def load(self) -> Pose | tuple[Pose, ...]:
+        if self.partners:
+            return tuple(replace(self, path=path, partners=()).pose() for path in (self.path, *self.partners))
         return self._dancers() if self.format.groups else self.pose()
 
     def pose(self) -> Pose:
         """Load a file of one dancer."""
         if self.path.suffix.lower() != ".bvh":
             with open_arrays(self.path) as arrays:
+                if self.sample is None:
+                    self._require_single(arrays)
                 one = arrays if self.sample is None else _One(arrays, self.sample)
                 pose = self._columns(one) or self._positions(one)
             if pose is not None:
@@ -130,6 +139,16 @@ class FileClip(ClipInput):
         except DataError as error:  # the folder's remedies are keys of a recipe
             error.fix = _REMEDIES.get(error.reason, error.fix)
             raise
+
+    def _require_single(self, arrays: ArrayFile) -> None:
+        """Raise DataError for the file of a group."""
+        positions = [name for name in _JOINTS if name in arrays.names and len(_shape(arrays, name)) == 4]
+        if positions or PERSON_MASK in arrays.names:
+            raise DataError(
+                "the file is of a group, or of several motions, and is taken as one clip", reason="bad_shape",
+                where=str(self.path), found=arrays.listed,
+                fix="take a protocol of groups, such as --protocol groups; or save each dancer in a file",
+            )  # fmt: skip
 
     def _dancers(self) -> tuple[Pose, ...]:
         """Return each dancer of a group's file that its `person_mask`, if it has one, does not leave out."""
@@ -272,7 +291,28 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
         raise UsageError("two files have one name", where=folder, found=listed(twice), fix="rename one of them")
-    return tuple(FileClip(id=path.stem, path=path, format=form) for path in paths)
+    return _groups_of(paths, form) if form.groups else tuple(FileClip(id=p.stem, path=p, format=form) for p in paths)
+
+
+def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]:
+    """Return the groups of files: each a group, or NAME_00, NAME_01, ... the dancers of one, as DD100 has them."""
+    dancers: dict[str, list[Path]] = {}
+    for path in paths:
+        name, _, number = path.stem.rpartition("_")
+        dancers.setdefault(name if len(number) == 2 and number.isdecimal() and name else path.stem, []).append(path)
+    groups = []
+    for name, files in dancers.items():
+        if len(files) == 1:
+            groups.append(FileClip(id=files[0].stem, path=files[0], format=form))
+            continue
+        numbers = [path.stem.rpartition("_")[2] for path in files]
+        if numbers != [f"{k:02}" for k in range(len(files))]:
+            raise UsageError(
+                "a dancer of a group is missing, or has two files", where=files[0].parent,
+                found=listed([path.name for path in files]), allowed=f"{name}_00, {name}_01 and so on",
+            )  # fmt: skip
+        groups.append(FileClip(id=name, path=files[0], format=form, partners=tuple(files[1:])))
+    return tuple(groups)
 
 
 def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
