@@ -21,10 +21,12 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
+from dancedata.pipeline.feature_files import check_files, with_feature_paths
 from dancedata.pipeline.rejects import NOTED, attempt, implausible_problems
 from dancedata.pipeline.word_check import word_notes
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
+from dancedata.recipes.recipe import Recipe
 from dancedata.store import Problem, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.schema import DATASET_FILE, is_shard_name
@@ -34,20 +36,26 @@ from dancedata.store.songs import alike_between, music_hash, songs_of, sound_fie
 def check(
     path: Path,
     *,
-    dataset: str | Dataset | None = None,
+    dataset: str | None = None,
+    recipe: Recipe | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> list[Problem]:
-    """Check a built dataset or a source folder, as `pipeline.commands.check`; `dataset` may be a recipe's reader."""
-    if dataset is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
+    """Check a built dataset or a source folder, as `pipeline.commands.check`.
+
+    With a recipe, a source is read as it does, with the files of its features.
+    """
+    if dataset is None and recipe is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
         return _check_built(path)
     if not path.is_dir():
         problem = "this is not a folder" if path.exists() else "the folder does not exist"
         raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
-    reader, scan = scan_folder(path, dataset)
+    reader, scan = scan_folder(path, dataset if recipe is None else recipe.dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
-    calls = [(reader, ref) for ref in scan.clips]
+    with_files = recipe if recipe is not None and recipe.file_jobs else None
+    refs = scan.clips if with_files is None else [with_feature_paths(with_files, ref, path) for ref in scan.clips]
+    calls = [(reader, ref, with_files) for ref in refs]
     checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress or Progress(quiet=True))
     return problems + [_problem(reject) for rejects in checked for reject in rejects]
 
@@ -220,17 +228,21 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
     raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
 
 
-def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
+def _check_clip(reader: Dataset, ref: ClipRef, recipe: Recipe | None) -> list[Reject]:
     from dancedata.audio.signal import load_audio
 
-    flags = attempt(lambda: implausible_flags(reader.load(ref)), ref.motion_path, ref.id)
-    if isinstance(flags, Reject):
-        problems = [flags]
-    else:
-        problems = implausible_problems({"clip": ref.id, **flag.to_json()} for flag in flags)
+    motion = attempt(lambda: reader.load(ref), ref.motion_path, ref.id)
+    problems = [motion] if isinstance(motion, Reject) else []
+    if not isinstance(motion, Reject):
+        flags = ({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
+        problems += implausible_problems(flags)
     song = ref.audio_path
     music = None if song is None else attempt(lambda: load_audio(song), song, ref.id)
-    return [*problems, music] if isinstance(music, Reject) else problems
+    problems += [music] if isinstance(music, Reject) else []
+    if recipe is not None:
+        length = None if isinstance(motion, Reject) else (motion.n_frames, motion.grid.rate)
+        problems += check_files(recipe, ref, length)
+    return problems
 
 
 def _problem(reject: Reject) -> Problem:

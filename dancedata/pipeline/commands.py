@@ -239,12 +239,12 @@ def check(
         raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
     if overrides and recipe is None:
         raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
-    reader = dataset if recipe is None else load_recipe(recipe, overrides).dataset
+    parsed = None if recipe is None else load_recipe(recipe, overrides)
     paths, reporter = [Path(p).expanduser() for p in (path, *others)], Progress(quiet=not progress)
-    if others and reader is not None:
+    if others and (parsed is not None or dataset is not None):
         raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
     if not others:
-        return _check(paths[0], dataset=reader, jobs=jobs_of(jobs), progress=reporter)
+        return _check(paths[0], dataset=dataset, recipe=parsed, jobs=jobs_of(jobs), progress=reporter)
     return check_several(paths)
 
 
