@@ -218,12 +218,17 @@ def test_the_strictest_licence_decides(tmp_path: Path) -> None:
     one = written(tmp_path / "one", terms=(*[Licence("CC0")] * 9, None))
     with open_store(one) as store, raises_message(UsageError):
         require_shareable(store)
+    strict = written(tmp_path / "strict", terms=(*[Licence("CC0")] * 9, Licence("by agreement")))
+    with open_store(strict) as store:
+        assert not may_share_audio(store)
     assert OVERRIDE.startswith("--")
 
 
 def test_a_licence_that_does_not_exist(tmp_path: Path) -> None:
     path = written(tmp_path, terms=TERMS)
     document = json.loads((path / "dataset.json").read_text(encoding="utf-8"))
+    (path / "dataset.json").write_text(json.dumps({**document, "licences": document["licences"][:1]}))
+    assert any("/clips/licence: of licences that do not exist, in rows" in str(p) for p in verify_store(path))
     document["licences"] = "CC0"
     (path / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
     with raises_message(StoreError):
