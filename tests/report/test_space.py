@@ -89,6 +89,16 @@ def test_the_map_shows_poses_and_leads_to_their_moments(demo: Path, tmp_path: Pa
     assert 0 <= min(map(float, links)) <= max(map(float, links)) <= 6
 
 
+def test_a_dataset_without_train_has_a_map(demo: Path, relabelled: Callable[..., Path], tmp_path: Path) -> None:
+    path = relabelled(lambda k: {"split": "all"})
+    found = write_report(path, tmp_path / "page.html", clips="none").numbers.poses
+    assert (found.to_train, found.chance, found.n_duplicates) == ({}, None, 0)
+    figure = re.findall(r'<figure id="r-poses"(.*?)</figure>', (tmp_path / "page.html").read_text(), re.S)[0]
+    assert "more poses of all" in figure
+    assert 'class="ring' not in figure
+    assert 'fill-opacity="1.00"' in figure
+
+
 # Distances
 
 
