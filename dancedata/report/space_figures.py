@@ -26,7 +26,7 @@ def pose_figures(d: Drawing) -> list[Figure]:
     note = (
         f"{sum(poses.n.values()):,} poses of {len(poses.joints)} joints, from the root and turned to the front, "
         f"along their two largest components ({shares} of the variance); darker: more poses of {_base(poses)}; "
-        "rings: other splits; the pose nearest to a hexagon's centre appears beside the map, and a click plays its clip there"
+        "rings: other splits; beside the map the pose nearest to a hexagon's centre, which a click plays"
     )
     return [Figure("poses", "Map of the poses", note, _pose_map(d, poses), kind="wide")]
 

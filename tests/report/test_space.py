@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from dancedata.core.bodies import BODY_JOINTS
+from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.report import write_report
 from dancedata.report.document import Document, findings
 from dancedata.report.measure import ClipNumbers, SongOffsets, physics
 from dancedata.report.outliers import outliers, robust_z
 from dancedata.report.pieces import ClipReader, Piece
-from dancedata.report.space import components, distances, frechet_levels, frontal, nearness
+from dancedata.report.space import Space, components, distances, duplicates, frechet_levels, frontal, nearness
 from dancedata.store import open_store
 
 
@@ -155,6 +156,21 @@ def test_a_clip_of_train_in_test_is_found(demo: Path, relabelled: Callable[..., 
     assert sentence.kind == "look"
     assert "windows in two splits nearer than 2 cm" in sentence.text
     assert write_report(demo).numbers.poses.n_duplicates == 0
+
+
+def test_windows_are_one_below_two_centimetres() -> None:
+    base = np.random.default_rng(0).normal(size=(10, 22, 3))
+    moved = {clip: base.copy() for clip in ("near", "far", "once")}
+    moved["near"][:, :, 1] += 0.0199
+    moved["far"][:, :, 1] += 0.0201
+    moved["once"][0, 0, 0] += 0.29  # one joint at one moment: an rms of 0.29 / sqrt(220), 1.96 cm
+    space = Space(FrameGrid.of(30), 1, 1, joints=BODY_JOINTS)
+    for clip, split, window in [("a", "train", base), *((clip, "test", w) for clip, w in moved.items())]:
+        space.windows.append(window.reshape(-1).astype(np.float32))
+        space.window_of.append((clip, split, 0.5))
+    n, pairs = duplicates(space)
+    assert n == 2
+    assert [(pair.clips, pair.distance_m) for pair in pairs] == [(("a", "once"), 0.0196), (("a", "near"), 0.0199)]
 
 
 def test_frechet_distances_have_their_chance() -> None:
