@@ -254,7 +254,7 @@ class Scenes:
             raise UsageError(
                 f"no {kind} named {name!r}",
                 where=str(self.store.path),
-                fix=nearest(name, self._by_name, kind, self.store.path),
+                fix=nearest(name, self._by_name, "name" if "or" in kind else kind, self.store.path),
             )
         return named
 
