@@ -164,7 +164,7 @@ def nearest(name: str, known: Iterable[str], noun: str, dataset: object) -> str:
     Parameters
     ----------
     noun
-        What has these names: "clip".
+        What has these names: "clip"; "name" for those of clips and groups.
     dataset
         Folder of the dataset that has them.
     """

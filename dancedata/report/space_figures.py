@@ -25,8 +25,8 @@ def pose_figures(d: Drawing) -> list[Figure]:
     shares = " and ".join(f"{100 * share:.0f} %" for share in poses.variance[:2])
     note = (
         f"{sum(poses.n.values()):,} poses of {len(poses.joints)} joints, from the root and turned to the front, "
-        f"along their two largest components ({shares} of the variance); darker: more poses of train; rings: other "
-        "splits; the pose nearest to a hexagon's centre appears beside the map, and a click plays its clip there"
+        f"along their two largest components ({shares} of the variance); darker: more poses of {_base(poses)}; "
+        "rings: other splits; beside the map the pose nearest to a hexagon's centre, which a click plays"
     )
     return [Figure("poses", "Map of the poses", note, _pose_map(d, poses), kind="wide")]
 
@@ -37,22 +37,27 @@ def split_space_figures(d: Drawing) -> list[Figure]:
     return [figure for figure in figures if figure is not None]
 
 
+def _base(poses: Poses) -> str:
+    """Return the split that the hexagons show: train, or the only one."""
+    return "train" if poses.n.get("train") else next(iter(poses.n))
+
+
 def _pose_map(d: Drawing, poses: Poses) -> str:
     xs, ys = [h.x for h in poses.hexagons], [h.y for h in poses.hexagons]
-    (width, height), r = _MAP, poses.radius
+    (width, height), r, base = _MAP, poses.radius, _base(poses)
     scale = min((width - 2 * _EDGE) / (max(xs) - min(xs) + 2 * r), (height - 2 * _EDGE) / (max(ys) - min(ys) + 2 * r))
 
     def place(h: Hexagon) -> tuple[float, float]:
         return _EDGE + (h.x - min(xs) + r) * scale, height - _EDGE - (h.y - min(ys) + r) * scale
 
-    most = max(h.counts.get("train", 0) for h in poses.hexagons) or 1
+    most = max(h.counts.get(base, 0) for h in poses.hexagons) or 1
     corners = [(r * scale * sin(k * pi / 3), r * scale * cos(k * pi / 3)) for k in range(6)]
-    others = [split for split in poses.n if split != "train"]
+    others = [split for split in poses.n if split != base]
     cells = ""
     for h in poses.hexagons:
         x, y = place(h)
         way = "L".join(f"{x + dx:.1f} {y + dy:.1f}" for dx, dy in corners)
-        share = h.counts.get("train", 0) / most
+        share = h.counts.get(base, 0) / most
         opacity = f"{0.12 + 0.88 * share**0.5:.2f}" if share else "0"
         counts = ", ".join(f"{split} {n}" for split, n in h.counts.items())
         body = f'<path class="hex s0" fill-opacity="{opacity}" d="M{way}z"/>'
@@ -62,9 +67,7 @@ def _pose_map(d: Drawing, poses: Poses) -> str:
                 body += f'<circle class="ring s{k + 1}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
         title = f"<title>{escaped(f'{h.clip}, {h.seconds:.1f} s; {counts}')}</title>"
         cells += f'<g class="cell">{_linked(d, h, body + title)}{_pose(h, poses.joints)}</g>'
-    legend = "".join(
-        f'<span><i class="s{k}"></i>{escaped(split)}</span>' for k, split in enumerate(["train", *others])
-    )
+    legend = "".join(f'<span><i class="s{k}"></i>{escaped(split)}</span>' for k, split in enumerate([base, *others]))
     return f'<p class="legend">{legend}</p>' + drawn(cells, "map of the poses", height, width + _SIDE, "posemap")
 
 

@@ -176,7 +176,7 @@ class Scenes(SceneList):
 
     @override
     def _nearest(self, name: str, kind: str) -> str:
-        return nearest(name, self._by_name, kind, self.store.path)
+        return nearest(name, self._by_name, "name" if "or" in kind else kind, self.store.path)
 
     def _drawable(self, field: str) -> str:
         """Return the name of a field that can be drawn; UsageError for another one."""

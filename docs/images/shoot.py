@@ -171,6 +171,17 @@ def report(camera: Camera, data: Data, theme: str, width: int, height: int, scro
     return camera.picture()
 
 
+def poses(camera: Camera, data: Data) -> Image.Image:
+    """Return the map of poses of the demo's report, with the pointer on a hexagon far from the middle."""
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.by import By
+
+    report(camera, data, "light", 1280, 620, "r-poses")
+    cells = camera.driver.find_elements(By.CSS_SELECTOR, ".posemap .hex")
+    ActionChains(camera.driver).move_to_element(cells[len(cells) // 9]).perform()
+    return camera.picture()
+
+
 def against(camera: Camera, data: Data) -> Image.Image:
     """Return figures of the report of the real clips against the demo."""
     page = data.demo.parent / "against.html"
@@ -192,6 +203,7 @@ SHOTS: dict[str, Shot] = {
     "viewer-duet": duet,
     "report": lambda camera, data: report(camera, data, "light", 1280, 900),
     "report-music": lambda camera, data: report(camera, data, "dark", 1280, 900, "r-s-music"),
+    "report-poses": poses,
     "report-against": against,
 }
 

@@ -235,6 +235,7 @@ def test_columns_that_explode_are_found(demo: Path, relabelled: Any) -> None:
     for clip, of_clip in rows.items():
         of_clip[:, planted] = np.linspace(0, 5e-4, len(of_clip))
         of_clip[7, planted] += 0.4 * (splits[clip] == "test")
+        of_clip[7, 0] += 3 * (splits[clip] == "val")
     with open_store(relabelled(lambda k: {"motion": {"edge151": list(rows.values())[k]}})) as store:
         groups = {group.group: group for group in scaled_groups(store, "edge151")}
         assert scaled_groups(store, "librosa35") == ()
@@ -251,6 +252,10 @@ def test_columns_that_explode_are_found(demo: Path, relabelled: Any) -> None:
     assert moved.exploding[0][1] == pytest.approx(largest[planted], rel=1e-3)
     assert moved.largest == pytest.approx(largest[4:7].max(), rel=1e-3)
     assert moved.five_sigma == pytest.approx(np.max(five, axis=0)[4:7].max(), rel=1e-3)
+    columns = {"contact": slice(0, 4), "rotation_6d": slice(7, 151)}
+    for name, span in columns.items():
+        assert groups[name].five_sigma == pytest.approx(np.max(five, axis=0)[span].max(), rel=1e-3)
+        assert groups[name].largest == pytest.approx(largest[span].max(), rel=1e-3)
     assert (moved.min, moved.max) == (low[4:7].min(), high[4:7].max())
     assert moved.std == pytest.approx(np.median(train.std(axis=0)[4:7]), rel=1e-3)
     assert groups["rotation_6d"].exploding == ()

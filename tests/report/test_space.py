@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from dancedata.core.bodies import BODY_JOINTS
+from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.report import write_report
 from dancedata.report.document import Document, findings
 from dancedata.report.measure import ClipNumbers, SongOffsets, physics
 from dancedata.report.outliers import outliers, robust_z
 from dancedata.report.pieces import ClipReader, Piece
-from dancedata.report.space import components, distances, frechet_levels, frontal, nearness
+from dancedata.report.space import Space, components, distances, duplicates, frechet_levels, frontal, nearness
 from dancedata.store import open_store
 
 
@@ -89,6 +90,16 @@ def test_the_map_shows_poses_and_leads_to_their_moments(demo: Path, tmp_path: Pa
     assert 0 <= min(map(float, links)) <= max(map(float, links)) <= 6
 
 
+def test_a_dataset_without_train_has_a_map(demo: Path, relabelled: Callable[..., Path], tmp_path: Path) -> None:
+    path = relabelled(lambda k: {"split": "all"})
+    found = write_report(path, tmp_path / "page.html", clips="none").numbers.poses
+    assert (found.to_train, found.chance, found.n_duplicates) == ({}, None, 0)
+    figure = re.findall(r'<figure id="r-poses"(.*?)</figure>', (tmp_path / "page.html").read_text(), re.S)[0]
+    assert "more poses of all" in figure
+    assert 'class="ring' not in figure
+    assert 'fill-opacity="1.00"' in figure
+
+
 # Distances
 
 
@@ -145,6 +156,21 @@ def test_a_clip_of_train_in_test_is_found(demo: Path, relabelled: Callable[..., 
     assert sentence.kind == "look"
     assert "windows in two splits nearer than 2 cm" in sentence.text
     assert write_report(demo).numbers.poses.n_duplicates == 0
+
+
+def test_windows_are_one_below_two_centimetres() -> None:
+    base = np.random.default_rng(0).normal(size=(10, 22, 3))
+    moved = {clip: base.copy() for clip in ("near", "far", "once")}
+    moved["near"][:, :, 1] += 0.0199
+    moved["far"][:, :, 1] += 0.0201
+    moved["once"][0, 0, 0] += 0.29  # one joint at one moment: an rms of 0.29 / sqrt(220), 1.96 cm
+    space = Space(FrameGrid.of(30), 1, 1, joints=BODY_JOINTS)
+    for clip, split, window in [("a", "train", base), *((clip, "test", w) for clip, w in moved.items())]:
+        space.windows.append(window.reshape(-1).astype(np.float32))
+        space.window_of.append((clip, split, 0.5))
+    n, pairs = duplicates(space)
+    assert n == 2
+    assert [(pair.clips, pair.distance_m) for pair in pairs] == [(("a", "once"), 0.0196), (("a", "near"), 0.0199)]
 
 
 def test_frechet_distances_have_their_chance() -> None:

@@ -50,7 +50,7 @@ def test_a_dancer_is_found_by_himself_and_a_group_by_its_name(groups: Scenes) ->
     assert groups.scene(dancer).figure is not None
     assert link(group, at=1.5) == f"#group={SEVEN}&t=1.500"
     assert link(dancer) == f"#clip={SEVEN}_p3"
-    with pytest.raises(UsageError, match=r"no clip or group named .* The nearest names"):
+    with pytest.raises(UsageError, match=r"no clip or group named .* The nearest names: .*; 32 names in all: "):
         groups.find(f"{SEVEN}_p9")
 
 
