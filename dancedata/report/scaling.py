@@ -48,9 +48,9 @@ class ScaledGroup:
 
 
 def scaled_groups(store: Store, name: str) -> tuple[ScaledGroup, ...]:
-    """Return the groups of a motion field; empty for other fields and without train windows."""
+    """Return the groups of a motion field; empty for other fields, codes, and without train windows."""
     field, stats = store.field(name), store.stats["fields"].get(name)
-    if field.kind != "motion" or stats is None:
+    if field.kind != "motion" or stats is None or field.codebook is not None:
         return ()
     scaler = store.normalizer(name)
     mean, std = (np.asarray(stats[key], dtype=np.float64) for key in ("mean", "std"))
