@@ -47,6 +47,8 @@ def _pose_map(d: Drawing, poses: Poses) -> str:
     (width, height), r, base = _MAP, poses.radius, _base(poses)
     scale = min((width - 2 * _EDGE) / (max(xs) - min(xs) + 2 * r), (height - 2 * _EDGE) / (max(ys) - min(ys) + 2 * r))
 
+    wide = 2 * _EDGE + (max(xs) - min(xs) + 2 * r) * scale
+
     def place(h: Hexagon) -> tuple[float, float]:
         return _EDGE + (h.x - min(xs) + r) * scale, height - _EDGE - (h.y - min(ys) + r) * scale
 
@@ -66,9 +68,10 @@ def _pose_map(d: Drawing, poses: Poses) -> str:
                 radius = min(0.8, 0.2 + 0.1 * h.counts[split] ** 0.5) * r * scale
                 body += f'<circle class="ring s{k + 1}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
         title = f"<title>{escaped(f'{h.clip}, {h.seconds:.1f} s; {counts}')}</title>"
-        cells += f'<g class="cell">{_linked(d, h, body + title)}{_pose(h, poses.joints)}</g>'
+        cells += f'<g class="cell">{_linked(d, h, body + title)}{_pose(h, poses.joints, wide)}</g>'
     legend = "".join(f'<span><i class="s{k}"></i>{escaped(split)}</span>' for k, split in enumerate([base, *others]))
-    return f'<p class="legend">{legend}</p>' + drawn(cells, "map of the poses", height, width + _SIDE, "posemap")
+    image = drawn(cells, "map of the poses", height, round(wide + _SIDE), "posemap")
+    return f'<p class="legend">{legend}</p>{image}'
 
 
 def _linked(d: Drawing, h: Hexagon, body: str) -> str:
@@ -78,10 +81,10 @@ def _linked(d: Drawing, h: Hexagon, body: str) -> str:
     return f'<a href="{address}&amp;t={h.seconds:.3f}">{body}</a>'
 
 
-def _pose(h: Hexagon, joints: Sequence[str]) -> str:
+def _pose(h: Hexagon, joints: Sequence[str], left: float) -> str:
     """Return the stick figure that appears beside the map; the reader sees the dancer from the front."""
     at = dict(zip(joints, h.pose, strict=True))
-    x0, y0 = _MAP[0] + _SIDE / 2, _MAP[1] / 2 - 20
+    x0, y0 = left + _SIDE / 2, _MAP[1] / 2 - 20
     ways: dict[str, str] = {}
     for name, (x, y) in at.items():
         parent = at.get(_PARENTS.get(name, ""))

@@ -17,7 +17,7 @@ from dancedata.recipes.parse import load_recipe
 #: Each of these takes a good part of a second, or needs an extra.
 HEAVY = {"torch", "librosa", "scipy", "numba", "sklearn", "pandas", "matplotlib", "soundfile", "soxr"}
 #: And these a command needs only once it runs.
-LATER = HEAVY | {"h5py", "joblib", "loky", "yaml", "tqdm", "numpy"}
+LATER = HEAVY | {"h5py", "joblib", "loky", "yaml", "rich", "numpy"}
 
 
 def imported(*args: str) -> set[str]:
@@ -53,10 +53,10 @@ def test_listing_is_light():
     """It shows the fields of plug-ins' classes: these need numpy, and nothing that reads, computes or writes."""
     code = "from dancedata.cli.plugins import *; assert 'edge151' in describe_catalogue(catalogue())"
     names = modules("-c", code)
-    assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "loky", "pydantic", "typer", "tqdm"}) == set()
+    assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "loky", "pydantic", "typer", "rich"}) == set()
     rooms = {name.split(".")[1] for name in names if name.startswith("dancedata.")}
     assert rooms & {"pipeline", "store", "api", "readers", "testing"} == set()
-    assert imported("-m", "dancedata", "list") & (HEAVY | {"h5py", "loky", "tqdm", "pydantic"}) == set()
+    assert imported("-m", "dancedata", "list") & (HEAVY | {"h5py", "loky", "rich", "pydantic"}) == set()
 
 
 def test_listing_does_not_import_numeric_libraries():
