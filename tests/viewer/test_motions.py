@@ -135,6 +135,19 @@ def test_a_group_of_a_file_is_one_item(tmp_path: Path) -> None:
     )
 
 
+def test_a_batch_of_groups_is_a_group_each(tmp_path: Path) -> None:
+    joints = np.stack([np.add(dance(k).joints()[:60], (1.5 * k, 0, 0)) for k in range(3)])
+    np.savez(
+        tmp_path / "batch.npz", joints=np.stack([joints, joints[::-1]]), person_mask=[[1, 0, 1], [1, 1, 1]], fps=60
+    )
+    scenes = shown(tmp_path / "batch.npz").scenes
+    assert [(item.id, len(item.members)) for item in scenes.items] == [("batch_000", 2), ("batch_001", 3)]
+    first = scenes.scene(scenes.items[0]).dancers[1].figure
+    np.testing.assert_allclose(first.joints, joints[2], rtol=0, atol=1e-9)
+    last = scenes.scene(scenes.items[1]).dancers[2].figure
+    np.testing.assert_allclose(last.joints, joints[0], rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "options",
     [{"source": Path("x")}, {"window": 1}, {"overlay": True}, {"normalized": True}, {"clip": "nobody"}],

@@ -156,13 +156,15 @@ class FileClip(ClipInput):
             raise _no_group(self.path, "a BVH file")
         folder, ref = self.format.folder, ClipRef(self.id, self.path, None, "test")
         poses = []
-        with open_arrays(self.path) as arrays:
+        with open_arrays(self.path) as whole:
+            arrays = whole if self.sample is None else _One(whole, self.sample, masked=True)
             n = _n_dancers(arrays)
             present = arrays.read(PERSON_MASK).ravel() if PERSON_MASK in arrays.names else np.ones(n)
             if len(present) != n:
                 raise DataError(
                     f"{PERSON_MASK} is not of the dancers of the file", reason="bad_shape", where=str(self.path),
                     found=f"{len(present)} entries", allowed=f"{n}",
+                    fix="save a file for each group, with an entry for each of its dancers",
                 )  # fmt: skip
             for number in np.flatnonzero(present):
                 dancer = _One(arrays, int(number))
@@ -225,10 +227,10 @@ class FileClip(ClipInput):
 
 
 class _One(ArrayFile):
-    """The arrays of one dancer of a group's file, or of one motion of a batch."""
+    """The arrays of one dancer of a group's file, or of one motion or group (`masked`) of a batch."""
 
-    def __init__(self, arrays: ArrayFile, number: int) -> None:
-        super().__init__(arrays.path, tuple(name for name in arrays.names if name != PERSON_MASK))
+    def __init__(self, arrays: ArrayFile, number: int, *, masked: bool = False) -> None:
+        super().__init__(arrays.path, tuple(name for name in arrays.names if masked or name != PERSON_MASK))
         self._arrays, self._number = arrays, number
 
     @override
@@ -239,7 +241,7 @@ class _One(ArrayFile):
     @override
     def read(self, name: str) -> Float64Array:
         array = self._arrays.read(name)
-        return array[self._number] if array.ndim > 2 else array
+        return array[self._number] if array.ndim > 2 or name == PERSON_MASK else array
 
     @override
     def text(self, name: str) -> str:
@@ -318,7 +320,8 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
 def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
     """Return the clips of a motion file: one, or one for each motion of a batch of columns or positions.
 
-    A file with an entry `person_mask` is a group. One that cannot be opened is a clip, whose `load` gives the reason.
+    A file with an entry `person_mask` is a group, or a batch of groups. One that cannot be opened is a clip, whose
+    `load` gives the reason.
     """
     one = (FileClip(id=path.stem, path=path, format=form),)
     if path.suffix.lower() == ".bvh":
@@ -326,7 +329,8 @@ def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
     try:
         with open_arrays(path) as arrays:
             if PERSON_MASK in arrays.names:
-                return (replace(one[0], format=replace(form, groups=True)),)
+                group, mask = replace(one[0], format=replace(form, groups=True)), _shape(arrays, PERSON_MASK)
+                return (group,) if len(mask) < 2 else _samples(group, mask[0])
             shapes = {name: _shape(arrays, name) for name in arrays.names}
     except DataError:
         return one
@@ -335,5 +339,10 @@ def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
     batches += [shapes[name][0] for name in _JOINTS if len(shapes.get(name, ())) == 4]
     if form.groups or not batches:
         return one
-    digits = max(3, len(str(batches[0] - 1)))
-    return tuple(replace(one[0], id=f"{path.stem}_{k:0{digits}}", sample=k) for k in range(batches[0]))
+    return _samples(one[0], batches[0])
+
+
+def _samples(clip: FileClip, n: int) -> tuple[FileClip, ...]:
+    """Return the clips of a file that holds a batch of n."""
+    digits = max(3, len(str(n - 1)))
+    return tuple(replace(clip, id=f"{clip.id}_{k:0{digits}}", sample=k) for k in range(n))
