@@ -135,6 +135,11 @@ class Clips(Sequence[ClipView]):
 
     __hash__ = None  # type: ignore[assignment]
 
+    def _repr_html_(self) -> str:
+        """Show the first clips in a notebook, with a still of each."""
+        table: str = import_module("dancedata.viewer.tables").clips_html(self)
+        return table
+
     def __repr__(self) -> str:
         names = [repr(clip.id) for clip in self[:_SHOWN]]
         return f"Clips({len(self)}: {', '.join([*names, *['...'] * (len(self) > _SHOWN)])})"

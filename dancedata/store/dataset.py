@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
@@ -145,6 +146,12 @@ class Store(SegmentQueries):
     def reference(self) -> tuple[str, str]:
         """Arguments for `reopen`: the path, and a hash of dataset.json."""
         return str(self.path), self._description.self_sha256
+
+    def _repr_html_(self) -> str:
+        """Show the dataset in a notebook: splits, fields, licence and the first clips."""
+        # By name: a store is read without what draws it.
+        table: str = import_module("dancedata.viewer.tables").store_html(self)
+        return table
 
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}, splits={self.splits}, fields={tuple(self.fields)}, fps={self.fps})"

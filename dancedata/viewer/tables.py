@@ -1,0 +1,108 @@
+"""Datasets and lists of clips as tables of a notebook: their numbers, and a still of each clip."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.errors import DanceDataError
+from dancedata.core.text import counted, shown
+from dancedata.store import ClipView, Store
+from dancedata.store.clip_view import Clips
+from dancedata.viewer.figure import Figure
+from dancedata.viewer.scenes import Scenes
+
+#: Clips that a table shows, and the height of a still, pixels.
+MOST_CLIPS, _STILL = 8, 64
+#: Colours of the middle, left and right bones; readable on light and dark pages.
+_SIDES = ("#7d8791", "#2193e0", "#cc7200")
+
+
+def store_html(store: Store) -> str:
+    """Return a dataset as an element: name, splits, fields, licence, and its first clips."""
+    splits = [
+        (split, *(counts.get(key, "") for key in ("clips", "groups", "windows")), f"{60 * counts['hours']:.1f}")
+        for split, counts in store.meta.get("counts", {}).items()
+    ]
+    fields = [
+        (name, store.field(name).kind, columns.width, str(store.field(name).rate))
+        for name, columns in store.fields.items()
+    ]
+    head = f"<b>{_text(store.meta.get('name', store.path.name))}</b> &middot; {_text(store.path)}"
+    head += f" &middot; {store.grid} frames per second &middot; scope {_text(store.scope)}"
+    return (
+        f"<div><p>{head}</p>"
+        f"{_table(('split', 'clips', 'groups', 'windows', 'minutes'), splits)}"
+        f"{_table(('field', 'kind', 'columns', 'rows per second'), fields)}"
+        f"<p>{_text(store.meta.get('licence', ''))}</p>{clips_html(store.clips[:MOST_CLIPS], len(store.clips))}</div>"
+    )
+
+
+def clips_html(clips: Clips, total: int | None = None) -> str:
+    """Return a list of clips as an element: the first ones with a still from their middle."""
+    first = list(clips[:MOST_CLIPS])
+    if not first:
+        return "<p>no clips</p>"
+    store: Any = first[0].store  # a Store, of which a clip knows only how to read
+    scenes = Scenes(store)
+    rows = [
+        (
+            _Kept(_still(scenes, clip)), clip.id, clip.split, clip.genre, clip.music, clip.dancer,
+            f"{float(clip.store.grid.seconds(clip.n_frames)):.2f} s",
+        )
+        for clip in first
+    ]  # fmt: skip
+    left = (total or len(clips)) - len(first)
+    more = f"<p>and {counted(left, 'more clip')}</p>" if left > 0 else ""
+    return _table(("", "clip", "split", "genre", "song", "dancer", "length"), rows) + more
+
+
+class _Kept(str):
+    """Markup that a table keeps as it is."""
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    top = "".join(f"<th>{_text(cell)}</th>" for cell in head)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{c if isinstance(c, _Kept) else _text(c)}</td>" for c in row) + "</tr>" for row in rows
+    )
+    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _text(value: object) -> str:
+    return html.escape(shown(value, 120), quote=True)
+
+
+def _still(scenes: Scenes, clip: ClipView) -> str:
+    """Return the pose in the middle of a clip, from the front, as SVG; "" where it cannot be drawn."""
+    try:
+        figure = scenes.scene(scenes.items_of(clip.id)[0]).figure
+    except DanceDataError:
+        return ""
+    return "" if figure is None else pose_svg(figure, figure.n_frames // 2)
+
+
+def pose_svg(figure: Figure, frame: int) -> str:
+    """Return one frame of a figure as an SVG drawing of its bones, turned so that the hips face the reader."""
+    joints = figure.joints[frame] - figure.joints[frame, 0]
+    names = figure.skeleton.joints
+    if {"left_hip", "right_hip"} <= set(names):
+        across = joints[names.index("left_hip")] - joints[names.index("right_hip")]
+        turn = np.arctan2(across[2], across[0])
+        sine, cosine = np.sin(turn), np.cos(turn)
+        joints = joints @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
+    top, low = joints[:, 1].max() + 0.12, joints[:, 1].min() - 0.05
+    scale = _STILL / max(top - low, 0.3)
+    half = (np.abs(joints[:, 0]).max() + 0.1) * scale
+    x, y = half + joints[:, 0] * scale, (top - joints[:, 1]) * scale
+    lines = "".join(
+        f'<line x1="{x[a]:.1f}" y1="{y[a]:.1f}" x2="{x[b]:.1f}" y2="{y[b]:.1f}" stroke="{_SIDES[figure.sides[b]]}"/>'
+        for a, b in figure.bones
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{2 * half:.0f}" height="{_STILL}" role="img" '
+        f'aria-label="a pose" stroke-width="2.5" stroke-linecap="round">{lines}</svg>'
+    )
