@@ -144,12 +144,15 @@ class Camera:
         (x, floor, z) of the point on the floor below the target point, metres.
     distance
         From the target point, metres.
+    yaw
+        Turn about the vertical, radians; 0 looks along -Z.
     """
 
     width: int
     height: int
     target: tuple[float, float, float]
     distance: float = _DISTANCE
+    yaw: float = _YAW
 
     @property
     def tilt(self) -> float:
@@ -163,8 +166,8 @@ class Camera:
         """
         x, y, z = np.moveaxis(places - np.asarray(self.target), -1, 0)
         y = y - _LOOK_AT
-        across = x * np.cos(_YAW) - z * np.sin(_YAW)
-        along = x * np.sin(_YAW) + z * np.cos(_YAW)
+        across = x * np.cos(self.yaw) - z * np.sin(self.yaw)
+        along = x * np.sin(self.yaw) + z * np.cos(self.yaw)
         up = y * np.cos(_PITCH) - along * np.sin(_PITCH)
         near = y * np.sin(_PITCH) + along * np.cos(_PITCH)
         # A narrow picture shows the dancer from farther away.

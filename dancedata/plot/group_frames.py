@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: Rate at which the camera follows the group, per second.
 _FOLLOW = 0.5
+#: Turn of the camera before a wall, whose dancers stand in rows, radians.
+_WALL_YAW = 0.12
 #: Height of the music and of the lane of distances, in lanes of a dancer.
 _MUSIC, _APART = 2.4, 2.8
 
@@ -126,7 +128,8 @@ class GroupFrames(Frames):
         width, height = self._stage_size
         x, floor, z = self._targets[number].tolist()
         across = (2 * self._reach + 1.3) * 1.25 * height / width
-        camera = Camera(width, height, (x, floor, z), max(_DISTANCE, across) + 0.55 * self._reach)
+        yaw = _WALL_YAW if any(dancer.numbers for dancer in self.scene.dancers) else Camera.yaw
+        camera = Camera(width, height, (x, floor, z), max(_DISTANCE, across) + 0.55 * self._reach, yaw)
         self._floor(draw, camera, 3.0 + np.ceil(self._reach))
         dancers = sorted(self._figures, key=lambda dancer: camera(dancer[0].joints[at, 0])[2])
         for figure, colours, _ in dancers:

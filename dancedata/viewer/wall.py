@@ -119,7 +119,7 @@ class Wall(SceneList):
 
     @override
     def about(self) -> dict[str, Any]:
-        return {**self.scenes.about(), "groups": len(self.items)}
+        return {**self.scenes.about(), "groups": len(self.items), "wall": True}
 
     @override
     def changed(self) -> bool:

@@ -133,7 +133,9 @@ for (const reason of study.reasons) {
   const box = document.createElement('input');
   box.type = 'checkbox';
   box.value = reason;
-  box.addEventListener('change', () => (box.checked ? answer().reasons.add(reason) : answer().reasons.delete(reason)));
+  box.addEventListener('change', () =>
+    box.checked ? answer().reasons.add(reason) : answer().reasons.delete(reason),
+  );
   label.append(box, ` ${reason}`);
   at('reasons').append(label);
 }

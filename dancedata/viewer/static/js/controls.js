@@ -1,7 +1,7 @@
 // Buttons, keys, themes and the camera.
 import { lanes } from './axis.js';
-import { chooseDancer, compareWith, nextDancer, openItem, showAbout } from './clip.js';
 import { fullScreen, lookFrom, startCamera, turn } from './camera.js';
+import { chooseDancer, compareWith, nextDancer, openItem, showAbout } from './clip.js';
 import { advance, play, restart, seek, setGain, setLoop } from './clock.js';
 import { dancerAt } from './crowd.js';
 import { together } from './dancers.js';

@@ -65,7 +65,8 @@ export function rejectNow() {
 export function noteNow() {
   const { clip, whole, begin } = markPlace();
   const text = prompt('Note');
-  if (text?.trim()) toggleMark({ clip, whole, start: (begin + state.t).toFixed(3), label: 'note', text: text.trim() });
+  if (text?.trim())
+    toggleMark({ clip, whole, start: (begin + state.t).toFixed(3), label: 'note', text: text.trim() });
 }
 
 // Of one item: what the list shows, and the instants that the time axis shows.

@@ -3,8 +3,8 @@ import { contactSpans, drawCurve, drawSpans, drawSpeed, LABEL, lanes, rows, view
 import { seek, setLoop } from './clock.js';
 import { together } from './dancers.js';
 import { css, ratio, triangle } from './figure.js';
-import { drawGroupLanes, drawPairs, labelGroup, layOutGroup } from './pairs.js';
 import { marksOf, signOf } from './marks.js';
+import { drawGroupLanes, drawPairs, labelGroup, layOutGroup } from './pairs.js';
 import { duration, loopSeconds, state } from './state.js';
 import { drawWords, labelWords, layOutWords } from './words.js';
 

@@ -9,7 +9,7 @@ import { el, head, items, page, plain, root } from './data.js';
 import { canvas, conesNow, drawStage, sizeCanvas } from './figure.js';
 import { startLayout } from './layout.js';
 import { readLink, wholePage } from './link.js';
-import { showSigns, shown, startList } from './list.js';
+import { shown, showSigns, startList } from './list.js';
 import { marksFile, marksOf, showMarks, signOf } from './marks.js';
 import { camera, failed, state } from './state.js';
 import { drawLanes, layOut } from './timeline.js';
@@ -90,6 +90,9 @@ function tick() {
   }
   requestAnimationFrame(tick);
 }
+
+// The dancers of a wall stand in rows: they are seen from the front.
+if (head.wall) camera.yaw = 0.12;
 
 const asked = readLink().theme || new URLSearchParams(location.search).get('theme');
 setTheme(

@@ -21,8 +21,7 @@ export function layOutWords(clip, next) {
 }
 
 export function labelWords(label, clip) {
-  for (const [k, [name]] of layersOf(clip).entries())
-    label(plain(name).slice(0, 13), rows[`words${k}`].y + 7);
+  for (const [k, [name]] of layersOf(clip).entries()) label(plain(name).slice(0, 13), rows[`words${k}`].y + 7);
 }
 
 export function drawWords(c, clip) {
