@@ -22,6 +22,8 @@ from dancedata.viewer.figure import Figure
 from dancedata.viewer.scene_list import Item, Rhythm, Scene, SceneList
 from dancedata.viewer.source import ClipSound, Sounds
 
+#: Joints that the beats of a motion are of, those that SMPL and SMPL-X share, as `evaluate` takes them.
+_BODY = 22
 #: Most dancers on a wall, and in a row of it.
 MOST, ROW = 12, 4
 #: Least and greatest distance of neighbours in a row, and between rows, metres.
@@ -183,7 +185,7 @@ def _numbers(figure: Figure, rhythm: Rhythm, truth: Figure | None) -> tuple[tupl
     numbers = []
     with suppress(Undefined, DanceDataError):
         beats = MusicBeats(np.round(rhythm.beats * 1000).astype(np.int64), FrameGrid.of(1000), rhythm.beats)
-        score = BeatAlignment().measure(Dance(figure.joints, figure.grid, beats))[0]
+        score = BeatAlignment(joints=_BODY).measure(Dance(figure.joints, figure.grid, beats))[0]
         numbers.append(("BAS", f"{score:.3f}"))
     numbers.append(("sliding", f"{100 * figure.sliding:.1f} cm/s"))
     with suppress(Undefined, DanceDataError):
