@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dancedata.core.bodies import SKELETONS
+from dancedata.core.bodies import SKELETONS, has_body
 from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.motion import Motion
 from dancedata.core.text import shown
@@ -90,11 +90,12 @@ def parse_retarget(value: Any) -> RetargetSpec | None:
         if key not in _KEYS:
             raise UsageError(f"retarget.{shown(str(key))}: unknown key", fix=did_you_mean(str(key), _KEYS))
     skeleton = value.get("skeleton")
-    if skeleton not in SKELETONS:
+    targets = [name for name, body in SKELETONS.items() if has_body(body)]
+    if skeleton not in targets:
         raise UsageError(
-            "retarget.skeleton: not a skeleton of the package",
+            "retarget.skeleton: not a skeleton of the SMPL family",
             found=shown(repr(skeleton)),
-            allowed=", ".join(SKELETONS),
+            allowed=", ".join(targets),
         )
     scale, feet, joint_map = value.get("scale", "auto"), value.get("feet", True), value.get("joint_map", "auto")
     is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
