@@ -15,7 +15,7 @@ from dancedata.core.plugins import Representation
 from dancedata.files import atomic
 from dancedata.formats.arrays import Array, ArrayFile, open_arrays
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
-from dancedata.pipeline.decoding import Decoder, Like, Scaler
+from dancedata.pipeline.decoding import Decoder, Like, ScalerLike
 
 #: Entries of a group's file: which of its dancers there are, and where they are.
 PERSON_MASK, ROOT_PLACE = "person_mask", "root_place"
@@ -32,7 +32,7 @@ def decode_file(
     key: str | None = None,
     overwrite: bool = False,
     normalized: bool | None = None,
-    scaler: Scaler = None,
+    scaler: ScalerLike = None,
     clip: bool = False,
     **parameters: Any,
 ) -> list[Path]:
