@@ -224,7 +224,7 @@ def _compared(comparison: Comparison, scene: Scene) -> tuple[Json, Float64Array 
         figure = comparison.figure(scene)
     except DanceDataError as error:
         return {"note": f"{comparison.name}: {error}"}, None
-    payload: dict[str, Any] = {"figure": figure_payload(figure)}
+    payload: dict[str, Any] = {"figure": figure_payload(figure, turns=True)}
     distance = scene.figure.distance_mm(figure)
     if not np.isfinite(distance).any():
         return {**payload, "note": f"{comparison.name}: no joint name is in both, so there is no distance"}, None

@@ -13,12 +13,14 @@ from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.dance import checked_joints
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.rotations import Float64Array
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import Float64Array, slerp
 from dancedata.core.skeleton import Skeleton
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.viewer.body import floor_height, lowest_feet, standing_height
 from dancedata.viewer.limbs import Limbs, chest_looks, looks, sides_of
+from dancedata.viewer.turns import rest_pose, turns_of_bones
 
 BoolArray = npt.NDArray[np.bool_]
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
@@ -79,6 +81,8 @@ class Figure:
         Whether the contacts are those of the dataset; if not, they were computed by the rule "velocity".
     facing
         (T, 3) unit vectors in which the head faces; None where rotations are unknown.
+    rotations
+        (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
     """
 
     joints: Float64Array
@@ -88,6 +92,7 @@ class Figure:
     contact_joints: tuple[int, ...]
     contacts_stored: bool = False
     facing: Float64Array | None = None
+    rotations: Float64Array | None = None
 
     @classmethod
     def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
@@ -115,7 +120,7 @@ class Figure:
                 allowed=f"at most {_FARTHEST_M:g} m, of numbers in the unit that --unit names",
             )
         if pose.motion is not None:
-            return replace(cls.of_joints(pose.joints, pose.motion.skeleton, pose.grid), facing=looks(pose.motion))
+            return cls._of_motion(pose.joints, pose.motion)
         skeleton = next((s for s in (body, *SKELETONS.values()) if s.joints == pose.names), None)
         return cls.of_joints(pose.joints, skeleton or SMPLX55.subset("part", pose.names), pose.grid)
 
@@ -130,9 +135,10 @@ class Figure:
         """
         pose = reader.pose(rows)
         checked_joints(pose.joints)
-        skeleton = reader.representation.skeleton if pose.motion is None else pose.motion.skeleton
-        facing = None if pose.motion is None else looks(pose.motion)
-        figure = replace(cls.of_joints(pose.joints, skeleton, pose.grid), facing=facing)
+        skeleton = reader.representation.skeleton
+        figure = cls.of_joints(pose.joints, skeleton, pose.grid)
+        if pose.motion is not None:
+            skeleton, figure = pose.motion.skeleton, cls._of_motion(pose.joints, pose.motion)
         columns = reader.representation.columns
         group = next((g for g in columns.groups if g.name in ("contact", "foot_contact") and g.width == 4), None)
         if group is None:
@@ -141,6 +147,11 @@ class Figure:
         order = joints if len(joints) == 4 else skeleton.feet
         stored = np.asarray(rows[:, columns.slice(group.name)], dtype=np.float64) > 0.5
         return replace(figure, contacts=stored, contact_joints=order, contacts_stored=True)
+
+    @classmethod
+    def _of_motion(cls, joints: Float64Array, motion: Motion) -> Figure:
+        figure = cls.of_joints(joints, motion.skeleton, motion.grid)
+        return replace(figure, facing=looks(motion), rotations=motion.rotations)
 
     @property
     def n_frames(self) -> int:
@@ -166,6 +177,18 @@ class Figure:
     def look(self) -> Float64Array | None:
         """Where the head faces, (T, 3) unit vectors; where rotations are unknown, the chest. None without a head."""
         return self.facing if self.facing is not None else chest_looks(self.joints, self.skeleton)
+
+    @cached_property
+    def rest(self) -> Float64Array:
+        """Joints at rest, (J, 3) metres, the root at 0."""
+        return rest_pose(self.joints, self.skeleton, measured=self.rotations is None)
+
+    @cached_property
+    def turns(self) -> Float64Array:
+        """Rotations of the joints, (T, J, 3); where they are unknown, those of the bones, without twist."""
+        if self.rotations is not None:
+            return self.rotations
+        return turns_of_bones(self.joints, self.rest, self.skeleton)
 
     @cached_property
     def floor(self) -> float:
@@ -216,7 +239,10 @@ class Figure:
                 allowed=f"more than {first}",
             )
         facing = None if self.facing is None else self.facing[frames]
-        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing)
+        turns = None if self.rotations is None else self.rotations[frames]
+        return replace(
+            self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing, rotations=turns
+        )
 
     def shifted(self, by: npt.ArrayLike) -> Figure:
         """Return the figure moved by (3,) metres."""
@@ -229,8 +255,9 @@ class Figure:
             order[left], order[right] = right, left
         feet = [self.contact_joints.index(int(order[joint])) for joint in self.contact_joints]
         facing = None if self.facing is None else self.facing * (-1, 1, 1)
+        turns = None if self.rotations is None else self.rotations[:, order] * (1, -1, -1)
         joints = self.joints[:, order] * (-1, 1, 1)
-        return replace(self, joints=joints, contacts=self.contacts[:, feet], facing=facing)
+        return replace(self, joints=joints, contacts=self.contacts[:, feet], facing=facing, rotations=turns)
 
     def resampled(self, grid: FrameGrid, seconds: float) -> Figure:
         """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
@@ -242,7 +269,8 @@ class Figure:
         share = (frames - lower)[:, None, None]
         joints = self.joints[lower] * (1 - share) + self.joints[upper] * share
         facing = None if self.facing is None else self.facing[lower]
-        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing)
+        turns = None if self.rotations is None else slerp(self.rotations, frames)
+        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing, rotations=turns)
 
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.
