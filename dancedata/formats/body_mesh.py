@@ -6,7 +6,6 @@ Vertices are those of Loper et al. 2015, eq. 2 to 9: the template with the betas
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,10 +18,9 @@ from dancedata.core.bodies import on_body
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion, world_matrices
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.text import listed
 from dancedata.formats.body_model import ModelArrays, not_a_model, shape_of, skeleton_of
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
-
-_log = logging.getLogger(__name__)
 
 Float32 = npt.NDArray[np.float32]
 Int32 = npt.NDArray[np.int32]
@@ -95,20 +93,21 @@ class BodyMesh:
     def on(self, motion: Motion) -> Motion:
         """Put a motion on the model's bones; the pelvis stays where it is, joints match by name.
 
-        Joints that the motion lacks do not turn. Turned ones that the model lacks are named in a warning.
+        Joints that the motion lacks do not turn; those that the model lacks are left out, see `lost`.
 
         Raises
         ------
         UsageError
             If the motion is not of the SMPL family.
         """
-        skeleton = motion.skeleton
-        lost = [j for j, name in enumerate(skeleton.joints) if name not in self.skeleton.joints]
-        turned = [skeleton.joints[j] for j in lost if motion.rotations[:, j].any()]
-        if turned:
-            names = ", ".join(turned[:4]) + (", ..." if len(turned) > 4 else "")
-            _log.warning("the body model %s lacks %s, which turn in the motion", self.skeleton.name, names)
         return on_body(motion, self.skeleton)
+
+    def lost(self, motion: Motion) -> str:
+        """Return a sentence on the joints that turn in a motion and that the model lacks; "" without any."""
+        names = motion.skeleton.joints
+        missing = [joint for joint, name in enumerate(names) if name not in self.skeleton.joints]
+        lost = [names[joint] for joint in missing if motion.rotations[:, joint].any()]
+        return f"the body model has no {listed(lost, 4)}, which turn in the motion" if lost else ""
 
     def posed(self, motion: Motion) -> Iterator[Float32]:
         """Yield the vertices (V, 3) of each frame of a motion on the model's bones (`on`), metres."""
@@ -135,6 +134,16 @@ class BodyMesh:
         # Files for other programs state no joint of weight 0.
         joints = np.where(weights > 0, order, 0).astype(np.uint8)
         return joints, weights / weights.sum(axis=1, keepdims=True)
+
+    @cached_property
+    def sides(self) -> Float32:
+        """How much of each vertex is of the trunk and head, the left and the right limbs, (V, 3), 1 in sum."""
+        of_joint = np.zeros((self.skeleton.n_joints, 3), dtype=np.float32)
+        for pair in self.skeleton.pairs:
+            for side, joint in enumerate(pair, 1):
+                of_joint[joint, side] = not self.skeleton.joints[joint].endswith(("_collar", "_eye"))
+        of_joint[:, 0] = 1 - of_joint.sum(axis=1)
+        return self.weights @ of_joint
 
     @cached_property
     def normals(self) -> Float32:

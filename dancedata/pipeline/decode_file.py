@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -24,6 +25,8 @@ from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
 from dancedata.formats.obj import obj_text
 from dancedata.pipeline.decoding import Decoder, Like, Scaler
+
+_log = logging.getLogger(__name__)
 
 #: Entries of a group's file: which of its dancers there are, and where they are.
 PERSON_MASK, ROOT_PLACE = "person_mask", "root_place"
@@ -125,6 +128,9 @@ def decode_file(
     except DanceDataError as error:
         error.where = f"{path}, {error.where}" if error.where else path
         raise
+    if mesh is not None:
+        for sentence in dict.fromkeys(filter(None, map(mesh.lost, motions.values()))):
+            _log.warning(sentence)
     files = {
         out / name: data
         for end, motion in motions.items()

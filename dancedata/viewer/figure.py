@@ -11,10 +11,12 @@ import numpy.typing as npt
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.dance import checked_joints
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.rotations import Float64Array
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import Float64Array, slerp
 from dancedata.core.skeleton import Skeleton
+from dancedata.formats.body_mesh import BodyMesh, Float32
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.viewer.body import floor_height, lowest_feet, standing_height
@@ -79,6 +81,12 @@ class Figure:
         Whether the contacts are those of the dataset; if not, they were computed by the rule "velocity".
     facing
         (T, 3) unit vectors in which the head faces; None where rotations are unknown.
+    motion
+        Root and rotations of the T frames; None where they are unknown.
+    reflected
+        Whether the figure is the reflection of `motion` across the plane x = 0.
+    mesh
+        Body model that is drawn, on whose bones `motion` is; None for limbs.
     """
 
     joints: Float64Array
@@ -88,6 +96,9 @@ class Figure:
     contact_joints: tuple[int, ...]
     contacts_stored: bool = False
     facing: Float64Array | None = None
+    motion: Motion | None = None
+    reflected: bool = False
+    mesh: BodyMesh | None = None
 
     @classmethod
     def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
@@ -115,7 +126,8 @@ class Figure:
                 allowed=f"at most {_FARTHEST_M:g} m, of numbers in the unit that --unit names",
             )
         if pose.motion is not None:
-            return replace(cls.of_joints(pose.joints, pose.motion.skeleton, pose.grid), facing=looks(pose.motion))
+            figure = cls.of_joints(pose.joints, pose.motion.skeleton, pose.grid)
+            return replace(figure, facing=looks(pose.motion), motion=pose.motion)
         skeleton = next((s for s in (body, *SKELETONS.values()) if s.joints == pose.names), None)
         return cls.of_joints(pose.joints, skeleton or SMPLX55.subset("part", pose.names), pose.grid)
 
@@ -132,7 +144,7 @@ class Figure:
         checked_joints(pose.joints)
         skeleton = reader.representation.skeleton if pose.motion is None else pose.motion.skeleton
         facing = None if pose.motion is None else looks(pose.motion)
-        figure = replace(cls.of_joints(pose.joints, skeleton, pose.grid), facing=facing)
+        figure = replace(cls.of_joints(pose.joints, skeleton, pose.grid), facing=facing, motion=pose.motion)
         columns = reader.representation.columns
         group = next((g for g in columns.groups if g.name in ("contact", "foot_contact") and g.width == 4), None)
         if group is None:
@@ -216,11 +228,16 @@ class Figure:
                 allowed=f"more than {first}",
             )
         facing = None if self.facing is None else self.facing[frames]
-        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing)
+        motion = None if self.motion is None else self.motion.part(first, first + count)
+        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing, motion=motion)
 
     def shifted(self, by: npt.ArrayLike) -> Figure:
         """Return the figure moved by (3,) metres."""
-        return replace(self, joints=self.joints + np.asarray(by, dtype=np.float64))
+        way = np.asarray(by, dtype=np.float64)
+        motion = self.motion
+        if motion is not None:
+            motion = replace(motion, translation=motion.translation + way * (-1 if self.reflected else 1, 1, 1))
+        return replace(self, joints=self.joints + way, motion=motion)
 
     def mirrored(self) -> Figure:
         """Return the figure reflected across the plane x = 0, left and right exchanged."""
@@ -230,7 +247,9 @@ class Figure:
         feet = [self.contact_joints.index(int(order[joint])) for joint in self.contact_joints]
         facing = None if self.facing is None else self.facing * (-1, 1, 1)
         joints = self.joints[:, order] * (-1, 1, 1)
-        return replace(self, joints=joints, contacts=self.contacts[:, feet], facing=facing)
+        return replace(
+            self, joints=joints, contacts=self.contacts[:, feet], facing=facing, reflected=not self.reflected
+        )
 
     def resampled(self, grid: FrameGrid, seconds: float) -> Figure:
         """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
@@ -242,7 +261,39 @@ class Figure:
         share = (frames - lower)[:, None, None]
         joints = self.joints[lower] * (1 - share) + self.joints[upper] * share
         facing = None if self.facing is None else self.facing[lower]
-        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing)
+        motion = self.motion
+        if motion is not None:
+            way = motion.translation[lower] * (1 - share[:, 0]) + motion.translation[upper] * share[:, 0]
+            motion = Motion(way, slerp(motion.rotations, frames), grid, motion.skeleton)
+        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing, motion=motion)
+
+    def with_mesh(self, mesh: BodyMesh) -> Figure:
+        """Return the figure as a body model, whose bones it then has; the pelvis stays where it is.
+
+        Raises
+        ------
+        UsageError
+            If its rotations are unknown, or not those of the SMPL family.
+        """
+        if self.motion is None:
+            raise UsageError(
+                "positions of joints do not turn a body model", found=self.skeleton.name,
+                fix="choose a motion field with rotations, or leave out the body model",
+            )  # fmt: skip
+        motion, skeleton = mesh.on(self.motion), mesh.skeleton
+        joints = motion.joints()
+        if self.reflected:
+            order = [skeleton.other_side.get(joint, joint) for joint in range(skeleton.n_joints)]
+            joints = joints[:, order] * (-1, 1, 1)
+        feet = tuple(skeleton.index(self.skeleton.joints[joint]) for joint in self.contact_joints)
+        return replace(self, joints=joints, skeleton=skeleton, contact_joints=feet, motion=motion, mesh=mesh)
+
+    def vertices(self, at: int) -> Float32 | None:
+        """Return the vertices of the body model in a frame, (V, 3) metres, with pose correctives; None without."""
+        if self.mesh is None or self.motion is None:
+            return None
+        posed = next(self.mesh.posed(self.motion.part(at, at + 1)))
+        return posed * np.array([-1, 1, 1], dtype=np.float32) if self.reflected else posed
 
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import dancedata
 from dancedata.core.bodies import SMPLX55
@@ -128,3 +129,12 @@ def test_the_command(tmp_path: Path) -> None:
     assert tall[0].read_bytes() == Path(found["files"][0]).read_bytes()
     result = run(*command[:-1], "tall", "--to", "glb", "--out", tmp_path / "b", code=2)
     assert "invalid value for --betas; found tall" in result.output
+
+
+def test_joints_that_the_model_lacks_are_named_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    np.save(tmp_path / "x.npy", np.stack([columns("edge151")] * 2))
+    model = body_model(tmp_path / "m.npz", SMPLX55)
+    options: dict[str, Any] = {"to": "glb", "fps": 30, "body_model": model}
+    assert len(dancedata.decode_file(tmp_path / "x.npy", "edge151", out=tmp_path / "out", **options)) == 2
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages == ["the body model has no left_hand, right_hand, which turn in the motion"]
