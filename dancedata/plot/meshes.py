@@ -38,11 +38,9 @@ def draw_mesh(stage: Image, camera: Camera, figure: Figure, at: int, tones: Sequ
     places = camera(vertices.astype(np.float64))
     if not np.isfinite(places).all():
         return
-    # A reflection turns triangles inside out, and exchanges the sides.
-    faces, sides = (mesh.faces[:, ::-1], [0, 2, 1]) if figure.reflected else (mesh.faces, [0, 1, 2])
-    plain = mesh.sides @ np.array([_rgb(tones[side]) for side in sides], dtype=np.float32)
-    colours = plain * brightness(vertex_normals(vertices, faces), camera.towards)[:, None]
-    drawn = rasterised(places, faces, colours, stage.size)
+    plain = mesh.sides @ np.array([_rgb(tone) for tone in tones], dtype=np.float32)
+    colours = plain * brightness(vertex_normals(vertices, mesh.faces), camera.towards)[:, None]
+    drawn = rasterised(places, mesh.faces, colours, stage.size)
     if drawn is not None:
         picture, mask, corner = drawn
         images = load("PIL.Image", "video")

@@ -81,12 +81,10 @@ class Figure:
         Whether the contacts are those of the dataset; if not, they were computed by the rule "velocity".
     facing
         (T, 3) unit vectors in which the head faces; None where rotations are unknown.
-    motion
-        Root and rotations of the T frames; None where they are unknown.
-    reflected
-        Whether the figure is the reflection of `motion` across the plane x = 0.
+    rotations
+        (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
     mesh
-        Body model that is drawn, on whose bones `motion` is; None for limbs.
+        Body model that is drawn, whose bones the figure has; None for limbs.
     """
 
     joints: Float64Array
@@ -96,8 +94,7 @@ class Figure:
     contact_joints: tuple[int, ...]
     contacts_stored: bool = False
     facing: Float64Array | None = None
-    motion: Motion | None = None
-    reflected: bool = False
+    rotations: Float64Array | None = None
     mesh: BodyMesh | None = None
 
     @classmethod
@@ -126,8 +123,7 @@ class Figure:
                 allowed=f"at most {_FARTHEST_M:g} m, of numbers in the unit that --unit names",
             )
         if pose.motion is not None:
-            figure = cls.of_joints(pose.joints, pose.motion.skeleton, pose.grid)
-            return replace(figure, facing=looks(pose.motion), motion=pose.motion)
+            return cls._of_motion(pose.joints, pose.motion)
         skeleton = next((s for s in (body, *SKELETONS.values()) if s.joints == pose.names), None)
         return cls.of_joints(pose.joints, skeleton or SMPLX55.subset("part", pose.names), pose.grid)
 
@@ -142,9 +138,10 @@ class Figure:
         """
         pose = reader.pose(rows)
         checked_joints(pose.joints)
-        skeleton = reader.representation.skeleton if pose.motion is None else pose.motion.skeleton
-        facing = None if pose.motion is None else looks(pose.motion)
-        figure = replace(cls.of_joints(pose.joints, skeleton, pose.grid), facing=facing, motion=pose.motion)
+        skeleton = reader.representation.skeleton
+        figure = cls.of_joints(pose.joints, skeleton, pose.grid)
+        if pose.motion is not None:
+            skeleton, figure = pose.motion.skeleton, cls._of_motion(pose.joints, pose.motion)
         columns = reader.representation.columns
         group = next((g for g in columns.groups if g.name in ("contact", "foot_contact") and g.width == 4), None)
         if group is None:
@@ -153,6 +150,11 @@ class Figure:
         order = joints if len(joints) == 4 else skeleton.feet
         stored = np.asarray(rows[:, columns.slice(group.name)], dtype=np.float64) > 0.5
         return replace(figure, contacts=stored, contact_joints=order, contacts_stored=True)
+
+    @classmethod
+    def _of_motion(cls, joints: Float64Array, motion: Motion) -> Figure:
+        figure = cls.of_joints(joints, motion.skeleton, motion.grid)
+        return replace(figure, facing=looks(motion), rotations=motion.rotations)
 
     @property
     def n_frames(self) -> int:
@@ -228,16 +230,14 @@ class Figure:
                 allowed=f"more than {first}",
             )
         facing = None if self.facing is None else self.facing[frames]
-        motion = None if self.motion is None else self.motion.part(first, first + count)
-        return replace(self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing, motion=motion)
+        turns = None if self.rotations is None else self.rotations[frames]
+        return replace(
+            self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing, rotations=turns
+        )
 
     def shifted(self, by: npt.ArrayLike) -> Figure:
         """Return the figure moved by (3,) metres."""
-        way = np.asarray(by, dtype=np.float64)
-        motion = self.motion
-        if motion is not None:
-            motion = replace(motion, translation=motion.translation + way * (-1 if self.reflected else 1, 1, 1))
-        return replace(self, joints=self.joints + way, motion=motion)
+        return replace(self, joints=self.joints + np.asarray(by, dtype=np.float64))
 
     def mirrored(self) -> Figure:
         """Return the figure reflected across the plane x = 0, left and right exchanged."""
@@ -246,10 +246,9 @@ class Figure:
             order[left], order[right] = right, left
         feet = [self.contact_joints.index(int(order[joint])) for joint in self.contact_joints]
         facing = None if self.facing is None else self.facing * (-1, 1, 1)
+        turns = None if self.rotations is None else self.rotations[:, order] * (1, -1, -1)
         joints = self.joints[:, order] * (-1, 1, 1)
-        return replace(
-            self, joints=joints, contacts=self.contacts[:, feet], facing=facing, reflected=not self.reflected
-        )
+        return replace(self, joints=joints, contacts=self.contacts[:, feet], facing=facing, rotations=turns)
 
     def resampled(self, grid: FrameGrid, seconds: float) -> Figure:
         """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
@@ -261,11 +260,8 @@ class Figure:
         share = (frames - lower)[:, None, None]
         joints = self.joints[lower] * (1 - share) + self.joints[upper] * share
         facing = None if self.facing is None else self.facing[lower]
-        motion = self.motion
-        if motion is not None:
-            way = motion.translation[lower] * (1 - share[:, 0]) + motion.translation[upper] * share[:, 0]
-            motion = Motion(way, slerp(motion.rotations, frames), grid, motion.skeleton)
-        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing, motion=motion)
+        turns = None if self.rotations is None else slerp(self.rotations, frames)
+        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing, rotations=turns)
 
     def with_mesh(self, mesh: BodyMesh) -> Figure:
         """Return the figure as a body model, whose bones it then has; the pelvis stays where it is.
@@ -275,25 +271,33 @@ class Figure:
         UsageError
             If its rotations are unknown, or not those of the SMPL family.
         """
-        if self.motion is None:
+        motion = self.motion
+        if motion is None:
             raise UsageError(
                 "positions of joints do not turn a body model", found=self.skeleton.name,
                 fix="choose a motion field with rotations, or leave out the body model",
             )  # fmt: skip
-        motion, skeleton = mesh.on(self.motion), mesh.skeleton
-        joints = motion.joints()
-        if self.reflected:
-            order = [skeleton.other_side.get(joint, joint) for joint in range(skeleton.n_joints)]
-            joints = joints[:, order] * (-1, 1, 1)
-        feet = tuple(skeleton.index(self.skeleton.joints[joint]) for joint in self.contact_joints)
-        return replace(self, joints=joints, skeleton=skeleton, contact_joints=feet, motion=motion, mesh=mesh)
+        motion = mesh.on(motion)
+        feet = tuple(mesh.skeleton.index(self.skeleton.joints[joint]) for joint in self.contact_joints)
+        return replace(
+            self, joints=motion.joints(), skeleton=mesh.skeleton, contact_joints=feet, rotations=motion.rotations,
+            mesh=mesh,
+        )  # fmt: skip
+
+    @property
+    def motion(self) -> Motion | None:
+        """Root and rotations; None where rotations are unknown."""
+        if self.rotations is None:
+            return None
+        root = self.joints[:, 0] - self.skeleton.offsets[0]
+        return Motion(root, self.rotations, self.grid, self.skeleton)
 
     def vertices(self, at: int) -> Float32 | None:
         """Return the vertices of the body model in a frame, (V, 3) metres, with pose correctives; None without."""
-        if self.mesh is None or self.motion is None:
+        if self.mesh is None:
             return None
-        posed = next(self.mesh.posed(self.motion.part(at, at + 1)))
-        return posed * np.array([-1, 1, 1], dtype=np.float32) if self.reflected else posed
+        motion = self.part(at / float(self.grid.rate), 0.0).motion
+        return None if motion is None else next(self.mesh.posed(motion))
 
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.

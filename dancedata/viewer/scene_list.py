@@ -228,7 +228,7 @@ class Scene:
         if self.figure is None:
             return self
         figure = self.figure.with_mesh(mesh)
-        lost = "" if self.figure.motion is None else mesh.lost(self.figure.motion)
+        lost = mesh.lost(self.figure.motion) if self.figure.motion is not None else ""
         return replace(self, figure=figure, notes=(*self.notes, lost) if lost else self.notes)
 
     @property

@@ -117,7 +117,7 @@ class ClipSource:
         motion = reader.load(ref).resampled(figure.grid)
         if has_body(motion.skeleton) and has_body(figure.skeleton):
             motion = carried_over(motion, figure.skeleton)
-        whole = replace(Figure.of_joints(motion.joints(), motion.skeleton, motion.grid), motion=motion)
+        whole = replace(Figure.of_joints(motion.joints(), motion.skeleton, motion.grid), rotations=motion.rotations)
         return whole.part(float(self.store.grid.seconds(item.start)), scene.seconds)
 
     def _at_speed(self, item: Item, signal: AudioSignal) -> AudioSignal:

@@ -104,19 +104,20 @@ def test_a_figure_becomes_a_body_model(figure: Figure, mesh: BodyMesh) -> None:
     for whole, wanted in (
         (figure.shifted(by), posed[7] + by),
         (figure.part(4 / 30, 0.5), posed[11]),
-        (figure.mirrored(), posed[7] * (-1, 1, 1)),
         (figure.mirrored().mirrored(), posed[7]),
-        (figure.mirrored().shifted(by), posed[7] * (-1, 1, 1) + by),
-        (figure.shifted(by).mirrored(), (posed[7] + by) * (-1, 1, 1)),
+        (figure.mirrored().shifted(by).mirrored(), posed[7] + by * (-1, 1, 1)),
         (figure.resampled(FrameGrid.of(15), 1.0), posed[14]),
         (figure.resampled(FrameGrid.of(30), 5.0).part(4.0, 1.0), posed[29]),
     ):
         late = whole.with_mesh(mesh)
         np.testing.assert_allclose(late.vertices(7), wanted, rtol=0, atol=3e-6)
         np.testing.assert_allclose(late.joints, whole.joints, rtol=0, atol=1e-6)
-    between = figure.resampled(FrameGrid.of(60), 1.0)
-    assert between.motion is not None
-    np.testing.assert_allclose(between.motion.translation[1], figure.motion.translation[:2].mean(axis=0))
+    # The model is not mirrored, the dance is: both are as unequal left and right as SMPL's bones.
+    mirrored = figure.mirrored().with_mesh(mesh)
+    off = np.linalg.norm(mirrored.joints - figure.mirrored().joints, axis=-1)
+    assert 1e-4 < off.mean() < 0.03
+    swapped = body.mirrored()
+    np.testing.assert_allclose(swapped.vertices(7), mirrored.vertices(7), rtol=0, atol=3e-6)
 
 
 def test_a_taller_model_has_its_own_bones_and_feet(figure: Figure, mesh: BodyMesh, tmp_path: Path) -> None:
@@ -126,9 +127,8 @@ def test_a_taller_model_has_its_own_bones_and_feet(figure: Figure, mesh: BodyMes
         figure.skeleton.joints[joint] for joint in figure.contact_joints
     ]
     np.testing.assert_allclose(body.joints[:, 0], figure.joints[:, 0], atol=1e-9)
-    mirrored = figure.mirrored().with_mesh(other)
-    np.testing.assert_allclose(mirrored.joints[:, 1], body.joints[:, 2] * (-1, 1, 1), atol=1e-9)
-    for whole in (replace(figure, motion=None), replace(figure, motion=random_motion(MOTORICA21, 30))):
+    turned = Figure.of_pose(Pose.of_motion(random_motion(MOTORICA21, 30)), SMPL24, "test")
+    for whole in (replace(figure, rotations=None), turned):
         with raises_message(UsageError):
             whole.with_mesh(mesh)
 
