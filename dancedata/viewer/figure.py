@@ -85,6 +85,8 @@ class Figure:
         (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
     mesh
         Body model that is drawn, whose bones the figure has; None for limbs.
+    measured
+        The figure before it got these bones, which distances are measured on; None if it has its own.
     """
 
     joints: Float64Array
@@ -96,6 +98,7 @@ class Figure:
     facing: Float64Array | None = None
     rotations: Float64Array | None = None
     mesh: BodyMesh | None = None
+    measured: Figure | None = None
 
     @classmethod
     def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
@@ -281,7 +284,7 @@ class Figure:
         feet = tuple(mesh.skeleton.index(self.skeleton.joints[joint]) for joint in self.contact_joints)
         return replace(
             self, joints=motion.joints(), skeleton=mesh.skeleton, contact_joints=feet, rotations=motion.rotations,
-            mesh=mesh,
+            mesh=mesh, measured=self.measured or self,
         )  # fmt: skip
 
     @property
@@ -305,6 +308,8 @@ class Figure:
         Frames are compared at equal instants; the other figure is interpolated linearly between its frames. NaN
         beyond its end, and where no joint has a name of both.
         """
+        if self.measured is not None:
+            return self.measured.distance_mm(other)
         names = [n for n in self.skeleton.joints if n in other.skeleton.joints]
         ours = self.joints[:, [self.skeleton.joints.index(n) for n in names]]
         theirs = other.joints[:, [other.skeleton.joints.index(n) for n in names]]

@@ -151,6 +151,7 @@ class Read:
         assert (kind, n_bytes) == (0x004E4942, self.document["buffers"][0]["byteLength"])
         self._numbers = data[28 + length :]
         assert len(self._numbers) == n_bytes
+        assert length % 4 == n_bytes % 4 == 0
         self.nodes = self.document["nodes"]
 
     def array(self, number: int) -> Any:
@@ -234,6 +235,15 @@ def test_more_than_four_weights_are_cut(tmp_path: Path) -> None:
     wanted = smplx_vertices(arrays, mesh.on(motion), np.zeros(10), correctives=False)
     off = [np.linalg.norm(read.vertices(frame) - wanted[frame], axis=1) for frame in range(N)]
     assert 1e-4 < np.mean(off) < 0.01
+
+
+def test_chunks_end_at_multiples_of_four(tmp_path: Path) -> None:
+    faces = body_model_arrays(SMPL24)["f"][:-1]
+    mesh = BodyMesh.read(body_model(tmp_path / "m.npz", SMPL24, f=faces))
+    read = Read(motion_glb(random_motion(SMPL24, 3), mesh))
+    np.testing.assert_array_equal(
+        read.array(read.document["meshes"][0]["primitives"][0]["indices"]).reshape(-1, 3), faces
+    )
 
 
 def test_a_skeleton_alone(tmp_path: Path) -> None:
