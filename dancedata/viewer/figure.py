@@ -207,6 +207,8 @@ class Figure:
     @cached_property
     def sliding(self) -> float:
         """Mean horizontal speed of the foot joints in contact, metres per second; 0 without contact."""
+        if self.measured is not None:
+            return self.measured.sliding
         if self.n_frames < 2:
             return 0.0
         feet = self.joints[:, list(self.contact_joints)][..., [0, 2]]

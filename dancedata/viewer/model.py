@@ -2,12 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from dancedata.core.errors import UsageError
+from dancedata.core.typing import override
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.viewer.payload import packed
+from dancedata.viewer.scene_list import Item, Scene, SceneList
+
+
+class ModelScenes(SceneList):
+    """The items of another list, drawn as a body model where their rotations are known, else as they are."""
+
+    def __init__(self, scenes: SceneList, mesh: BodyMesh) -> None:
+        self.scenes, self.mesh = scenes, mesh
+        self.place, self.grid, self.body, self.fields = scenes.place, scenes.grid, scenes.body, scenes.fields
+
+    @property
+    @override
+    def items(self) -> Sequence[Item]:
+        return self.scenes.items
+
+    @override
+    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
+        scene = self.scenes.scene(item, field, first_s=first_s)
+        try:
+            return scene if self.mesh is None else scene.with_mesh(self.mesh)
+        except UsageError as error:
+            return replace(scene, notes=(*scene.notes, f"no body model: {error}"))
+
+    @override
+    def about(self) -> dict[str, Any]:
+        return self.scenes.about()
+
+    @override
+    def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
+        return self.scenes.windows_of(item)
+
+    @override
+    def flag_count(self, item: Item) -> int:
+        return self.scenes.flag_count(item)
+
+    @override
+    def changed(self) -> bool:
+        return self.scenes.changed()
+
 
 #: Largest number of a weight or of a share of a colour.
 _WHOLE = 255
