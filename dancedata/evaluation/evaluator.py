@@ -27,7 +27,7 @@ from dancedata.evaluation.request import Request
 from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, process_rank, sample_lengths
 from dancedata.store import Store
 from dancedata.store.motion_fields import ColumnsReader
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Reader, Scaling, opened, store_of
 from dancedata.store.schema import Field
 
@@ -115,7 +115,7 @@ class Evaluator:
         split: str | None = None,
         music: str | None = None,
         normalized: bool | None = None,
-        scaler: MinMax | str | Path | None = None,
+        scaler: Scaler | str | Path | None = None,
         clip: bool = False,
         jobs: int = 1,
         cache: str | Path | None = None,

@@ -26,7 +26,7 @@ from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
 from dancedata.store.motion_fields import ColumnsReader, motion_readers
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Reader, Scaling
 from dancedata.store.schema import DATASET_FILE
 
@@ -76,7 +76,7 @@ class Request:
     field: str | None = None
     representation: str | None = None
     normalized: bool | None = None
-    scaler: MinMax | str | Path | None = None
+    scaler: Scaler | str | Path | None = None
     clip: bool = False
     fps: Number | None = None
     up: str | None = None

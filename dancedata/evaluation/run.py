@@ -24,7 +24,7 @@ from dancedata.store.scaling import opened, store_of
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.store.normalize import MinMax
+    from dancedata.store.normalize import Scaler
     from dancedata.store.scaling import Reader
 
 __all__ = ["evaluate", "self_test"]
@@ -42,7 +42,7 @@ def evaluate(
     field: str | None = None,
     representation: str | None = None,
     normalized: bool | None = None,
-    scaler: str | Path | MinMax | None = None,
+    scaler: str | Path | Scaler | None = None,
     clip: bool = False,
     fps: Number | None = None,
     up: str | None = None,

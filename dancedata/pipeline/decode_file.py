@@ -24,7 +24,7 @@ from dancedata.formats.body_mesh import BodyMesh
 from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
 from dancedata.formats.obj import obj_text
-from dancedata.pipeline.decoding import Decoder, Like, Scaler
+from dancedata.pipeline.decoding import Decoder, Like, ScalerLike
 
 _log = logging.getLogger(__name__)
 
@@ -45,7 +45,7 @@ def decode_file(
     key: str | None = None,
     overwrite: bool = False,
     normalized: bool | None = None,
-    scaler: Scaler = None,
+    scaler: ScalerLike = None,
     clip: bool = False,
     body_model: str | Path | None = None,
     betas: npt.ArrayLike | None = None,

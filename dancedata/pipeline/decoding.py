@@ -19,14 +19,14 @@ from dancedata.representations.root_place import RootPlace
 
 if TYPE_CHECKING:
     from dancedata.store import Store
-    from dancedata.store.normalize import MinMax
+    from dancedata.store.normalize import Scaler
     from dancedata.store.scaling import Reader
 
 
 #: A dataset, open or not, or a reader of it.
 Like: TypeAlias = "Store | Reader | str | Path | None"
 #: A scaler, or its file.
-Scaler: TypeAlias = "MinMax | str | Path | None"
+ScalerLike: TypeAlias = "Scaler | str | Path | None"
 _OneMotion = np.ndarray[tuple[int, int], Any]
 _Batch = np.ndarray[tuple[int, int, int], Any]
 
@@ -34,14 +34,14 @@ _Batch = np.ndarray[tuple[int, int, int], Any]
 @overload
 def decode(
     array: _Batch, representation: str, *, fps: Number | None = ..., like: Like = ..., normalized: bool | None = ...,
-    scaler: Scaler = ..., clip: bool = ..., **parameters: Any,
+    scaler: ScalerLike = ..., clip: bool = ..., **parameters: Any,
 ) -> list[Motion]: ...  # fmt: skip
 
 
 @overload
 def decode(
     array: _OneMotion, representation: str, *, fps: Number | None = ..., like: Like = ...,
-    normalized: bool | None = ..., scaler: Scaler = ..., clip: bool = ..., **parameters: Any,
+    normalized: bool | None = ..., scaler: ScalerLike = ..., clip: bool = ..., **parameters: Any,
 ) -> Motion: ...  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def decode(
     fps: Number | None = None,
     like: Like = None,
     normalized: bool | None = None,
-    scaler: Scaler = None,
+    scaler: ScalerLike = None,
     clip: bool = False,
     **parameters: Any,
 ) -> Motion | list[Motion]:
@@ -113,7 +113,7 @@ def decode_group(
     fps: Number | None = None,
     like: Like = None,
     normalized: bool | None = None,
-    scaler: Scaler = None,
+    scaler: ScalerLike = None,
     clip: bool = False,
     **parameters: Any,
 ) -> list[Motion | None]:
@@ -174,7 +174,7 @@ class Decoder:
     fps: Number | None
     like: Like
     normalized: bool | None
-    scaler: Scaler
+    scaler: ScalerLike
     clip: bool
     file: bool | None = None
     grid: FrameGrid | None = None
@@ -182,7 +182,7 @@ class Decoder:
     @classmethod
     def of(
         cls, field: str, parameters: dict[str, Any], fps: Number | None, like: Like, normalized: bool | None,
-        scaler: Scaler, clip: bool,
+        scaler: ScalerLike, clip: bool,
     ) -> Decoder:  # fmt: skip
         """Return the decoder of a call; `decode` says what is refused."""
         name, _ = REPRESENTATIONS.split(field)

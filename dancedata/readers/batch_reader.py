@@ -4,13 +4,14 @@ One window, the batch of a DataLoader and the batch of a BatchLoader are all rea
 """
 
 import math
+import operator
 import os
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ from dancedata.readers.augmenting import Augmenter
 from dancedata.readers.music_beats import LABELS, BeatLabels
 from dancedata.readers.presets import PRIMITIVES, PrimitiveSpec
 from dancedata.store.dataset import Store
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.shard_reader import WindowRows
 
 Array = npt.NDArray[Any]
@@ -30,6 +31,12 @@ Array = npt.NDArray[Any]
 Layout = Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]
 #: Reads a batch into arrays (B, ...) by name, and returns the other values of its samples, (B,) each by name.
 ReadBatch = Callable[[Mapping[str, Array]], dict[str, list[Any]]]
+#: An operation in place, and its operand.
+_Step: TypeAlias = tuple[Callable[[Any, Any], Any], Array]
+_IN_PLACE: Mapping[Callable[[Any, Any], Any], Callable[[Any, Any], Any]] = {
+    operator.mul: operator.imul, operator.add: operator.iadd, operator.sub: operator.isub,
+    operator.truediv: operator.itruediv,
+}  # fmt: skip
 #: Smaller arrays come from the allocator, which reuses small pieces itself.
 _LARGE = 1 << 20
 
@@ -145,7 +152,7 @@ class FieldReader:
     rows: WindowRows
     mirror: Mirror | None
     root: slice | None
-    scaler: MinMax | None
+    scaler: Scaler | None
     clip: bool = False
 
     @property
@@ -173,16 +180,15 @@ class FieldReader:
             rows[:, self.root] -= rows[:1, self.root].copy()
 
     def scale(self, rows: Array) -> Array:
-        """Scale rows, (..., D) of the stored type; as `MinMax.normalize` does, operation by operation.
+        """Scale rows, (..., D) of the stored type; as `Scaler.normalize` does, operation by operation.
 
         In place, except for half precision, whose arithmetic is float32.
         """
         if self.scaler is None:
             return rows
         rows = rows.astype(self._arithmetic, copy=False)
-        scale, offset = self._whole_window if rows.shape == self.rows.shape else self._row
-        rows *= scale
-        rows += offset
+        for operation, operand in self._whole_window if rows.shape == self.rows.shape else self._row:
+            rows = operation(rows, operand)
         return rows.clip(-1, 1, out=rows) if self.clip else rows
 
     # Operations on columns take half the time where the operands have the shape of a window.
@@ -197,19 +203,17 @@ class FieldReader:
         return source, np.tile(np.array(self.mirror.signs, dtype=self.rows.dtype), (n_rows, 1))
 
     @cached_property
-    def _row(self) -> tuple[Array, Array]:
-        if self.scaler is None:
-            return np.empty(0), np.empty(0)
-        return self.scaler.scale.astype(self._arithmetic), self.scaler.offset.astype(self._arithmetic)
+    def _row(self) -> tuple[_Step, ...]:
+        steps = () if self.scaler is None else self.scaler.steps
+        return tuple((_IN_PLACE[operation], operand.astype(self._arithmetic)) for operation, operand in steps)
 
     @property
     def _arithmetic(self) -> np.dtype[Any]:
         return np.promote_types(self.rows.dtype, np.float32)
 
     @cached_property
-    def _whole_window(self) -> tuple[Array, Array]:
-        scale, offset = (np.tile(row, (self.rows.shape[0], 1)) for row in self._row)
-        return scale, offset
+    def _whole_window(self) -> tuple[_Step, ...]:
+        return tuple((operation, np.tile(row, (self.rows.shape[0], 1))) for operation, row in self._row)
 
 
 def blank_of(store: Store, name: str) -> int:

@@ -18,7 +18,7 @@ from dancedata.store.tables import Tables
 
 #: Columns that can be chosen by, beside free ones.
 _CHOOSABLE = ("genre", "music", "dancer", "role", "member", "lists", "tempo_bpm", "height_m", "n_flags")
-_TYPES = {column.name: column.stated_type for column in CLIP_COLUMNS if column.name in _CHOOSABLE}
+_TYPES = {column.name: column.stated_type for column in CLIP_COLUMNS if column.name in _CHOOSABLE} | {"clip": "text"}
 #: Python types of the values that a column is compared with.
 _COMPARED: Mapping[str, tuple[type, ...]] = {
     "text": (str,), "texts": (str,), "int": (int,), "ints": (int,), "float": (int, float), "floats": (int, float),
@@ -36,7 +36,7 @@ def require_where(store: Store, where: Mapping[str, Any] | None) -> dict[str, tu
     chosen = {}
     for name, value in where.items():
         if name not in types:
-            fix = did_you_mean(str(name), [*_free_types(store), *_CHOOSABLE])
+            fix = did_you_mean(str(name), [*_free_types(store), "clip", *_CHOOSABLE])
             raise UsageError(f"where: no column {quoted(name, 60)}", where=str(store.path), fix=fix)
         values = tuple(value) if isinstance(value, (tuple, list, set, frozenset)) else (value,)
         allowed = _COMPARED[types[name]]
@@ -45,6 +45,9 @@ def require_where(store: Store, where: Mapping[str, Any] | None) -> dict[str, tu
             found = quoted(wrong[0], 60) if wrong else "no value"
             kind = "or ".join(f"{t.__name__} " for t in allowed).strip()
             raise UsageError(f"where: not a value of {name}", found=found, allowed=f"{kind}, or several of them")
+        if name == "clip":
+            for clip in values:
+                store.clip(clip)  # an unknown one is an error, with the closest id
         chosen[str(name)] = values
     return chosen
 
@@ -67,7 +70,7 @@ def chosen_clips(
 
 
 def _has(tables: Tables, name: str, values: tuple[Any, ...]) -> npt.NDArray[np.bool_]:
-    column = tables.columns.get(name)
+    column = tables.ids if name == "clip" else tables.columns.get(name)
     if column is None:
         return np.zeros(tables.n_clips, dtype=np.bool_)
     if isinstance(column, np.ndarray):

@@ -59,7 +59,7 @@ class ClipDataset(SplitDataset):
     def __init__(
         self,
         store: str | Path | Store,
-        split: str = "train",
+        split: str | Sequence[str] = "train",
         fields: Sequence[str] | None = None,
         *,
         crop_s: float | str | None = None,
@@ -125,7 +125,7 @@ class ClipDataset(SplitDataset):
         selection = self._select({"whole": True}, trim, ignore, filter, None, where)
         spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
         if not spans:
-            raise no_window_error(self.store, split, self.rejects, self.start_at)
+            raise no_window_error(self.store, self.split, self.rejects, self.start_at)
         self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,

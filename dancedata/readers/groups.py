@@ -121,6 +121,8 @@ class GroupDataset(WindowDataset):
         seed: int = 0,
     ) -> None:
         SplitDataset.__init__(self, store, split, fields, None, None)
+        if len(self.splits) > 1:
+            raise UsageError("groups are read split by split", found=self.split, fix="join the readers of each split")
         if choose not in get_args(Choose):
             raise UsageError(f"unknown choice of dancers {choose!r}", fix=did_you_mean(choose, get_args(Choose)))
         if persons is not None and exactly is not None:

@@ -21,7 +21,7 @@ from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.sampler import permutation
 from dancedata.readers.split_dataset import SplitDataset
 from dancedata.readers.windows import WindowDataset
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import MinMax, Scaler
 
 IntArray = npt.NDArray[np.int64]
 Normalizer = Literal["one", "each"]
@@ -138,7 +138,7 @@ class Mix(EpochDataset):
                 samples[row] = sample
         return samples
 
-    def normalizer(self, field: str) -> MinMax:
+    def normalizer(self, field: str) -> Scaler:
         """Return the scaler of a field, over all sources.
 
         Raises
@@ -322,10 +322,18 @@ def _counts(sources: Sequence[str], sizes: Sequence[int], shares: Sequence[Fract
     return tuple(counts)
 
 
-def _joint(scalers: Sequence[MinMax]) -> MinMax:
-    """Return the scaler whose range covers those of all; it is of no dataset."""
+def _joint(scalers: Sequence[Scaler]) -> Scaler:
+    """Return the scaler whose range covers those of all, or that all have; it is of no dataset."""
     first = scalers[0]
-    low, high = (np.stack([getattr(s, name) for s in scalers]) for name in ("data_min", "data_max"))
+    if len({scaler.sha256 for scaler in scalers}) == 1 and not isinstance(first, MinMax):
+        return first
+    ranges = [scaler for scaler in scalers if isinstance(scaler, MinMax)]
+    if not isinstance(first, MinMax) or len(ranges) < len(scalers):
+        raise UsageError(
+            "z-scores of several sources do not join", found=listed(map(repr, scalers)),
+            fix="name one for all sources, scaler={FIELD: ZScore(mean, std)}, or mix with normalizer='each'",
+        )  # fmt: skip
+    low, high = (np.stack([getattr(s, name) for s in ranges]) for name in ("data_min", "data_max"))
     return MinMax(low.min(axis=0), high.max(axis=0), dtype=first.dtype, field=first.field, columns=first.columns)
 
 

@@ -15,16 +15,16 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import listed, shown
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import MinMax, Scaler
 from dancedata.store.scaling import Reader, Scaling
 from dancedata.store.schema import Field
 
 _log = logging.getLogger(__name__)
 #: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
-ScalerLike = MinMax | str | Path | Mapping[str, MinMax | str | Path] | Reader | None
+ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | Reader | None
 
 
-def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> dict[str, MinMax]:
+def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> dict[str, Scaler]:
     """Return the scalers that the caller names, by field.
 
     UsageError for a scaler of a field that is not read, of other columns or of another dataset, or a reader without
@@ -32,11 +32,11 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
     """
     if scaler is None:
         return {}
-    by_field: Mapping[str, MinMax | str | Path]
+    by_field: Mapping[str, Scaler | str | Path]
     if isinstance(scaler, Mapping):
         by_field = scaler
-    elif isinstance(scaler, MinMax | str | Path):
-        single = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
+    elif isinstance(scaler, Scaler | str | Path):
+        single = scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
         fitting = [name for name in fields if store.fields[name].width == single.width]
         by_field = {single.field or (fitting[0] if len(fitting) == 1 else ""): single}
     elif isinstance(scaler, Store):
@@ -108,7 +108,7 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
     return mirrors
 
 
-def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, MinMax]) -> dict[str, slice]:
+def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, Scaler]) -> dict[str, slice]:
     """Return the columns of the root's translation of every motion field.
 
     UsageError for a field that has no translation, or is normalised.

@@ -29,7 +29,8 @@ from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, nor
 from dancedata.readers.segments import SegmentChoice, SegmentReader
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
 from dancedata.store.dataset import Store, open_store, reopen
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import MinMax, Scaler
+from dancedata.store.schema import sort_splits
 from dancedata.store.window_list import WindowList
 
 # 1 is the stream of orders, 4 that of augmentations.
@@ -99,7 +100,7 @@ class SplitDataset(EpochDataset):
     def __init__(
         self,
         store: str | Path | Store,
-        split: str,
+        split: str | Sequence[str],
         fields: Sequence[str] | None,
         preset: str | None,
         protocol: str | None,
@@ -108,11 +109,13 @@ class SplitDataset(EpochDataset):
         super().__init__()
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
         self._reference = (*self._store.reference, self._store.overlay)
-        self.split, self.preset = split, preset
+        self.preset = preset
         self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
             require_protocol(self.store, protocol)
         self._protocol: str | None = value_or_preset(protocol, self._preset, "protocol", None)
+        self.splits = self._splits_named(split)
+        self.split = "+".join(self.splits)
         self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
         self._tempos: dict[str, float] = {}
 
@@ -136,7 +139,23 @@ class SplitDataset(EpochDataset):
             start_at=start_at,
             where=require_where(self.store, where),
         )
-        return select(self.store, self.split, self._choice)
+        parts = [select(self.store, split, self._choice) for split in self.splits]
+        self._first_clips = np.cumsum([0, *(len(part.windows.clip_ids) for part in parts)])[:-1]
+        joined = WindowList.joined(self.split, [part.windows for part in parts])
+        return Selection(joined, tuple(reject for part in parts for reject in part.rejects))
+
+    def _splits_named(self, split: str | Sequence[str]) -> tuple[str, ...]:
+        """Return the splits to read: one, several, or "all"."""
+        if split == "all" and self._protocol is not None:
+            lists = {name for clip in self.store.clips for name in clip.lists}
+            prefix = f"{self._protocol}."
+            return sort_splits({name.removeprefix(prefix) for name in lists if name.startswith(prefix)})
+        if split == "all" and "all" not in self.store.splits:
+            return self.store.splits
+        names = (split,) if isinstance(split, str) else tuple(split)
+        if not names or len(set(names)) < len(names):
+            raise UsageError("split names no split, or one of them twice", found=listed(names) or "nothing")
+        return names
 
     def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
         """Make what mirrors, augments and normalises samples."""
@@ -170,7 +189,10 @@ class SplitDataset(EpochDataset):
         self._normalizers = {
             name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
         }
-        for name, scaler in self._normalizers.items() if not self.clip else ():
+        for name, scaler in self._normalizers.items():
+            scaler.require_range(self.clip)
+            if self.clip or not isinstance(scaler, MinMax):
+                continue
             needed, stored_range = self._augmenter.scaler(name, scaler).data_range, scaler.data_range
             times = needed / np.where(stored_range > 1e-5, stored_range, np.inf)  # constant columns are not stretched
             if times.max() > _FAR:
@@ -201,7 +223,7 @@ class SplitDataset(EpochDataset):
         # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
         return {**self.__dict__, "_store": None}
 
-    def normalizer(self, field: str) -> MinMax:
+    def normalizer(self, field: str) -> Scaler:
         """Return the scaler that a field of this dataset is normalised with.
 
         For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
@@ -220,7 +242,7 @@ class SplitDataset(EpochDataset):
         normalizer = self._normalizers.get(field)
         return normalizer if normalizer is not None else self._scaler(field)
 
-    def rescaled(self, scalers: Mapping[str, MinMax]) -> Self:
+    def rescaled(self, scalers: Mapping[str, Scaler]) -> Self:
         """Return a copy that normalises with other scalers, by field; it has an epoch of its own."""
         other = copy.copy(self)
         EpochDataset.__init__(other)
@@ -267,7 +289,7 @@ class SplitDataset(EpochDataset):
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
             )
 
-    def _scaler(self, field: str) -> MinMax:
+    def _scaler(self, field: str) -> Scaler:
         if field in self._named_scalers:
             return self._named_scalers[field]
         covers = self.normalizer_covers_mirror
@@ -311,7 +333,7 @@ class SplitDataset(EpochDataset):
             "clip": clips,
             "start": starts,
             "length": lengths,
-            "split": [self.split] * len(clips),
+            "split": [self.splits[k] for k in self._parts(windows.clip[places])],
             "genre": [record.genre for record in records],
             "genre_id": [int(self.genre_ids.get(record.genre, -1)) for record in records],
             "music": [record.music for record in records],
@@ -327,6 +349,10 @@ class SplitDataset(EpochDataset):
             **{name: [value_of(self.store, r.columns, name) for r in records] for name in self.columns},
             **self._segment_values(request, clips, starts, lengths, mirrored),
         }
+
+    def _parts(self, clips: npt.NDArray[np.integer[Any]]) -> list[int]:
+        """Return which of `splits` clips are of, by their numbers in `windows`."""
+        return [int(k) for k in np.searchsorted(self._first_clips, clips, side="right") - 1]
 
     def _segment_values(
         self,

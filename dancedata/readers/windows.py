@@ -50,7 +50,8 @@ class WindowDataset(SplitDataset):
     store
         The built dataset's folder, or a store that `dancedata.open` returned.
     split
-        One of ``store.splits``.
+        One of ``store.splits``, several, ``("train", "val")``, or "all". A sample has its own split's name; the
+        scaler is that of train.
     fields
         Names of the fields to read, and "primitives" if wanted. Default: the preset's, else edge151 and
         librosa35, else all fields of the dataset.
@@ -118,7 +119,8 @@ class WindowDataset(SplitDataset):
         column holds lists; "" and nan where a clip has no text or number.
     where
         Clips to read, by values of columns, ``{"x/level": (3, 4), "genre": "waltz"}``: one of several values; of a
-        column of lists, lists that have one of them. Others are in `rejects` ("filtered").
+        column of lists, lists that have one of them; ``{"clip": IDS}`` are those clips. Others are in `rejects`
+        ("filtered").
     mapped
         False: read by position, for files that may be overwritten in place, or file systems that map poorly.
     seed
@@ -166,7 +168,7 @@ class WindowDataset(SplitDataset):
     def __init__(
         self,
         store: str | Path | Store,
-        split: str = "train",
+        split: str | Sequence[str] = "train",
         fields: Sequence[str] | None = None,
         *,
         normalize: bool | Sequence[str] | None = None,
@@ -207,7 +209,7 @@ class WindowDataset(SplitDataset):
         selection = self._select(preset_windows(self._preset, requested), trim, ignore, filter_, start, where)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
-            raise no_window_error(self.store, split, self.rejects, start)
+            raise no_window_error(self.store, self.split, self.rejects, start)
         length = self.windows[0].length
         self._primitives: PrimitiveSpec | None = None
         if self._with_primitives:

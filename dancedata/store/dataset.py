@@ -24,7 +24,7 @@ from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import MinMax, ZScore
 from dancedata.store.schema import Field, Kind, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
@@ -545,6 +545,34 @@ class Store(SegmentQueries):
         if f.columns.mirror is None:
             raise UsageError(f"field {field} cannot be mirrored", where=str(self.path))
         return scaler.with_mirror(f.columns.mirror)
+
+    def zscore(self, field: str, *, grouped: bool = False) -> ZScore:
+        """Return the scaler that subtracts the mean of train and divides by its standard deviation, for ``scaler=``.
+
+        Parameters
+        ----------
+        field
+            Name of the field.
+        grouped
+            Whether columns of a group, such as the positions, have one deviation: the mean of theirs, as HumanML3D's
+            ``Std.npy`` (Guo et al. 2022, cal_mean_variance.ipynb).
+
+        Raises
+        ------
+        StoreError
+            If there are no train windows to fit it on.
+        UsageError
+            For a field of codes.
+        """
+        stored, numbers = self.normalizer(field), self.stats["fields"][field]
+        std = np.array(numbers["std"])
+        if grouped:
+            columns = self._fields[field].columns
+            for part in map(columns.slice, columns.names):
+                std[part] = std[part].mean()
+        return ZScore(
+            numbers["mean"], std, dtype=stored.dtype, field=field, columns=stored.columns, dataset=stored.sha256
+        )
 
 
 def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None) -> Store:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.plugins import Representation
 from dancedata.store.dataset import Store, open_store
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 
 if TYPE_CHECKING:
     from dancedata.formats.arrays import ArrayFile
@@ -29,7 +29,7 @@ _UNIT, _BONE = 0.03, 0.15
 _WORSE = 0.02
 #: A stated choice that is off by more than this, and by 3 times the other choice if there is one, gives a warning.
 _DOUBT = 0.1
-#: Mean distance from [-1, 1] of motion in its own units, after normalising; and of values that no scaler gave.
+#: Mean distance from the usual range of motion in its own units, after normalising; and of values of no scaler.
 _INSIDE, _FAR = 0.05, 10.0
 #: Mean size of values that are about 0.
 _NEAR_0 = 0.1
@@ -50,7 +50,7 @@ class Reader(Protocol):
     def normalized(self) -> tuple[str, ...]:
         """Names of the fields that it normalises."""
 
-    def normalizer(self, field: str) -> MinMax:
+    def normalizer(self, field: str) -> Scaler:
         """Return the scaler of a field: of one that is not normalised, what normalising it would use."""
 
 
@@ -105,7 +105,7 @@ class Scaling:
         Whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do.
     """
 
-    scaler: MinMax | None = None
+    scaler: Scaler | None = None
     normalized: bool | None = None
     clip: bool = False
 
@@ -117,7 +117,7 @@ class Scaling:
         columns: tuple[str, ...],
         *,
         normalized: bool | None = None,
-        scaler: MinMax | str | Path | None = None,
+        scaler: Scaler | str | Path | None = None,
         clip: bool = False,
     ) -> Scaling:
         """Join what a caller states.
@@ -144,7 +144,7 @@ class Scaling:
                 raise UsageError(
                     "a scaler is given for columns that are not normalised", fix="leave out the one that is wrong"
                 )
-            read = scaler if isinstance(scaler, MinMax) else MinMax.load(scaler)
+            read = scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
             stored = None if store is None else _stored(store, field)
             dataset = "" if stored is None else stored.sha256
             return cls(read.require(field=field, columns=columns, dataset=dataset), True, clip)
@@ -219,7 +219,7 @@ class Scaling:
         return np.where(np.isfinite(rows), undone, np.nan)  # clipping would hide infinity
 
 
-def _stored(store: Store, field: str) -> MinMax | None:
+def _stored(store: Store, field: str) -> Scaler | None:
     if field not in store.fields or store.field(field).codebook is not None or field not in store.stats["fields"]:
         return None
     return store.normalizer(field)
@@ -237,7 +237,7 @@ def _warn_once(text: str) -> None:
 
 
 def _check(
-    rows: npt.NDArray[np.float64], representation: Representation, scaler: MinMax, normalized: bool, where: Any
+    rows: npt.NDArray[np.float64], representation: Representation, scaler: Scaler, normalized: bool, where: Any
 ) -> None:
     """Raise UsageError if rows (N, D) are clearly not as stated.
 
@@ -252,12 +252,12 @@ def _check(
     (distance, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
     stated, other = (undone, distance) if normalized else (distance, undone)
     range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
-    narrows = _outside(scaler.normalize(range_)) > 3 * _INSIDE
-    again = _outside(scaler.normalize(rows))
-    scaled = narrows and again > 3 * _INSIDE and _outside(rows) < _INSIDE
+    narrows = _outside(scaler.normalize(range_ * scaler.usual), scaler.usual) > 3 * _INSIDE
+    again, outside = _outside(scaler.normalize(rows), scaler.usual), _outside(rows, scaler.usual)
+    scaled = narrows and again > 3 * _INSIDE and outside < _INSIDE
     if other < least and (stated > _WORSE + 3 * other or (scaled and not normalized and stated > other)):
         problem = f"vectors or bones {stated:.1%} off their length; {other:.1%} with the other choice"
-    if normalized and not problem and ((narrows and again < _INSIDE) or _outside(rows) > _FAR):
+    if normalized and not problem and ((narrows and again < _INSIDE) or outside > _FAR):
         problem = f"values from {np.nanmin(rows):.3g} to {np.nanmax(rows):.3g}, which are not of this scaler"
     words = ("normalised", "not normalised")
     if not problem and stated > max(_DOUBT, 3 * other):
@@ -272,9 +272,9 @@ def _check(
         )  # fmt: skip
 
 
-def _outside(rows: npt.NDArray[np.float64]) -> float:
-    """Return the mean distance of values from [-1, 1]."""
-    return _mean(np.maximum(np.abs(rows) - 1, 0))
+def _outside(rows: npt.NDArray[np.float64], usual: float) -> float:
+    """Return the mean distance of values from [-usual, usual]."""
+    return _mean(np.maximum(np.abs(rows) - usual, 0))
 
 
 def _mean(values: npt.NDArray[np.float64]) -> float:

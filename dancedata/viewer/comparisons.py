@@ -20,7 +20,7 @@ from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
 from dancedata.store.motion_fields import ColumnsReader
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Scaling
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.payload import Json, curve, figure_payload
@@ -102,7 +102,7 @@ def file_format(
     grid: FrameGrid | None = None,
     representation: str | None = None,
     normalized: bool | None = None,
-    scaler: MinMax | str | Path | None = None,
+    scaler: Scaler | str | Path | None = None,
     clip: bool = False,
     fps: str | None = None,
     up: str = "y",

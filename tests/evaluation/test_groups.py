@@ -235,6 +235,21 @@ def test_files_of_dancers_are_one_group(tmp_path: Path, motions: Mapping[str, li
         dancedata.evaluate(tmp_path, pool=joints, up="y", **options)
 
 
+def test_files_of_groups_may_be_numbered(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
+    """s_00, s_01 and s_02 that hold all their dancers are three groups, and not the dancers of one."""
+    groups = {f"s_{k:02}": group for k, group in enumerate(joints_of(motions).values())}
+    for name, group in groups.items():
+        np.savez(tmp_path / f"{name}.npz", joints=group, fps=FPS)
+    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "bootstrap": 0, "body": "smpl24"}
+    expected = dancedata.evaluate(groups, pool=groups, **options)
+    report = dancedata.evaluate(tmp_path, pool=groups, up="y", **options)
+    assert report.clips == tuple(groups)
+    assert {score.name: score.value for score in report.scores} == {s.name: s.value for s in expected.scores}
+    np.savez(tmp_path / "s_01.npz", joints=groups["s_01"][0], fps=FPS)
+    with pytest.raises(UsageError, match="groups themselves"):
+        dancedata.evaluate(tmp_path, pool=groups, up="y", **options)
+
+
 def test_a_group_is_not_measured_as_a_dancer(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
     group = next(iter(joints_of(motions).values()))
     np.savez(tmp_path / "group.npz", joints=group, fps=FPS)

@@ -304,9 +304,16 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
         dancers.setdefault(name if len(number) == 2 and number.isdecimal() and name else path.stem, []).append(path)
     groups = []
     for name, files in dancers.items():
-        if len(files) == 1:
-            groups.append(FileClip(id=files[0].stem, path=files[0], format=form))
+        whole = [path for path in files if len(files) == 1 or _is_group(path)]
+        if len(whole) == len(files):
+            groups += [FileClip(id=path.stem, path=path, format=form) for path in files]
             continue
+        if whole:
+            raise UsageError(
+                f"files named as the dancers of {name} are groups themselves", where=files[0].parent,
+                found=listed([path.name for path in whole]), allowed="a group a file, or a dancer a file",
+                fix="rename the files of groups",
+            )  # fmt: skip
         numbers = [path.stem.rpartition("_")[2] for path in files]
         if numbers != [f"{k:02}" for k in range(len(files))]:
             raise UsageError(
@@ -315,6 +322,15 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
             )  # fmt: skip
         groups.append(FileClip(id=name, path=files[0], format=form, partners=tuple(files[1:])))
     return tuple(groups)
+
+
+def _is_group(path: Path) -> bool:
+    """Return whether a file holds all dancers of a group."""
+    try:
+        with open_arrays(path) as arrays:
+            return _n_dancers(arrays) > 0
+    except DataError:
+        return False
 
 
 def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:

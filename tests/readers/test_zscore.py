@@ -1,0 +1,148 @@
+"""Z-scores against numpy on the rows that train windows cover, and everything that takes a scaler."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import dancedata
+from dancedata.core.errors import UsageError
+from dancedata.readers import BatchLoader, ClipDataset, Mix, WindowDataset
+from dancedata.store import Store
+from dancedata.store.normalize import MinMax, Scaler, ZScore
+
+FIELD = "edge151"
+
+
+@pytest.fixture(scope="module")
+def store(built: Path) -> Store:
+    return dancedata.open(built)
+
+
+@pytest.fixture(scope="module")
+def rows(store: Store) -> np.ndarray:
+    """Every row that a train window covers, once."""
+    covered = []
+    for clip in store.clips:
+        if clip.split == "train":
+            mask = np.zeros(clip.n_frames, dtype=bool)
+            for window in store.windows_of(clip.id):
+                mask[window.start : window.start + window.length] = True
+            covered.append(clip.read(FIELD)[mask])
+    return np.concatenate(covered)
+
+
+def test_batches_are_numpys_z_scores(store: Store, rows: np.ndarray) -> None:
+    mean, std = rows.mean(axis=0, dtype=np.float64), rows.std(axis=0, dtype=np.float64)
+    scaler = store.zscore(FIELD)
+    np.testing.assert_allclose(scaler.mean, mean, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(scaler.std, std, rtol=1e-7, atol=1e-9)
+    divisor = np.where(scaler.constant, 1, scaler.std).astype(np.float32)
+    train = WindowDataset(store, "train", fields=[FIELD], scaler=scaler)
+    batch = next(iter(BatchLoader(train, 16)))
+    for sample, clip, start in zip(batch[FIELD].numpy(), batch["clip"], batch["start"], strict=True):
+        raw = store.clip(clip).read(FIELD)[start : start + 150]
+        np.testing.assert_array_equal(sample, (raw - scaler.mean.astype(np.float32)) / divisor)
+    whole = np.concatenate([sample[FIELD].numpy() for sample in ClipDataset(store, fields=[FIELD], scaler=scaler)])
+    alive = ~scaler.constant
+    assert np.abs(whole.mean(axis=0)).max() < 0.1  # whole clips have some rows that no window covers
+    np.testing.assert_allclose(whole.std(axis=0)[alive], 1, atol=0.05)
+
+
+def test_grouped_deviations_are_means(store: Store, rows: np.ndarray) -> None:
+    """As in HumanML3D's cal_mean_variance: Std of a group of columns is the mean of theirs."""
+    columns, std = store.fields[FIELD], rows.std(axis=0, dtype=np.float64)
+    grouped = store.zscore(FIELD, grouped=True)
+    for name in columns.names:
+        part = columns.slice(name)
+        np.testing.assert_allclose(grouped.std[part], std[part].mean(), rtol=1e-6)
+    assert grouped.sha256 != store.zscore(FIELD).sha256
+
+
+def test_inverse_in_numpy_and_torch(store: Store, rows: np.ndarray) -> None:
+    scaler = store.zscore(FIELD)
+    values = rows[:50].astype(np.float64)
+    np.testing.assert_allclose(scaler.unnormalize(scaler.normalize(values)), values, rtol=0, atol=1e-12)
+    tensor = torch.from_numpy(rows[:50])
+    np.testing.assert_array_equal(scaler.normalize(tensor).numpy(), scaler.normalize(rows[:50]))
+    assert scaler.normalize(tensor.half()).dtype == torch.float32
+
+
+def test_files(store: Store, tmp_path: Path) -> None:
+    scaler = store.zscore(FIELD)
+    scaler.save(tmp_path / "z.json")
+    for kind in (Scaler, ZScore):
+        loaded = kind.load(tmp_path / "z.json")
+        assert (type(loaded), loaded.sha256, loaded.field) == (ZScore, scaler.sha256, FIELD)
+    with pytest.raises(UsageError, match="not a scaler file"):
+        MinMax.load(tmp_path / "z.json")
+    store.normalizer(FIELD).save(tmp_path / "m.json")
+    assert isinstance(Scaler.load(tmp_path / "m.json"), MinMax)
+    of_file = WindowDataset(store, fields=[FIELD], scaler=tmp_path / "z.json")
+    np.testing.assert_array_equal(
+        of_file[0][FIELD].numpy(), WindowDataset(store, fields=[FIELD], scaler=scaler)[0][FIELD].numpy()
+    )
+    text = (tmp_path / "z.json").read_text()
+    (tmp_path / "z.json").write_text(text.replace(str(scaler.mean[3]), "0.5", 1))
+    with pytest.raises(UsageError, match="not those of its hash"):
+        Scaler.load(tmp_path / "z.json")
+
+
+def test_decoded_motion_is_the_dancers(store: Store) -> None:
+    reader = WindowDataset(store, "val", fields=[FIELD], scaler=store.zscore(FIELD))
+    window = reader.windows[0]
+    expected = dancedata.decode(store.read(window, FIELD), FIELD, like=store, normalized=False).joints()
+    for options in ({"like": reader}, {"like": store, "scaler": store.zscore(FIELD)}):
+        found = dancedata.decode(reader[0][FIELD].numpy(), FIELD, **options).joints()
+        np.testing.assert_allclose(found, expected, atol=1e-5)  # metres: float32 columns
+    with pytest.raises(UsageError, match="look"):
+        dancedata.decode(store.read(window, FIELD), FIELD, like=reader)
+
+
+def test_what_z_scores_cannot(store: Store) -> None:
+    scaler = store.zscore(FIELD)
+    with pytest.raises(UsageError, match="no range to cut"):
+        WindowDataset(store, fields=[FIELD], scaler=scaler, clip=True)
+    with pytest.raises(UsageError, match="two scalers"):
+        WindowDataset(store, fields=[FIELD], scaler=scaler, mirror=0.5, normalizer_covers_mirror=True)
+    with pytest.raises(UsageError, match="negative"):
+        ZScore([0.0], [-1.0])
+    with pytest.raises(UsageError, match="finite"):
+        ZScore([np.nan], [1.0])
+
+
+def test_mixes_take_one_for_all(store: Store) -> None:
+    scaler = store.zscore(FIELD)
+    readers = {split: WindowDataset(store, split, fields=[FIELD], scaler=scaler) for split in ("train", "val")}
+    mix = Mix(readers)
+    assert mix.normalizer(FIELD).sha256 == scaler.sha256
+    np.testing.assert_array_equal(mix.datasets[1][0][FIELD].numpy(), readers["val"][0][FIELD].numpy())
+    other = ZScore(scaler.mean + 1, scaler.std)
+    with pytest.raises(UsageError, match="do not join"):
+        Mix({**readers, "val": WindowDataset(store, "val", fields=[FIELD], scaler={FIELD: other})})
+
+
+@pytest.mark.parametrize("reader", [WindowDataset, ClipDataset])
+def test_several_splits(store: Store, reader: type[WindowDataset]) -> None:
+    parts = [reader(store, split, fields=[FIELD]) for split in ("train", "val")]
+    both = reader(store, ("train", "val"), fields=[FIELD])
+    assert len(both) == sum(map(len, parts))
+    assert len(reader(store, "all", fields=[FIELD])) == len(both) + len(reader(store, "test", fields=[FIELD]))
+    for place, (part, of_part) in {0: (0, 0), len(parts[0]): (1, 0), len(both) - 1: (1, len(parts[1]) - 1)}.items():
+        found, expected = both[place], parts[part][of_part]
+        assert (found["id"], found["split"]) == (expected["id"], expected["split"])
+        np.testing.assert_array_equal(found[FIELD].numpy(), expected[FIELD].numpy())
+    with pytest.raises(UsageError, match="twice"):
+        reader(store, ("val", "val"))
+    with pytest.raises(UsageError, match="no split named"):
+        reader(store, ("val", "vol"))
+
+
+def test_clips_by_id(store: Store) -> None:
+    chosen = [clip.id for clip in store.clips if clip.split == "train"][1:]
+    train = WindowDataset(store, fields=[FIELD], where={"clip": chosen})
+    assert {train.windows.clip_ids[k] for k in train.windows.clip} == set(chosen)
+    assert [reject.clip for reject in train.rejects] == [store.clips[0].id]
+    with pytest.raises(UsageError, match="no clip named"):
+        WindowDataset(store, fields=[FIELD], where={"clip": chosen[0] + "x"})
