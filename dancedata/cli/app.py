@@ -16,6 +16,8 @@ from dancedata.cli.evaluate import evaluate
 from dancedata.cli.options import (
     AsJson,
     Backend,
+    Betas,
+    BodyModel,
     CacheFolder,
     Clip,
     Jobs,
@@ -28,6 +30,7 @@ from dancedata.cli.options import (
     Scheduler,
     Set,
     Source,
+    betas_of,
     errors_to_exit_codes,
     print_result,
 )  # fmt: skip
@@ -117,6 +120,7 @@ app.command("study-results")(study_results)
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
 TARGET_HELP = "Set a parameter of the target; list shows them."
+FRAMES_HELP = "Frames of --to obj, from 0: one, or BEGIN:END:STEP; default: all."
 WEIGHTS_HELP = "Folder of a network's weights; FIELD=FOLDER, once for each, where several features need some."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
@@ -238,7 +242,7 @@ def check(
 def decode(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A trainer's output: .npy, .npz or .pkl.")],
     representation: Annotated[str, typer.Option("--as", metavar="NAME", help="What its columns are: edge151, ...")],
-    to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays) or smplx.")],
+    to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays), smplx, glb or obj.")],
     out: Annotated[Path, typer.Option(help="Folder for the files.")],
     like: Annotated[Path | None, typer.Option(metavar="STORE", help="The trainer's dataset: scaler, rate.")] = None,
     normalized: Normalized = None,
@@ -246,10 +250,13 @@ def decode(
     clip: Clip = False,
     fps: Annotated[str | None, typer.Option(help="Frames per second; default: the dataset's.")] = None,
     key: Annotated[str | None, typer.Option(help="Array in a file with several.")] = None,
+    body_model: BodyModel = None,
+    betas: Betas = None,
+    frames: Annotated[str | None, typer.Option(metavar="N|A:B:STEP", help=FRAMES_HELP)] = None,
     overwrite: Annotated[bool, typer.Option(help="Overwrite existing files.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write generated motion as BVH, SMPL or npz.
+    """Write generated motion as BVH, SMPL, npz or a mesh.
 
     dancedata decode FILE --as edge151 --to bvh --out DIR
     """
@@ -258,7 +265,7 @@ def decode(
     kind: Any = to  # checked there
     files = decode_file(
         file, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
-        normalized=normalized, scaler=scaler, clip=clip,
+        normalized=normalized, scaler=scaler, clip=clip, body_model=body_model, betas=betas_of(betas), frames=frames,
     )  # fmt: skip
     paths = [str(path) for path in files]
     print_result(as_json, lambda: {"files": paths}, lambda: "\n".join(paths))

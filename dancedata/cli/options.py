@@ -33,6 +33,10 @@ Normalized = Annotated[
     bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)
 ]
 ScalerFile = Annotated[Path | None, typer.Option("--scaler", metavar="FILE", help=SCALER_HELP)]
+BODY_MODEL_HELP = "Your file of SMPL, SMPL-H or SMPL-X (.npz, .pkl): its mesh is drawn, or written."
+BodyModel = Annotated[Path | None, typer.Option("--body-model", metavar="FILE", help=BODY_MODEL_HELP)]
+BETAS_HELP = "Shape of the body model: numbers with commas, such as 0.5,-1.2; default: its mean."
+Betas = Annotated[str | None, typer.Option("--betas", metavar="B,...", help=BETAS_HELP)]
 Clip = Annotated[bool, typer.Option("--clip-values", help=CLIP_HELP)]
 
 
@@ -42,6 +46,14 @@ def print_result(as_json: bool, document: Callable[[], Any], text: Callable[[], 
         typer.echo(json_text(document()))
     else:
         say(text())
+
+
+def betas_of(text: str | None) -> tuple[float, ...] | None:
+    """Return the numbers of --betas."""
+    try:
+        return None if text is None else tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError("invalid value for --betas", found=text, allowed="numbers with commas: 0.5,-1.2") from None
 
 
 def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:

@@ -5,7 +5,16 @@ from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.options import Clip, Normalized, Quiet, ScalerFile, errors_to_exit_codes
+from dancedata.cli.options import (
+    Betas,
+    BodyModel,
+    Clip,
+    Normalized,
+    Quiet,
+    ScalerFile,
+    betas_of,
+    errors_to_exit_codes,
+)
 from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
 from dancedata.core.text import json_text
@@ -46,6 +55,8 @@ def view(
     mirrored: Annotated[bool, typer.Option("--mirrored", help="Show the mirrored dancer.")] = False,
     overlay: Annotated[bool, typer.Option("--overlay", help="Draw --compare over the dancer.")] = False,
     field: Annotated[str | None, typer.Option(help="Motion field to draw; default: the first that decodes.")] = None,
+    body_model: BodyModel = None,
+    betas: Betas = None,
     at: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time to begin at.")] = 0.0,
     window: Annotated[int | None, typer.Option(min=0, help="Loop this window of the clip, from 0.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
@@ -73,6 +84,7 @@ def view(
         path=store, clip=clip, field=field, source=source, columns=columns, like=like, music=music,
         compare=tuple(compare or ()), compare_as=compare_as, normalized=normalized, fps=fps, up=up, unit=unit, at=at,
         window=window, scaler=scaler, clip_to_range=clip_to_range, mirrored=mirrored, overlay=overlay, wall=wall,
+        body_model=body_model, betas=betas_of(betas),
     )  # fmt: skip
     share_options: dict[str, Any] = {"audio": audio == "embed", "shared": share, "overwrite": overwrite}
     if export is not None:

@@ -5,11 +5,14 @@ The smplx library gives the same joints (a test compares the two), but runs the 
 In published .pkl files chumpy arrays and scipy's sparse matrices are read as stand-ins; no class is imported.
 """
 
+from __future__ import annotations
+
 import hashlib
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,12 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.text import listed, shown
-from dancedata.formats.arrays import ValueArrays, open_arrays
+from dancedata.core.text import listed
+from dancedata.formats.arrays import open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
-from dancedata.formats.checked_unpickler import ClassName, StandIn, make
-from dancedata.formats.numpy_pickle import is_shape
-from dancedata.formats.safe_pickle import ARRAY_NAMES, Names, as_array, load_pickle
+from dancedata.formats.model_pickle import open_model_pickle
 
 GENDERS = ("neutral", "male", "female")
 #: SMPL-X files with at least this many shapes hold 300 of the body, then those of the face; older ones 10 and 10.
@@ -76,7 +77,12 @@ def body_model_skeleton(
             allowed=f"a model with {', '.join(j for j in joints.joints if j not in body.joints)}",
             fix="set body_model to the model that the motion was made with",
         )
-    rest = model[0] + model[1] @ _shape(file, betas, model[1].shape[2])
+    rest = model[0] + model[1] @ shape_of(file, betas, model[1].shape[2])
+    return skeleton_of(rest, body, joints)
+
+
+def skeleton_of(rest: Floats, body: Skeleton, joints: Skeleton) -> Skeleton:
+    """Return the skeleton of rest joints (J, 3), metres, of a body; its joints are those of `joints`."""
     offsets = rest.copy()
     offsets[1:] -= rest[list(body.parents[1:])]
     whole = Skeleton(body.name, body.joints, body.parents, offsets, body.pairs, body.feet)
@@ -139,38 +145,72 @@ def gender_of(file: Path) -> str | None:
     return basic or next((gender for gender in ("female", "male", "neutral") if gender in stem), None)
 
 
+@dataclass(frozen=True, eq=False)
+class ModelArrays:
+    """Arrays of a model file, checked.
+
+    Attributes
+    ----------
+    body
+        The skeleton with the model's joints; its bones are not those of the model.
+    template
+        (V, 3) vertices of the mean body, metres.
+    regressor
+        (J, V) weights of the vertices in each joint.
+    shapes
+        (V, 3, B) change of the vertices with each beta; of the body alone.
+    more
+        Further arrays of the file, by name; not checked.
+    """
+
+    file: Path
+    body: Skeleton
+    template: Floats
+    regressor: Floats
+    shapes: Floats
+    more: Mapping[str, Floats]
+
+    @classmethod
+    def read(cls, file: Path, more: Sequence[str] = ()) -> ModelArrays:
+        """Read a model file; UsageError unless it is a model that also has the arrays `more`."""
+        if file.suffix.lower() not in _SUFFIXES:
+            raise UsageError(
+                "the body model is neither an .npz nor a .pkl file",
+                where=str(file),
+                found=file.suffix or "no suffix",
+                allowed="SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...",
+                fix="set body_model to the model's file as published",
+            )
+        needed = ("v_template", "shapedirs", "J_regressor", *more)
+        try:
+            pickled = file.suffix.lower() == ".pkl"
+            with nullcontext(open_model_pickle(file)) if pickled else open_arrays(file) as arrays:
+                missing = [name for name in needed if name not in arrays.names]
+                if missing:
+                    listed_names = f"{', '.join(needed[:-1])} and {needed[-1]}"
+                    raise not_a_model(file, f"no {' and no '.join(missing)}", listed_names)
+                template, shapes, regressor, *others = (arrays.read(name) for name in needed)
+                parents = arrays.read("kintree_table") if "kintree_table" in arrays.names else None
+        except DataError as error:
+            raise UsageError(
+                f"the body model cannot be read: {error.problem}",
+                where=str(file),
+                found=error.found,
+                allowed=error.allowed,
+                fix="set body_model to a SMPL-X, SMPL-H or SMPL model as published (.npz or .pkl)",
+            ) from error
+        _check(file, template, regressor, shapes, parents)
+        if len(regressor) == 55:
+            shapes = shapes[..., : _SHAPES if shapes.shape[2] >= _SHAPES else min(shapes.shape[2], 10)]
+        body = _BODIES[len(regressor)]
+        return cls(file, body, template, regressor, shapes, dict(zip(more, others, strict=True)))
+
+
 @lru_cache(maxsize=8)
 def _model(file: Path, size: int, changed_ns: int) -> tuple[Floats, Floats]:
     """Return the rest joints of the mean body (J, 3) and their change with each shape (J, 3, B)."""
-    if file.suffix.lower() not in _SUFFIXES:
-        raise UsageError(
-            "the body model is neither an .npz nor a .pkl file",
-            where=str(file),
-            found=file.suffix or "no suffix",
-            allowed="SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...",
-            fix="set body_model to the model's file as published, or to the folder with it",
-        )
-    try:
-        pickled = file.suffix.lower() == ".pkl"
-        with nullcontext(_open_pickle(file)) if pickled else open_arrays(file) as arrays:
-            missing = [name for name in ("v_template", "shapedirs", "J_regressor") if name not in arrays.names]
-            if missing:
-                raise _not_a_model(file, f"no {' and no '.join(missing)}", "v_template, shapedirs and J_regressor")
-            template, regressor = arrays.read("v_template"), arrays.read("J_regressor")
-            shapes = arrays.read("shapedirs")
-            parents = arrays.read("kintree_table") if "kintree_table" in arrays.names else None
-    except DataError as error:
-        raise UsageError(
-            f"the body model cannot be read: {error.problem}",
-            where=str(file),
-            found=error.found,
-            allowed=error.allowed,
-            fix="set body_model to a SMPL-X, SMPL-H or SMPL model as published (.npz or .pkl)",
-        ) from error
-    _check(file, template, regressor, shapes, parents)
-    if len(regressor) == 55:
-        shapes = shapes[..., : _SHAPES if shapes.shape[2] >= _SHAPES else min(shapes.shape[2], 10)]
-    return regressor @ template, np.einsum("jv,vcb->jcb", regressor, shapes)
+    arrays = ModelArrays.read(file)
+    return arrays.regressor @ arrays.template, np.einsum("jv,vcb->jcb", arrays.regressor, arrays.shapes)
 
 
 def _check(file: Path, template: Floats, regressor: Floats, shapes: Floats, parents: Floats | None) -> None:
@@ -184,20 +224,21 @@ def _check(file: Path, template: Floats, regressor: Floats, shapes: Floats, pare
     )
     if not valid:
         found = f"v_template {template.shape}, J_regressor {regressor.shape}, shapedirs {shapes.shape}"
-        raise _not_a_model(file, found, "(V, 3), (J, V) and (V, 3, B)")
+        raise not_a_model(file, found, "(V, 3), (J, V) and (V, 3, B)")
     if len(regressor) not in _BODIES:
-        raise _not_a_model(file, f"{len(regressor)} joints", "55 (SMPL-X), 52 (SMPL-H) or 24 (SMPL)")
+        raise not_a_model(file, f"{len(regressor)} joints", "55 (SMPL-X), 52 (SMPL-H) or 24 (SMPL)")
     # NaN fails the comparison as well.
     if not all((np.abs(array) <= MAX_VALUE).all() for array in (template, regressor, shapes)):
-        raise _not_a_model(file, "NaN, infinity or larger numbers", f"numbers within +-{MAX_VALUE:g}")
+        raise not_a_model(file, "NaN, infinity or larger numbers", f"numbers within +-{MAX_VALUE:g}")
     expected = np.array(_BODIES[len(regressor)].parents[1:])
     if parents is not None and not (
         parents.shape == (2, len(regressor)) and np.array_equal(parents[0, 1:], expected)
     ):
-        raise _not_a_model(file, "a kintree_table with other parents", f"the tree of {_BODIES[len(regressor)].name}")
+        raise not_a_model(file, "a kintree_table with other parents", f"the tree of {_BODIES[len(regressor)].name}")
 
 
-def _shape(file: Path, betas: ArrayLike | None, available: int) -> Floats:
+def shape_of(file: Path, betas: ArrayLike | None, available: int) -> Floats:
+    """Return the betas of all shapes that a model has, (available,); missing ones are 0."""
     shape = np.zeros(available)
     if betas is None:
         return shape
@@ -214,92 +255,7 @@ def _shape(file: Path, betas: ArrayLike | None, available: int) -> Floats:
     return shape
 
 
-def _not_a_model(file: Path, found: str, allowed: str) -> UsageError:
+def not_a_model(file: Path, found: str, allowed: str) -> UsageError:
+    """Return the UsageError for a file that is not a body model."""
     fix = "set body_model to a SMPL-X, SMPL-H or SMPL model as published (.npz or .pkl)"
     return UsageError("not a body model", where=str(file), found=found, allowed=allowed, fix=fix)
-
-
-_CH, _SELECT, _CSC, _CSR = "chumpy.ch.Ch", "chumpy.reordering.Select", "csc_matrix", "csr_matrix"
-#: Elements of a dense matrix; SMPL-X's regressor has 55 x 10,475.
-_MAX_DENSE = 1 << 24
-
-Array = np.ndarray[Any, Any]
-
-_NAMES: Names = {
-    **ARRAY_NAMES,
-    ("chumpy.ch", "Ch"): ClassName(_CH, makes=True),
-    ("chumpy", "Ch"): ClassName(_CH, makes=True),
-    ("chumpy.reordering", "Select"): ClassName(_SELECT, makes=True),
-    **{
-        (f"scipy.sparse.{module}", f"{name}_matrix"): ClassName(f"{name}_matrix", makes=True)
-        for name in ("csc", "csr")
-        for module in (name, f"_{name}")
-    },
-    **{(package, "object"): ClassName("object") for package in ("builtins", "__builtin__")},
-    **{(package, "_reconstructor"): make for package in ("copyreg", "copy_reg")},
-}
-
-
-def _open_pickle(path: Path) -> ValueArrays:
-    """Return the arrays of a body model; DataError also for contradictory sparse matrices and chumpy arrays."""
-    content = load_pickle(path, _NAMES)
-    if not isinstance(content, dict):
-        content = {}
-    return ValueArrays(path, {name: _value(path, name, value) for name, value in content.items()})
-
-
-def _value(path: Path, name: object, value: object) -> object:
-    if not isinstance(value, StandIn):
-        return value
-    try:
-        return _array(value)
-    except Exception as error:  # of indices and shapes that a crafted file states
-        raise DataError(
-            f"{shown(name)} is not an array as {value.name} holds it",
-            reason="broken_file",
-            where=path,
-            found=shown(error),
-            fix="download the model again",
-        ) from error
-
-
-def _array(value: StandIn) -> Array:
-    state = value.state or {}
-    if value.name == _CH:
-        return _numbers(state["x"])
-    if value.name == _SELECT:
-        source = state["a"]
-        if isinstance(source, StandIn) and source.name == _CH:
-            source = (source.state or {})["x"]
-        taken = _numbers(source).reshape(-1)[_indices(state["idxs"])]
-        shape = state.get("preferred_shape", taken.shape)
-        if not is_shape(shape):
-            raise ValueError(f"a shape {shown(shape)}")
-        return taken.reshape(shape)
-    return _dense(value.name, state)
-
-
-def _numbers(value: object) -> Array:
-    array = as_array(value)
-    if array is None or array.dtype.kind not in "fiu":
-        raise ValueError(f"not an array of numbers: {shown(value)}")
-    return array
-
-
-def _indices(value: object) -> Array:
-    array = _numbers(value)
-    if array.dtype.kind not in "iu":
-        raise ValueError("indices that are not whole numbers")
-    return array
-
-
-def _dense(kind: str, state: dict[str, Any]) -> Array:
-    from scipy import sparse
-
-    shape = state["_shape"] if "_shape" in state else state["shape"]
-    if not is_shape(shape) or len(shape) != 2 or shape[0] * shape[1] > _MAX_DENSE:
-        raise ValueError(f"a matrix of shape {shown(shape)}")
-    parts = (_numbers(state["data"]), _indices(state["indices"]), _indices(state["indptr"]))
-    matrix = (sparse.csc_matrix if kind == _CSC else sparse.csr_matrix)(parts, shape=shape)
-    matrix.check_format(full_check=True)
-    return np.asarray(matrix.toarray())

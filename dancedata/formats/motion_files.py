@@ -16,6 +16,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
 from dancedata.formats.bvh.write import motion_bvh
+from dancedata.formats.gltf import motion_glb
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -106,12 +107,13 @@ def _npz(arrays: Callable[[Motion], Arrays]) -> Callable[[Motion], bytes]:
     return data
 
 
-#: Name -> suffix and what makes the bytes. bvh: metres. smpl: AMASS's arrays on SMPL-H. smplx: on SMPL-X.
+#: Name -> suffix and what makes the bytes. bvh, glb: metres. smpl: AMASS's arrays on SMPL-H. smplx: on SMPL-X.
 MOTION_FILES: Mapping[str, tuple[str, Callable[[Motion], bytes]]] = {
     "bvh": (".bvh", lambda motion: motion_bvh(motion).encode()),
     "npz": (".npz", _npz(plain_arrays)),
     "smpl": (".npz", _npz(amass_arrays)),
     "smplx": (".npz", _npz(smplx_arrays)),
+    "glb": (".glb", motion_glb),
 }
 
 

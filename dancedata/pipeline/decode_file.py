@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy.typing as npt
 
 from dancedata.core.clip import member_id
 from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
+from dancedata.core.text import shown
 from dancedata.files import atomic
 from dancedata.formats.arrays import Array, ArrayFile, open_arrays
+from dancedata.formats.body_mesh import BodyMesh
+from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
+from dancedata.formats.obj import obj_text
 from dancedata.pipeline.decoding import Decoder, Like, ScalerLike
+
+_log = logging.getLogger(__name__)
 
 #: Entries of a group's file: which of its dancers there are, and where they are.
 PERSON_MASK, ROOT_PLACE = "person_mask", "root_place"
+#: Names of the formats; obj needs a body model, and has a file for each frame.
+FORMATS = (*MOTION_FILES, "obj")
 
 
 def decode_file(
     path: str | Path,
     representation: str,
     *,
-    to: Literal["bvh", "npz", "smpl", "smplx"],
+    to: Literal["bvh", "npz", "smpl", "smplx", "glb", "obj"],
     out: str | Path,
     like: Like = None,
     fps: Number | None = None,
@@ -34,6 +47,9 @@ def decode_file(
     normalized: bool | None = None,
     scaler: ScalerLike = None,
     clip: bool = False,
+    body_model: str | Path | None = None,
+    betas: npt.ArrayLike | None = None,
+    frames: str | None = None,
     **parameters: Any,
 ) -> list[Path]:
     """Decode a file that a trainer wrote into motion files, as ``dancedata decode`` does.
@@ -49,16 +65,23 @@ def decode_file(
         As in `decode`.
     to
         "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
-        and "smplx" on SMPL-X, both +Z up.
+        and "smplx" on SMPL-X, both +Z up. "glb": glTF, an animated skeleton, with `body_model` its skinned mesh.
+        "obj": a mesh for each frame, with pose correctives.
     out
         Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch; <name>_p0.bvh and so on for the
-        dancers of a group who are there, <name>_000_p0.bvh in a batch.
+        dancers of a group who are there, <name>_000_p0.bvh in a batch. Meshes: <name>/<name>_000000.obj and so on.
     fps
         Frames per second. Default: those of `like` or of the file, or of the representation.
     key
         Name of the array, where the file has several. Default: the only one with the representation's columns.
     overwrite
         Overwrite existing files.
+    body_model
+        File of SMPL, SMPL-H or SMPL-X, whose mesh is written; required for "obj". The motion is put onto its bones.
+    betas
+        (n,) shape of the body; default: the model's mean.
+    frames
+        Frames of "obj", from 0: one, or begin:end or begin:end:step as slices of Python. Default: all.
 
     Returns
     -------
@@ -81,13 +104,14 @@ def decode_file(
     [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
     """
     path, out = Path(path).expanduser(), Path(out).expanduser()
-    if to not in MOTION_FILES:
-        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, MOTION_FILES))
+    if to not in FORMATS:
+        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, FORMATS))
     if path.is_dir():
         raise UsageError("a folder cannot be decoded", where=path, allowed="one file", fix="call it for each file")
     from dancedata.datasets.folder import stated_grid
     from dancedata.store.scaling import stated_in
 
+    mesh = _mesh(to, body_model, betas, frames)
     decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clip)
     with open_arrays(path) as arrays:
         array = arrays.read(_key(arrays, decoder.representation, key))
@@ -104,11 +128,66 @@ def decode_file(
     except DanceDataError as error:
         error.where = f"{path}, {error.where}" if error.where else path
         raise
-    suffix = MOTION_FILES[to][0]
-    files = {out / f"{path.stem}{name}{suffix}": motion_file(motion, to) for name, motion in motions.items()}
+    if mesh is not None:
+        for sentence in dict.fromkeys(filter(None, map(mesh.lost, motions.values()))):
+            _log.warning(sentence)
+    files = {
+        out / name: data
+        for end, motion in motions.items()
+        for name, data in _files(f"{path.stem}{end}", motion, to, mesh, frames).items()
+    }
     if any(file.exists() and file.samefile(path) for file in files):
         raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
     return _written(files, overwrite)
+
+
+def _mesh(to: str, body_model: str | Path | None, betas: npt.ArrayLike | None, frames: str | None) -> BodyMesh | None:
+    """Return the body model; UsageError for options that do not go with the format."""
+    if frames is not None and to != "obj":
+        raise UsageError("frames are chosen for --to obj only", found=f"--frames {frames} with --to {to}")
+    if body_model is None:
+        if to == "obj":
+            fix = "name it with --body-model, or write the skeleton alone with --to glb"
+            raise UsageError("obj files need a body model", allowed="a file of SMPL, SMPL-H or SMPL-X", fix=fix)
+        if betas is not None:
+            raise UsageError("betas are the shape of a body model", fix="name it with --body-model")
+        return None
+    if to not in ("glb", "obj"):
+        raise UsageError("a body model goes with the formats glb and obj", found=f"--body-model with --to {to}")
+    return BodyMesh.read(body_model, betas)
+
+
+def _files(
+    name: str, motion: Motion, to: str, mesh: BodyMesh | None, frames: str | None
+) -> dict[str, Callable[[], bytes]]:
+    """Return the files of a motion by name; meshes are made one at a time."""
+    if mesh is None:
+        return {f"{name}{MOTION_FILES[to][0]}": partial(bytes, motion_file(motion, to))}
+    if to == "glb":
+        return {f"{name}.glb": partial(bytes, motion_glb(motion, mesh))}
+    posed = mesh.on(motion)
+    return {f"{name}/{name}_{k:06d}.obj": partial(_obj, posed, mesh, k) for k in _chosen(frames, motion.n_frames)}
+
+
+def _obj(motion: Motion, mesh: BodyMesh, frame: int) -> bytes:
+    return obj_text(next(mesh.posed(motion.part(frame, frame + 1))), mesh.faces).encode()
+
+
+def _chosen(frames: str | None, n_frames: int) -> range:
+    """Return the frames that a text such as "12" or "0:300:10" names."""
+    whole = range(n_frames)
+    if frames is None:
+        return whole
+    chosen = range(0)
+    if re.fullmatch(r"\d{1,9}|\d{0,9}:\d{0,9}(:[1-9]\d{0,8})?", frames):
+        begin, *rest = [int(part) if part else None for part in frames.split(":")]
+        chosen = whole[slice(begin, *rest)] if rest else whole[begin:][:1] if begin in whole else chosen
+    if not chosen:
+        raise UsageError(
+            "no such frames", found=shown(frames), where=f"a motion of {n_frames} frames",
+            allowed=f"0 to {n_frames - 1}, or BEGIN:END or BEGIN:END:STEP, such as 0:{n_frames}:10",
+        )  # fmt: skip
+    return chosen
 
 
 def _motions(decoder: Decoder, array: Array, mask: Array | None, place: Array | None) -> dict[str, Motion]:
@@ -171,7 +250,7 @@ def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
         return ()  # not numbers
 
 
-def _written(files: Mapping[Path, bytes], overwrite: bool) -> list[Path]:
+def _written(files: Mapping[Path, Callable[[], bytes]], overwrite: bool) -> list[Path]:
     existing = [path for path in files if path.exists()]
     if existing and not overwrite:
         raise UsageError("files are already there", where=existing[0], fix="choose another --out, or add --overwrite")
@@ -179,7 +258,7 @@ def _written(files: Mapping[Path, bytes], overwrite: bool) -> list[Path]:
     try:
         for path, data in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            atomic.write_bytes(path, data)
+            atomic.write_bytes(path, data())
             done.append(path)
     except OSError as error:
         for path in done:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.plot.bodies import draw_body, draw_shadow
+from dancedata.plot.meshes import draw_mesh
 from dancedata.viewer import Figure, Scene
 from dancedata.viewer.palette import Theme
 from dancedata.viewer.together import stretches
@@ -159,6 +160,12 @@ class Camera:
         """Height divided by width of a circle on the floor."""
         return float(np.sin(_PITCH))
 
+    @property
+    def towards(self) -> Float64Array:
+        """Way from the target point to the camera, (3,) of length 1."""
+        flat = float(np.cos(_PITCH))
+        return np.array([flat * np.sin(self.yaw), np.sin(_PITCH), flat * np.cos(self.yaw)])
+
     def __call__(self, places: Float64Array) -> Float64Array:
         """Return places (..., 3), metres, as (..., 3): pixels right and down, and pixels per metre.
 
@@ -232,13 +239,13 @@ class Frames:
         picture = self._empty.copy()
         at = min(round(time * self._rate), self.figure.n_frames - 1)
         stage = load("PIL.Image", "video").new("RGB", self._stage_size, self._colours["bg"])
-        self._stage(_pen(stage), at, number)
+        self._stage(stage, at, number)
         picture.paste(stage)
-        self._cursor(_pen(picture), time)
+        self._cursor(pen(picture), time)
         small: Image = picture.reduce(FINER)
-        self._clock(_pen(small), time, at)
+        self._clock(pen(small), time, at)
         if self.credit and float(self.times[-1]) - time < _CREDIT_S:
-            self._credit(_pen(small))
+            self._credit(pen(small))
         return small
 
     def _credit(self, draw: ImageDraw) -> None:
@@ -296,17 +303,17 @@ class Frames:
     def _empty(self) -> Image:
         """A frame with the timeline and without the dancer."""
         image: Image = load("PIL.Image", "video").new("RGB", [n * FINER for n in self.size], self._colours["bg"])
-        self._timeline.draw(_pen(image))
+        self._timeline.draw(pen(image))
         return image
 
-    def _stage(self, draw: ImageDraw, at: int, number: int) -> None:
-        width, height = self._stage_size
+    def _stage(self, stage: Image, at: int, number: int) -> None:
+        (width, height), draw = stage.size, pen(stage)
         x, floor, z = self._targets[number].tolist()
         camera = Camera(width, height, (x, floor, z))
         self._floor(draw, camera)
         self._path(draw, camera, at)
         self._under(draw, camera, self.figure, at, floor)
-        draw_body(draw, camera, self.figure, at, self._sides)
+        draw_dancer(stage, camera, self.figure, at, self._sides)
 
     def _floor(self, draw: ImageDraw, camera: Camera, reach: float = 3.0) -> None:
         x, floor, z = camera.target
@@ -361,9 +368,18 @@ class Frames:
             _disc(draw, np.array([self.size[0] - 2 * margin, 2 * margin]), margin * 0.6, self._colours["path"])
 
 
-def _pen(image: Image) -> ImageDraw:
-    pen: ImageDraw = load("PIL.ImageDraw", "video").Draw(image)
-    return pen
+def pen(image: Image) -> ImageDraw:
+    """Return what draws on a picture."""
+    drawing: ImageDraw = load("PIL.ImageDraw", "video").Draw(image)
+    return drawing
+
+
+def draw_dancer(stage: Image, camera: Camera, figure: Figure, at: int, tones: Sequence[str]) -> None:
+    """Draw a figure at a frame, as its body model or as limbs; `tones` are those of trunk, left and right."""
+    if figure.mesh is not None:
+        draw_mesh(stage, camera, figure, at, tones)
+    else:
+        draw_body(pen(stage), camera, figure, at, tones)
 
 
 def _disc(draw: ImageDraw, centre: Float64Array, radius: float, colour: str) -> None:

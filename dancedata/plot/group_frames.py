@@ -11,14 +11,14 @@ import numpy as np
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.core.typing import override
-from dancedata.plot.bodies import draw_body
-from dancedata.plot.frames import _DISTANCE, _RECENT_S, FINER, Camera, Frames, Timeline, text_font
+from dancedata.plot.frames import _DISTANCE, _RECENT_S, FINER, Camera, Frames, Timeline, draw_dancer, pen, text_font
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.palette import Theme, colours_of
 from dancedata.viewer.scene_list import Scene
 from dancedata.viewer.together import stretches
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
     from PIL.ImageDraw import ImageDraw
 
 #: Rate at which the camera follows the group, per second.
@@ -124,8 +124,8 @@ class GroupFrames(Frames):
         return targets
 
     @override
-    def _stage(self, draw: ImageDraw, at: int, number: int) -> None:
-        width, height = self._stage_size
+    def _stage(self, stage: Image, at: int, number: int) -> None:
+        (width, height), draw = stage.size, pen(stage)
         x, floor, z = self._targets[number].tolist()
         across = (2 * self._reach + 1.3) * 1.25 * height / width
         yaw = _WALL_YAW if any(dancer.numbers for dancer in self.scene.dancers) else Camera.yaw
@@ -140,7 +140,7 @@ class GroupFrames(Frames):
         for figure, _, _ in dancers:
             self._under(draw, camera, figure, at, floor)
         for figure, colours, name in dancers:
-            draw_body(draw, camera, figure, at, colours)
+            draw_dancer(stage, camera, figure, at, colours)
             self._called(draw, camera(figure.joints[at]), name, colours[0], names)
 
     def _called(

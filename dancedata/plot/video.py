@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import IO, Any, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
@@ -25,6 +26,7 @@ from dancedata.core.text import shown
 from dancedata.execution.reference_process import shielded
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
+from dancedata.formats.body_mesh import BodyMesh
 from dancedata.plot.frames import THEMES, Frames
 from dancedata.plot.group_frames import GroupFrames
 from dancedata.store import Store, open_store
@@ -211,6 +213,8 @@ def write_video(
     length_s: float | None = None,
     size: tuple[int, int] = (1280, 720),
     theme: Theme = "dark",
+    body_model: str | Path | None = None,
+    betas: npt.ArrayLike | None = None,
     may_share: bool = False,
     overwrite: bool = False,
 ) -> Path:
@@ -238,6 +242,8 @@ def write_video(
         Width and height, pixels.
     theme
         "dark" or "light".
+    body_model, betas
+        File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape (n,); default: its mean.
     may_share
         The caller states the right to redistribute the music where the dataset's licence does not allow it.
     overwrite
@@ -266,11 +272,16 @@ def write_video(
     require_video_name(target)
     _require_drawable(size, theme)
     part: dict[str, Any] = {"start_s": start_s, "length_s": length_s}
+    mesh = None if body_model is None else BodyMesh.read(body_model, betas)
+
+    def drawn(scene: Scene) -> Scene:
+        return scene if mesh is None else scene.with_mesh(mesh)
+
     if not isinstance(store, Store | str | Path):
         motions = motion_scenes_of(store, music)
         item = motions.find(clip) if clip else motions.items[0]
         target = require_free(target, [], "video", overwrite=overwrite)
-        return write_scene(target, motions.scene(item), motions.sound(item), size=size, theme=theme, **part)
+        return write_scene(target, drawn(motions.scene(item)), motions.sound(item), size=size, theme=theme, **part)
     ds = store if isinstance(store, Store) else open_store(store)
     target = require_free(target, [ds.path], "video", overwrite=overwrite)
     credit = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
@@ -281,7 +292,7 @@ def write_video(
         sound = ClipSource(ds, Path(source).expanduser()).sound(item)
         if sound is None:
             raise UsageError("there is no music for this clip", where=source, found=f"clip {shown(item.id)}")
-    return write_scene(target, scenes.scene(item), sound, size=size, theme=theme, credit=credit, **part)
+    return write_scene(target, drawn(scenes.scene(item)), sound, size=size, theme=theme, credit=credit, **part)
 
 
 def export_video(
@@ -323,12 +334,14 @@ def export_video(
             "a video shows one clip, group or wall", fix="name it: dancedata view X CLIP --video FILE.mp4"
         )
     to = require_free(to, [request.path], "video", overwrite=overwrite)
+    mesh = request.mesh()
     opened = Shown.of(replace(request, wall=request.wall or bool(request.compare)))
     sound, credit = None, opened.credit
     if audio:
         signal, notice = opened.shared_music(allowed_by_caller=shared)
         sound, credit = ClipSound(signal), f"{credit} {notice}".strip()
     scene = opened.scenes.scene(opened.item, request.field)
+    scene = scene if mesh is None else scene.with_mesh(mesh)
     for note in scene.notes:
         say(f"  note: {note}")
     if request.mirrored:

@@ -224,7 +224,11 @@ def _compared(comparison: Comparison, scene: Scene) -> tuple[Json, Float64Array 
         figure = comparison.figure(scene)
     except DanceDataError as error:
         return {"note": f"{comparison.name}: {error}"}, None
-    payload: dict[str, Any] = {"figure": figure_payload(figure, turns=True)}
+    drawn = figure
+    if scene.figure.mesh is not None:
+        with suppress(UsageError):  # where rotations are unknown
+            drawn = figure.with_mesh(scene.figure.mesh)
+    payload: dict[str, Any] = {"figure": figure_payload(drawn, turns=True)}
     distance = scene.figure.distance_mm(figure)
     if not np.isfinite(distance).any():
         return {**payload, "note": f"{comparison.name}: no joint name is in both, so there is no distance"}, None

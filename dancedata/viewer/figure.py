@@ -11,11 +11,12 @@ import numpy.typing as npt
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.dance import checked_joints
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, slerp
 from dancedata.core.skeleton import Skeleton
+from dancedata.formats.body_mesh import BodyMesh, Float32
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.viewer.body import floor_height, lowest_feet, standing_height
@@ -83,6 +84,10 @@ class Figure:
         (T, 3) unit vectors in which the head faces; None where rotations are unknown.
     rotations
         (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
+    mesh
+        Body model that is drawn, whose bones the figure has; None for limbs.
+    measured
+        The figure before it got these bones, which distances are measured on; None if it has its own.
     """
 
     joints: Float64Array
@@ -93,6 +98,8 @@ class Figure:
     contacts_stored: bool = False
     facing: Float64Array | None = None
     rotations: Float64Array | None = None
+    mesh: BodyMesh | None = None
+    measured: Figure | None = None
 
     @classmethod
     def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
@@ -213,6 +220,8 @@ class Figure:
     @cached_property
     def sliding(self) -> float:
         """Mean horizontal speed of the foot joints in contact, metres per second; 0 without contact."""
+        if self.measured is not None:
+            return self.measured.sliding
         if self.n_frames < 2:
             return 0.0
         feet = self.joints[:, list(self.contact_joints)][..., [0, 2]]
@@ -272,12 +281,50 @@ class Figure:
         turns = None if self.rotations is None else slerp(self.rotations, frames)
         return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing, rotations=turns)
 
+    def with_mesh(self, mesh: BodyMesh) -> Figure:
+        """Return the figure as a body model, whose bones it then has; the pelvis stays where it is.
+
+        Raises
+        ------
+        UsageError
+            If its rotations are unknown, or not those of the SMPL family.
+        """
+        motion = self.motion
+        if motion is None:
+            raise UsageError(
+                "positions of joints do not turn a body model", found=self.skeleton.name,
+                fix="choose a motion field with rotations, or leave out the body model",
+            )  # fmt: skip
+        motion = mesh.on(motion)
+        feet = tuple(mesh.skeleton.index(self.skeleton.joints[joint]) for joint in self.contact_joints)
+        return replace(
+            self, joints=motion.joints(), skeleton=mesh.skeleton, contact_joints=feet, rotations=motion.rotations,
+            mesh=mesh, measured=self.measured or self,
+        )  # fmt: skip
+
+    @property
+    def motion(self) -> Motion | None:
+        """Root and rotations; None where rotations are unknown."""
+        if self.rotations is None:
+            return None
+        root = self.joints[:, 0] - self.skeleton.offsets[0]
+        return Motion(root, self.rotations, self.grid, self.skeleton)
+
+    def vertices(self, at: int) -> Float32 | None:
+        """Return the vertices of the body model in a frame, (V, 3) metres, with pose correctives; None without."""
+        if self.mesh is None:
+            return None
+        motion = self.part(at / float(self.grid.rate), 0.0).motion
+        return None if motion is None else next(self.mesh.posed(motion))
+
     def distance_mm(self, other: Figure) -> Float64Array:
         """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.
 
         Frames are compared at equal instants; the other figure is interpolated linearly between its frames. NaN
         beyond its end, and where no joint has a name of both.
         """
+        if self.measured is not None:
+            return self.measured.distance_mm(other)
         names = [n for n in self.skeleton.joints if n in other.skeleton.joints]
         ours = self.joints[:, [self.skeleton.joints.index(n) for n in names]]
         theirs = other.joints[:, [other.skeleton.joints.index(n) for n in names]]

@@ -11,6 +11,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.inputs.files import FileFormat
+from dancedata.formats.body_mesh import BodyMesh
 from dancedata.store import Store, open_store
 from dancedata.store.licence import OVERRIDE, require_shareable
 from dancedata.store.schema import DATASET_FILE
@@ -60,6 +61,8 @@ class ViewRequest:
         Whether the dancer is mirrored, and motions to compare with are drawn over him.
     wall
         Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
+    body_model, betas
+        File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape; default: its mean.
     """
 
     path: Path
@@ -83,6 +86,16 @@ class ViewRequest:
     mirrored: bool = False
     overlay: bool = False
     wall: bool = False
+    body_model: Path | None = None
+    betas: Sequence[float] | None = None
+
+    def mesh(self) -> BodyMesh | None:
+        """Read the body model; None without one."""
+        if self.body_model is None:
+            if self.betas is not None:
+                raise UsageError("betas are the shape of a body model", fix="name it with --body-model")
+            return None
+        return BodyMesh.read(self.body_model, self.betas)
 
     def scenes(self) -> SceneList:
         """Open the dataset, or read the motion files; UsageError if there is nothing to show."""

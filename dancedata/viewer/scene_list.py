@@ -15,6 +15,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
+from dancedata.formats.body_mesh import BodyMesh
 from dancedata.metrics.beats import nearest_offsets
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.viewer.figure import Figure, Movement
@@ -203,6 +204,33 @@ class Scene:
         members = tuple(member.mirrored() for member in self.members)
         return replace(self, figure=None if self.figure is None else self.figure.mirrored(), members=members)
 
+    def with_mesh(self, mesh: BodyMesh) -> Scene:
+        """Return the scene with body models in the place of limbs; where that is impossible, a note says so.
+
+        Raises
+        ------
+        UsageError
+            If no dancer can be drawn so.
+        """
+        if self.members:
+            members, notes, refused = [], list(self.notes), []
+            for member in self.members:
+                try:
+                    members.append(member.with_mesh(mesh))
+                except UsageError as error:
+                    members.append(member)
+                    refused.append(error)
+                    notes.append(f"{member.item.part}: no body model: {error}")
+            if len(refused) == len(members):
+                raise refused[0]
+            notes += [note for member in members for note in member.notes]
+            return replace(self, members=tuple(members), notes=tuple(dict.fromkeys(notes)))
+        if self.figure is None:
+            return self
+        figure = self.figure.with_mesh(mesh)
+        lost = mesh.lost(self.figure.motion) if self.figure.motion is not None else ""
+        return replace(self, figure=figure, notes=(*self.notes, lost) if lost else self.notes)
+
     @property
     def seconds(self) -> float:
         """Length of the item."""
@@ -222,12 +250,15 @@ class SceneList(ABC):
         Body of positions whose joints have no names in a file.
     fields
         Motion fields that can be drawn; empty where there is no choice.
+    mesh
+        Body model that dancers are drawn as; None for limbs.
     """
 
     place: str
     grid: FrameGrid
     body: Skeleton
     fields: tuple[str, ...] = ()
+    mesh: BodyMesh | None = None
 
     @property
     @abstractmethod

@@ -19,6 +19,7 @@ from urllib.parse import parse_qs, quote, urlsplit
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.viewer.comparisons import Comparison, comparison_payload
+from dancedata.viewer.model import model_payload
 from dancedata.viewer.page import page_data, page_parts, whole_page
 from dancedata.viewer.payload import scene_payload, scene_turns
 from dancedata.viewer.scene_list import Item, SceneList
@@ -209,6 +210,8 @@ class Site:
         try:
             if self.scenes.changed():
                 return Answer.of(409, "the dataset was rebuilt")
+            if parts == ["model"]:
+                return self._model
             if parts == [""]:
                 return Answer(200, self._page, HTML)
             if parts == ["sliding"]:
@@ -279,6 +282,10 @@ class Site:
                 notes = {NOTE: quote("; ".join(sound.notes))} if sound.notes else {}
                 self._last_music = item, Answer(200, flac(sound.signal), FLAC, notes)
             return self._last_music[1]
+
+    @cached_property
+    def _model(self) -> Answer:
+        return _NOT_FOUND if self.scenes.mesh is None else _json(model_payload(self.scenes.mesh))
 
     @cached_property
     def _page(self) -> bytes:

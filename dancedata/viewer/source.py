@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -117,7 +117,7 @@ class ClipSource:
         motion = reader.load(ref).resampled(figure.grid)
         if has_body(motion.skeleton) and has_body(figure.skeleton):
             motion = carried_over(motion, figure.skeleton)
-        whole = Figure.of_joints(motion.joints(), motion.skeleton, motion.grid)
+        whole = replace(Figure.of_joints(motion.joints(), motion.skeleton, motion.grid), rotations=motion.rotations)
         return whole.part(float(self.store.grid.seconds(item.start)), scene.seconds)
 
     def _at_speed(self, item: Item, signal: AudioSignal) -> AudioSignal:

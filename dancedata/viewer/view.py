@@ -49,6 +49,10 @@ def serve(
     UsageError, StoreError, SourceError
         If the dataset, the clip, the source or the port cannot be used.
     """
+    if request.body_model is not None:
+        raise UsageError(
+            "body models are drawn in videos, not on pages", where=request.body_model, fix="write one: --video A.mp4",
+        )  # fmt: skip
     shown = Shown.of(request)
     site = Site(shown.scenes, shown.sounds, shown.comparisons)
     end = until or _interrupt()
@@ -83,12 +87,18 @@ def export_page(
     Raises
     ------
     UsageError
-        If the file exists or is inside the dataset, or the licence does not allow the music.
+        If the file exists or is inside the dataset, or the licence does not allow the music; for a body model.
     StoreError
         If it cannot be written.
     """
     if to.suffix.lower() in (".mp4", ".mov", ".webm", ".gif"):
         raise UsageError("a page is an HTML file", found=to.name, fix="write a video: --video FILE.mp4")
+    if request.body_model is not None:
+        raise UsageError(
+            "a page that is passed on does not hold a body model: the licences of SMPL, SMPL-H and SMPL-X forbid it",
+            where=request.body_model, found="--body-model with --export",
+            fix="leave it out: the page draws a body of its own; or write a video of the model: --video FILE.mp4",
+        )  # fmt: skip
     to = require_free(to, [request.path], "page", overwrite=overwrite)
     shown = Shown.of(request)
     sound = None

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import dancedata
-from dancedata.formats.motion_files import MOTION_FILES
+from dancedata.pipeline.decode_file import FORMATS
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "decoding.md").read_text(encoding="utf-8")
 
@@ -29,4 +29,4 @@ def test_its_code_prints_the_output_shown(
 
 def test_every_format_is_on_the_page() -> None:
     row = next(line for line in TEXT.splitlines() if line.startswith("| `--to`"))
-    assert set(re.findall(r"`([a-z]+)`", row)) == set(MOTION_FILES)
+    assert set(re.findall(r"`([a-z]+)`", row)) == set(FORMATS)

@@ -3,11 +3,8 @@
 import io
 import json
 import lzma
-import subprocess
-import sys
 import tarfile
 from fractions import Fraction
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +24,7 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, StoredClip, open_store, write_store
 from dancedata.store.schema import StoreHeader
 from dancedata.testing.stores import write_random_store
+from tests.blender import in_blender
 from tests.messages import raises_message
 
 DOCUMENT: dict[str, Any] = {
@@ -261,7 +259,6 @@ def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) 
     np.testing.assert_allclose(motion.joints()[:, :22], wanted, rtol=0, atol=1e-4)
 
 
-#: In a separate process: Blender as a module is built for another numpy.
 BLENDER = """
 import bpy, json, sys
 path, scale, frames, out = sys.argv[1], float(sys.argv[2]), json.loads(sys.argv[3]), sys.argv[4]
@@ -278,15 +275,11 @@ json.dump(found, open(out, "w"))
 
 @pytest.mark.parametrize(("unit", "scale"), [("m", "1"), ("cm", "0.01")])
 def test_bvh_is_read_by_blender(store: Store, bvh: Path, tmp_path: Path, unit: str, scale: str) -> None:
-    if find_spec("bpy") is None:
-        pytest.skip("bpy, Blender as a Python module, is not installed")
     clip = store.clips[0].id
     wanted = _stored(store, clip)
     frames = [0, 1, 60, wanted.n_frames - 1]
-    path, out = bvh / unit / f"bvh_{unit}" / f"{clip}.bvh", tmp_path / "joints.json"
-    command = [sys.executable, "-c", BLENDER, str(path), scale, json.dumps(frames), str(out)]
-    subprocess.run(command, check=True, capture_output=True)
-    found = json.loads(out.read_text())
+    path = bvh / unit / f"bvh_{unit}" / f"{clip}.bvh"
+    found = in_blender(BLENDER, path, scale, json.dumps(frames), folder=tmp_path)
     assert found["fps"] == 30
     for frame in frames:
         for name, (x, y, z) in zip(wanted.skeleton.joints, wanted.joints()[frame], strict=True):
