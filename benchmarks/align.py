@@ -1,6 +1,6 @@
 """Offsets of music against motion: planted ones against those found, and songs that do not belong to the dance.
 
-    python benchmarks/align.py                  4 minutes
+    python benchmarks/align.py                  7 minutes
     python benchmarks/align.py --clips 8
 
 Synthetic dancers (11 songs of 80 to 130 beats per minute, four clips of each) with their own song, which is moved by

@@ -194,7 +194,7 @@ class Alignment:
 
     def __str__(self) -> str:
         names = (self.by, "clips", "offset ms", "+- ms", "p", "rivals", "beat ms", "s", "")
-        lines = table(names, [_cells(row) for row in self.rows])
+        lines = [line.rstrip() for line in table(names, [_cells(row) for row in self.rows])]
         counts = f"{len(self.known)} of {counted(len(self.rows), 'offset')} known"
         text = [
             f"{self.source}: {counts}, within {1000 * self.search.window_s:g} ms, p at most {self.search.level:g}"
@@ -207,7 +207,11 @@ class Alignment:
 
 def _cells(row: Aligned) -> list[object]:
     o = row.offset
-    ms = ["-" if v is None else f"{1000 * v:{form}}" for v, form in ((o.offset_s, "+.0f"), (o.width_s, ".0f"))]
+    around = "({})" if o.unknown else "{}"
+    ms = [
+        "-" if v is None else around.format(f"{1000 * v:{form}}")
+        for v, form in ((o.offset_s, "+.0f"), (o.width_s, ".0f"))
+    ]
     p, beat = "-" if o.p is None else f"{o.p:.3f}", "-" if o.beat_s is None else f"{1000 * o.beat_s:.0f}"
     verdict = f"unknown: {o.unknown}" if o.unknown else ""
     return [row.name, len(row.clips), *ms, p, o.rivals, beat, f"{o.seconds:.1f}", verdict]

@@ -18,6 +18,7 @@ import soundfile
 import dancedata
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.datasets.aistpp import AistPP
+from dancedata.pipeline import rhythm
 from dancedata.pipeline.align import Alignment
 from dancedata.pipeline.part import Part, build_part
 from dancedata.recipes.parse import load_recipe
@@ -92,6 +93,7 @@ def test_planted_offsets_are_found_and_a_wrong_song_is_unknown(planted: Path, ca
     assert len(found.known) == 4
     assert found.rejects == ()
     assert "4 of 5 offsets known" in str(found)
+    assert align(planted, cache, dataset=None, recipe=RECIPE).rows == found.rows
     assert "unknown, p: songs at other tempos fit as well" in str(found)
 
 
@@ -186,7 +188,9 @@ def test_a_strict_build_stops_at_an_unknown_offset(auto: Path, tmp_path: Path, c
     assert not (tmp_path / "out").exists()
 
 
-def test_plan_check_and_parts_know_auto(auto: Path, tmp_path: Path, cache: Path) -> None:
+def test_plan_check_and_parts_know_auto(
+    auto: Path, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     planned = dancedata.plan(RECIPE, auto, cache=cache, progress=False)
     assert planned.to_json()["left_out"] == {"unknown_offset": 1}
     built = dancedata.build(RECIPE, auto, tmp_path / "out", jobs=1, cache=cache, progress=False)
@@ -195,6 +199,7 @@ def test_plan_check_and_parts_know_auto(auto: Path, tmp_path: Path, cache: Path)
     assert "Music: audio_start_s leaves the offset of 5 clips to the build (auto)." in notes
     parts = [build_part(load_recipe(RECIPE), auto, Part(k, 2), cache=tmp_path / "cache") for k in (1, 2)]
     assert sum(part.clips for part in parts) == 5
+    monkeypatch.setattr(rhythm, "find_offset", None)  # all offsets are in the cache
     whole = dancedata.build(RECIPE, auto, tmp_path / "of parts", jobs=1, cache=tmp_path / "cache", progress=False)
     assert dancedata.diff(whole.path, built.path) == []
 
