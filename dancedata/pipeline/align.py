@@ -16,13 +16,14 @@ import numpy as np
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, csv_cell, listed, table
-from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
+from dancedata.execution.cache_files import running
 from dancedata.execution.progress import Progress
 from dancedata.files.atomic import write_text
 from dancedata.metrics.offsets import REASONS, Offset
 from dancedata.pipeline.check import scan_folder
 from dancedata.pipeline.commands import Overrides, RecipeLike, folder_of, jobs_of
-from dancedata.pipeline.rejects import relative_to
+from dancedata.pipeline.rejects import left_out_lines, missing_music, relative_to
 from dancedata.pipeline.rhythm import Search, Together, find_offsets, found_start, recordings
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import resolve
@@ -96,7 +97,7 @@ class Alignment:
     rows
         A unit each.
     rejects
-        Clips that could not be used.
+        Clips and files that were left out.
     file
         The file that was written.
     """
@@ -201,7 +202,8 @@ class Alignment:
         ]
         text += lines if self.rows else []
         text += [f"  note: {note}" for note in self.notes()]
-        text += [f"  left out: {reject.clip}: {reject.reason}: {reject.detail}" for reject in self.rejects]
+        left_out = left_out_lines(self.rejects)
+        text += [line if line.startswith(" ") else f"  left out: {line}" for line in left_out]
         return "\n".join([*text, *([f"written to {self.file}"] if self.file else [])])
 
 
@@ -292,10 +294,16 @@ def align(
     parsed = None if recipe is None else resolve(load_recipe(recipe, overrides), store_cache.file_sha256)
     reader, scan = scan_folder(path, dataset if parsed is None else parsed.dataset)
     clips = [clip for clip in scan.clips if clip.audio_path is not None]
-    units = _units(clips, by)
+    units, workers = _units(clips, by), jobs_of(jobs)
     songs = sorted({clip.audio_path for clip in clips if clip.audio_path is not None})
-    found, rejects = find_offsets(store_cache, reader, units, songs, search, jobs=jobs_of(jobs), progress=reporter)
+    with running(store_cache.root):
+        found, rejects = with_lost_entries(
+            store_cache,
+            lambda held: find_offsets(held, reader, units, songs, search, jobs=workers, progress=reporter),
+            reporter,
+        )
     rows = [Aligned(u.name, u.clips, o) for u, o in zip(units, found, strict=True) if isinstance(o, Offset)]
+    rejects = [*scan.rejects, *(missing_music(clip) for clip in scan.clips if clip.audio_path is None), *rejects]
     relative = tuple(relative_to(reject, path) for reject in rejects)
     result = Alignment(path, reader.name, by, search, tuple(rows), relative)
     if file is None:

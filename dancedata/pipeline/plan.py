@@ -13,7 +13,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.text import counted, shown, size_text, table
-from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.audio import row_at
@@ -215,7 +215,12 @@ def make_plan(
     source = source.absolute()  # as in a build, so that messages are the same
     progress = progress or Progress(quiet=True)
     store_cache = Cache((cache or default_cache()).absolute())
-    scan = with_found_starts(store_cache, recipe.dataset, scan_source(recipe, source), jobs=jobs, progress=progress)
+    scanned = scan_source(recipe, source)
+    scan = with_lost_entries(
+        store_cache,
+        lambda held: with_found_starts(held, recipe.dataset, scanned, jobs=jobs, progress=progress),
+        progress,
+    )
     songs: dict[Path | None, Any] = {}
     if recipe.signal_jobs:
         paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
