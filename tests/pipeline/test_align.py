@@ -18,9 +18,11 @@ import soundfile
 import dancedata
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.datasets.aistpp import AistPP
+from dancedata.metrics.offsets import Offset
 from dancedata.pipeline import rhythm
-from dancedata.pipeline.align import Alignment
+from dancedata.pipeline.align import Aligned, Alignment
 from dancedata.pipeline.part import Part, build_part
+from dancedata.pipeline.rhythm import Search
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
 from dancedata.synthetic import synthesise_motion, synthesise_song
@@ -266,6 +268,33 @@ def test_a_damaged_entry_is_computed_again(planted: Path, tmp_path: Path) -> Non
     for found in (held / "offsets").rglob("*.json"):
         found.unlink()
     assert align(tmp_path, held).rows == before.rows
+
+
+def summary(*offsets_ms: float, beat_s: float = 0.5, rivals: int = 0) -> Alignment:
+    rows = (
+        Aligned(f"r{k}", (), Offset(ms / 1000, 0.004, 0.003, rivals, 0.4, beat_s)) for k, ms in enumerate(offsets_ms)
+    )
+    return Alignment(Path("source"), "folder", "recording", Search(), tuple(rows))
+
+
+def test_what_all_offsets_share_is_named() -> None:
+    found = summary(28, 30, 30, 33, 35, rivals=1)
+    assert found.shared_s == (0.030, 0.030, 0.033)
+    shared, rivals = found.notes()
+    assert shared.startswith("median of 5 offsets +30 ms (quartiles +30 to +33 ms): what all share is a delay")
+    assert "fit too for r0, r1, r2, r3, r4" in rivals
+    assert summary(28, 30, 30, 33).notes() == []  # too few
+
+
+def test_offsets_without_a_common_phase_of_the_beat_are_named() -> None:
+    """Against the sum of unit vectors."""
+    scattered = summary(-200, -100, 0, 100, 200, -150, 50, 210)
+    phases = np.exp(2j * np.pi * np.array([-0.4, -0.2, 0, 0.2, 0.4, -0.3, 0.1, 0.42]))
+    assert scattered.scatter_p == pytest.approx(np.exp(-(abs(phases.sum()) ** 2) / 8))
+    assert any("may be paired wrongly" in note for note in scattered.notes())
+    together = summary(-200, -205, 210, 203, 207, -198)  # around half a beat
+    assert together.scatter_p is not None
+    assert together.scatter_p < 0.05
 
 
 def test_wrong_arguments(planted: Path, tmp_path: Path, cache: Path) -> None:
