@@ -20,7 +20,9 @@ _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
 #: Indentation, empty lines and comments, which a page does not need.
 _LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+|[ \t]+// .*$", re.MULTILINE)
 #: A string of a line, which stays; or an operator between spaces, which it does not need. `a + +b` keeps its spaces.
-_OPERATOR = re.compile(r"('[^']*'|`[^`]*`)| ?(=>|[-+*%&|^<>=!?]?=?==?|&&|\|\||\?\?|[?:,;{}()<>*%|&/]|[-+](?= [^-+])) ?")
+_OPERATOR = re.compile(
+    r"('[^']*'|`[^`]*`)| ?(=>|[-+*%&|^<>=!?]?=?==?|&&|\|\||\?\?|[?:,;{}()<>*%|&/]|[-+](?= [^-+])) ?"
+)
 #: What a line has that may not be squeezed: other strings, escapes, regular expressions, nested templates.
 _INTRICATE = re.compile(r"[\"\\]|/(?! )|(?<! )/|`.*`.*`|^[^`]*`[^`]*$")
 #: What a style sheet does not need.
