@@ -1,4 +1,4 @@
-"""First paint, first figure, and pictures per second of the viewer's page, sticks and body, in one run.
+"""First paint, first figure, and pictures per second of the viewer's page, by body, in one run.
 
     python benchmarks/drawing.py DATASET                              # this version
     python benchmarks/drawing.py DATASET --tree ../before --rounds 5   # in turn with another working tree
@@ -74,9 +74,9 @@ def measure(driver: Any, address: str, seconds: float, throttle: float) -> dict[
         "return document.querySelector('[data-dd=root]').dataset.ready === '1' && !dancedataViewer.state.clip.partial"
     )
     found = {"first paint ms": paint, "first figure ms": figure, "of a cold server ms": cold}
-    has_body = driver.execute_script("return 'body' in dancedataViewer.state")
-    for look in ("sticks", "body") if has_body else ("sticks",):
-        driver.execute_script("dancedataViewer.state.body = arguments[0] === 'body'", look)
+    for level, look in enumerate(("sticks", "limbs", "skin by software")):
+        driver.execute_script("dancedataViewer.setBody(arguments[0], true)", level)
+        wait("return dancedataViewer.state.body < 2 || dancedataViewer.state.clip.figure.turning")
         found[f"{look} per second"] = driver.execute_async_script(PLAY, seconds)
     return found
 

@@ -1,8 +1,9 @@
-"""Takes the pictures of the viewer and of reports: python docs/images/shoot.py SHARED [NAME ...].
+"""Takes the pictures of the viewer, of studies and of reports: python docs/images/shoot.py SHARED [NAME ...].
 
-SHARED is the folder with the real recordings, which are not part of the project (`realdata`); the demo is built. It
-needs chromium and chromedriver, selenium and Pillow (`pip install -e ".[dev]"`). Pictures differ by the fonts of the
-machine, so tests do not compare them. PNGs get a palette of 256 colours.
+Without names, those that the pages show; with `all`, or the name of one that no page shows, into ./pictures. SHARED is
+the folder with the real recordings, which are not part of the project (`realdata`); the demo is built. It needs chromium
+and chromedriver, selenium and Pillow (`pip install -e ".[dev]"`). Pictures differ by the fonts of the machine, so tests
+do not compare them. PNGs get a palette of 256 colours.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import shutil
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,6 +29,7 @@ from scipy.ndimage import uniform_filter1d
 import dancedata
 from dancedata.core.registry import DATASETS
 from dancedata.report import write_report
+from dancedata.study.page import StudyRequest, write_study
 from dancedata.viewer.view import ViewRequest, serve
 
 HERE = Path(__file__).resolve().parent
@@ -38,7 +41,9 @@ SONGS = {
 }
 LONG, FLAGGED = "gJS_sFM_cAll_d02_mJS4_ch09", "gBR_sBM_cAll_d04_mBR2_ch08"
 READY = "const r = document.querySelector('[data-dd=root]'), s = window.dancedataViewer && dancedataViewer.state;"
-READY += "return r && r.dataset.ready === '1' && s.clip && !s.dirty && (!arguments[0] || !!s.clip.wave)"
+READY += "const f = s && s.clip && (s.clip.figure || s.clip.members[0].figure);"
+READY += "return r && r.dataset.ready === '1' && f && !s.dirty && (!arguments[0] || !!s.clip.wave)"
+READY += "&& (s.body < 2 || f.turning)"
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,7 @@ class Data:
     demo: Path
     demo_source: Path
     duets: Path
+    shared: Path
 
 
 def build(shared: Path, folder: Path) -> Data:
@@ -66,7 +72,7 @@ def build(shared: Path, folder: Path) -> Data:
     dancedata.build("demo", out=folder / "demo", jobs=1, cache=cache, progress=False)
     DATASETS.get("dd100")().make_example(folder / "dd100-source")
     dancedata.build("dd100", folder / "dd100-source", folder / "dd100", jobs=1, cache=cache, progress=False)
-    return Data(folder / "aist++", source, folder / "demo", folder / "demo-source", folder / "dd100")
+    return Data(folder / "aist++", source, folder / "demo", folder / "demo-source", folder / "dd100", real)
 
 
 class Camera:
@@ -79,7 +85,13 @@ class Camera:
 
         options = webdriver.ChromeOptions()
         options.binary_location = str(shutil.which("chromium"))
-        flags = ["headless", "disable-gpu", "hide-scrollbars", "no-first-run", "force-color-profile=srgb"]
+        flags = [
+            "headless",
+            "enable-unsafe-swiftshader",
+            "hide-scrollbars",
+            "no-first-run",
+            "force-color-profile=srgb",
+        ]
         for flag in [*flags, *(["no-sandbox"] if os.geteuid() == 0 else [])]:
             options.add_argument(f"--{flag}")
         self.driver = webdriver.Chrome(options=options, service=Service(str(shutil.which("chromedriver"))))
@@ -127,19 +139,21 @@ def served(request: ViewRequest) -> Iterator[str]:
         thread.join()
 
 
-def smoothed(data: Data, clip: str) -> Path:
-    """Write a clip's joints, each averaged over half a second, as a model may give them."""
+def smoothed(data: Data, clip: str, frames: int = 15) -> Path:
+    """Write a clip's joints, each averaged over some frames, as a model may give them."""
     with dancedata.open(data.real) as store:
         joints = dancedata.decode(store.clip(clip).read("edge151"), "edge151", fps=store.fps).joints()
-    folder = data.real.parent / "smoothed"
+    folder = data.real.parent / ("smoothed" if frames == 15 else f"over-{frames}")
     folder.mkdir(exist_ok=True)
-    np.save(folder / f"{clip}.npy", uniform_filter1d(joints, 15, axis=0, mode="nearest"))
+    np.save(folder / f"{clip}.npy", uniform_filter1d(joints, frames, axis=0, mode="nearest"))
     return folder
 
 
-def viewer(camera: Camera, data: Data, theme: str, clip: str, more: str = "", *, narrow: bool = False) -> Image.Image:
+def viewer(
+    camera: Camera, data: Data, theme: str, clip: str, more: str = "", *, size: tuple[int, int] = (1280, 800)
+) -> Image.Image:
     """Return a picture of a real clip in the viewer."""
-    camera.size(420, 1000) if narrow else camera.size(1280, 800)
+    camera.size(*size)
     camera.theme(theme)
     compare = (smoothed(data, clip),) if "with=smoothed" in more else ()
     with served(ViewRequest(data.real, source=data.real_source, compare=compare)) as address:
@@ -156,6 +170,56 @@ def duet(camera: Camera, data: Data) -> Image.Image:
         camera.open(f"{address}#group=Waltz_5_0&theme=light&t=6.90", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
+
+
+def motion(camera: Camera, path: Path, more: str, **options: Any) -> Image.Image:
+    """Return a picture of a file of motion in the viewer, near by."""
+    camera.size(1280, 800)
+    with served(ViewRequest(path, **options)) as address:
+        camera.open(f"{address}#theme=dark{more}", READY, False)
+        camera.driver.execute_script("dancedataViewer.camera.zoom = 0.75; dancedataViewer.state.dirty = true")
+        camera.driver.execute_script("document.activeElement.blur()")
+        return camera.picture()
+
+
+def wall(camera: Camera, data: Data, song: str, size: tuple[int, int], more: str) -> Image.Image:
+    """Return a picture of the dancers of a song of the demo on one stage."""
+    camera.size(*size)
+    with served(ViewRequest(data.demo, source=data.demo_source, wall=True)) as address:
+        camera.open(f"{address}#group={song}&theme=light{more}", READY, True)
+        camera.driver.execute_script("document.activeElement.blur()")
+        return camera.picture()
+
+
+def wall_of_twelve(camera: Camera, data: Data) -> Image.Image:
+    """Return a picture of a real clip beside eleven copies of it, smoothed more and more."""
+    camera.size(1366, 625)
+    compare = tuple(smoothed(data, LONG, 5 + 6 * k) for k in range(11))
+    request = ViewRequest(data.real, LONG, source=data.real_source, compare=compare, wall=True)
+    with served(request) as address:
+        camera.open(f"{address}#group={LONG}&theme=dark&t=21.30", READY, True)
+        camera.driver.execute_script("document.activeElement.blur()")
+        return camera.picture()
+
+
+def study(camera: Camera, data: Data) -> Image.Image:
+    """Return a picture of a study of the real clips and their smoothed joints, while a pair dances."""
+    page = data.demo.parent / "study.html"
+    smoothed(data, FLAGGED)
+    folder = smoothed(data, LONG)
+    systems = {"truth": ViewRequest(data.real, source=data.real_source), "smoothed": ViewRequest(folder, fps="30")}
+    write_study(StudyRequest(systems, songs=2, checks=0), page, shared=True, overwrite=True)
+    camera.size(1280, 800)
+    camera.theme("light")
+    camera.open(page.as_uri(), "return document.readyState === 'complete'")
+    camera.driver.execute_script("document.querySelector('[data-dds=start], button').click()")
+    time.sleep(3)
+    return camera.picture()
+
+
+def grey(picture: Image.Image) -> Image.Image:
+    """Return a picture without colours, as printed."""
+    return picture.convert("L").convert("RGB")
 
 
 def report(camera: Camera, data: Data, theme: str, width: int, height: int, scroll: str = "") -> Image.Image:
@@ -196,15 +260,34 @@ def against(camera: Camera, data: Data) -> Image.Image:
 
 Shot = Callable[[Camera, Data], Image.Image]
 SHOTS: dict[str, Shot] = {
-    "viewer-dark": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30&loop=600-750"),
-    "viewer-light": lambda camera, data: viewer(camera, data, "light", FLAGGED, "&t=5.80&mirror=1"),
-    "viewer-narrow": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30", narrow=True),
-    "viewer-compare": lambda camera, data: viewer(camera, data, "dark", FLAGGED, "&t=5.80&with=smoothed&over=1"),
+    "viewer-dark": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30&loop=600-750&body=2"),
+    "viewer-light": lambda camera, data: viewer(camera, data, "light", FLAGGED, "&t=5.80&mirror=1&body=2"),
+    "viewer-narrow": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30&body=2", size=(420, 1000)),
+    "viewer-compare": lambda camera, data: viewer(
+        camera, data, "dark", FLAGGED, "&t=5.80&with=smoothed&over=1&body=2"
+    ),
     "viewer-duet": duet,
+    "viewer-wall": lambda camera, data: wall(camera, data, "mBR0", (1280, 720), "&t=3.20&body=2"),
     "report": lambda camera, data: report(camera, data, "light", 1280, 900),
     "report-music": lambda camera, data: report(camera, data, "dark", 1280, 900, "r-s-music"),
     "report-poses": poses,
     "report-against": against,
+}
+#: Pictures that no page shows.
+LOOKS: dict[str, Shot] = {
+    **{
+        f"body-{name}": lambda camera, data, k=k: viewer(camera, data, "dark", LONG, f"&t=21.30&body={k}")  # type: ignore[misc]
+        for k, name in enumerate(("sticks", "limbs", "skin"))
+    },
+    "skin-fingers": lambda camera, data: motion(
+        camera, next((data.shared / "finedance").glob("*.npy")), "&t=2&body=2", fps="30"
+    ),
+    "skin-bvh": lambda camera, data: motion(camera, data.shared / "bvh" / "cmu_01_01.bvh", "&t=4&body=2"),
+    "wall-12": wall_of_twelve,
+    "study": study,
+    "laptop": lambda camera, data: viewer(camera, data, "light", LONG, "&t=21.30", size=(1366, 625)),
+    "tablet": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30", size=(800, 900)),
+    "grey": lambda camera, data: grey(viewer(camera, data, "light", LONG, "&t=21.30")),
 }
 
 
@@ -234,12 +317,16 @@ def main(shared: Path, names: list[str], out: Path = HERE) -> None:
         data, camera = build(shared, Path(folder)), Camera()
         try:
             for name in names:
-                save(SHOTS[name](camera, data), out / f"{name}.png")
+                save({**SHOTS, **LOOKS}[name](camera, data), out / f"{name}.png")
         finally:
             camera.driver.quit()
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2 or set(sys.argv[2:]) - SHOTS.keys():
-        sys.exit(f"usage: python docs/images/shoot.py SHARED [{' | '.join(SHOTS)} ...]")
-    main(Path(sys.argv[1]), sys.argv[2:] or list(SHOTS))
+    if len(sys.argv) < 2 or set(sys.argv[2:]) - {"all", *SHOTS, *LOOKS}:
+        sys.exit(f"usage: python docs/images/shoot.py SHARED [all | {' | '.join([*SHOTS, *LOOKS])} ...]")
+    if "all" in sys.argv[2:] or LOOKS.keys() & set(sys.argv[2:]):
+        Path("pictures").mkdir(exist_ok=True)
+        main(Path(sys.argv[1]), [*SHOTS, *LOOKS] if "all" in sys.argv else sys.argv[2:], Path("pictures"))
+    else:
+        main(Path(sys.argv[1]), sys.argv[2:] or list(SHOTS))

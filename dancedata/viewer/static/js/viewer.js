@@ -1,6 +1,6 @@
 // The page: it follows its address, starts the controls, and draws.
 import { lanes, rows } from './axis.js';
-import { chooseDancer, openItem, setBody, showNow } from './clip.js';
+import { chooseDancer, openItem, readySkin, setBody, showNow } from './clip.js';
 import { advance, anchor, context, gain, metronome, play, playSilently, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
 import { drawCrowd } from './crowd.js';
@@ -140,6 +140,10 @@ window.dancedataViewer = {
   chooseDancer,
   marksFile,
   rows,
+  setBody: async (level, chosen) => {
+    setBody(level, chosen);
+    await readySkin();
+  },
   placingNow,
   skin: () => grow(state.clip.figure),
   get skinPicture() {
