@@ -228,7 +228,7 @@ def _compared(comparison: Comparison, scene: Scene) -> tuple[Json, Float64Array 
     if scene.figure.mesh is not None:
         with suppress(UsageError):  # where rotations are unknown
             drawn = figure.with_mesh(scene.figure.mesh)
-    payload: dict[str, Any] = {"figure": figure_payload(drawn)}
+    payload: dict[str, Any] = {"figure": figure_payload(drawn, turns=True)}
     distance = scene.figure.distance_mm(figure)
     if not np.isfinite(distance).any():
         return {**payload, "note": f"{comparison.name}: no joint name is in both, so there is no distance"}, None

@@ -21,6 +21,7 @@ from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.viewer.body import floor_height, lowest_feet, standing_height
 from dancedata.viewer.limbs import Limbs, chest_looks, looks, sides_of
+from dancedata.viewer.turns import rest_pose, turns_of_bones
 
 BoolArray = npt.NDArray[np.bool_]
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.
@@ -183,6 +184,18 @@ class Figure:
     def look(self) -> Float64Array | None:
         """Where the head faces, (T, 3) unit vectors; where rotations are unknown, the chest. None without a head."""
         return self.facing if self.facing is not None else chest_looks(self.joints, self.skeleton)
+
+    @cached_property
+    def rest(self) -> Float64Array:
+        """Joints at rest, (J, 3) metres, the root at 0."""
+        return rest_pose(self.joints, self.skeleton, measured=self.rotations is None)
+
+    @cached_property
+    def turns(self) -> Float64Array:
+        """Rotations of the joints, (T, J, 3); where they are unknown, those of the bones, without twist."""
+        if self.rotations is not None:
+            return self.rotations
+        return turns_of_bones(self.joints, self.rest, self.skeleton)
 
     @cached_property
     def floor(self) -> float:

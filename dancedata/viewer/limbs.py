@@ -156,10 +156,10 @@ def head_of(skeleton: Skeleton) -> int:
 
 def looks(motion: Motion) -> Float64Array | None:
     """Return where the head faces, (T, 3) unit vectors, from the rotations; None without a head or shoulders."""
-    shoulders, joint = _shoulders(motion.skeleton), head_of(motion.skeleton)
-    if shoulders is None:
+    joint = head_of(motion.skeleton)
+    if _shoulders(motion.skeleton) is None:
         return None
-    turned = np.repeat(_rest_ahead(motion.skeleton, shoulders)[None], motion.n_frames, axis=0)
+    turned = np.repeat(rest_ahead(motion.skeleton)[None], motion.n_frames, axis=0)
     while joint >= 0:
         turned = np.einsum("tab,tb->ta", matrix_from_rotvec(motion.rotations[:, joint]), turned)
         joint = motion.skeleton.parents[joint]
@@ -176,7 +176,7 @@ def chest_looks(joints: Float64Array, skeleton: Skeleton) -> Float64Array | None
     square = _unit(np.cross(joints[:, left] - joints[:, right], neck))
     # At rest the neck leans towards where the head looks.
     rest = _unit(skeleton.offsets[head])
-    lean = float(np.arctan2(rest @ _rest_ahead(skeleton, shoulders), rest[1]))
+    lean = float(np.arctan2(rest @ rest_ahead(skeleton), rest[1]))
     return np.asarray(np.cos(lean) * square + np.sin(lean) * neck)
 
 
@@ -187,8 +187,11 @@ def _shoulders(skeleton: Skeleton) -> tuple[int, int] | None:
     return max(pairs, key=lambda pair: _depth(skeleton, pair[0]), default=None)
 
 
-def _rest_ahead(skeleton: Skeleton, shoulders: tuple[int, int]) -> Float64Array:
-    """Return where the body faces at rest: level, square to its shoulders."""
+def rest_ahead(skeleton: Skeleton) -> Float64Array:
+    """Return where the body faces at rest, (3,): level, square to its shoulders; +Z without shoulders."""
+    shoulders = _shoulders(skeleton)
+    if shoulders is None:
+        return np.array([0.0, 0.0, 1.0])
     left, right = (skeleton.offsets[joint] for joint in shoulders)
     return _unit(np.cross(left - right, (0.0, 1.0, 0.0)))
 

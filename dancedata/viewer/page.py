@@ -17,8 +17,14 @@ from dancedata.viewer.scene_list import Item, SceneList
 
 _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
-#: Indentation, empty lines and lines of comment, which a page does not need; no string of the files spans lines.
-_LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+", re.MULTILINE)
+#: Indentation, empty lines and comments, which a page does not need.
+_LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+|[ \t]+// .*$", re.MULTILINE)
+#: A string of a line, which stays; or an operator between spaces, which it does not need. Plus and minus stay apart.
+_OPERATOR = re.compile(r"('[^']*'|`[^`]*`)| ?(=>|[-+*%&|^<>=!?]?=?==?|&&|\|\||\?\?|[?:,;{}()<>*%|&/]) ?")
+#: What a line has that may not be squeezed: other strings, escapes, regular expressions, nested templates.
+_INTRICATE = re.compile(r"[\"\\]|/(?! )|(?<! )/|`.*`.*`|^[^`]*`[^`]*$")
+#: Line ends within brackets.
+_BREAK = re.compile(r"(?<=[{,(\[])\n|\n(?=[})\],])")
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,16 @@ def page_parts() -> Parts:
     """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
     script = "'use strict';\n(() => {\n" + "".join(_modules("viewer", {}).values()) + "})();\n"
     css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))
-    return Parts(_LAYOUT.sub("", css), body, _LAYOUT.sub("", script))
+    return Parts(re.sub(r"\s*([{}])\s*|([:;,])\s+", r"\1\2", css), body, _squeezed(script))
+
+
+def _squeezed(script: str) -> str:
+    """Return a script as Biome formats it without comments, and without most of its spaces and line ends."""
+    lines = [
+        line if _INTRICATE.search(line) else _OPERATOR.sub(lambda match: match[1] or match[2], line)
+        for line in _LAYOUT.sub("", script).split("\n")
+    ]
+    return _BREAK.sub("", "\n".join(lines))
 
 
 def _modules(name: str, read: dict[str, str]) -> dict[str, str]:
@@ -150,7 +165,11 @@ def clip_page(
     for number, item in enumerate(items):
         scene = scenes.scene(item)
         compared = {c.name: comparison_payload(c, scene) for c in comparisons}
-        clips[number] = {**scene_payload(scene), "number": number, **({"with": compared} if compared else {})}
+        clips[number] = {
+            **scene_payload(scene, turns=True),
+            "number": number,
+            **({"with": compared} if compared else {}),
+        }
     document = page_data(
         scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1, address=address,
         comparisons=[comparison.name for comparison in comparisons],

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.viewer.figure import Figure
-from dancedata.viewer.limbs import HEAD
+from dancedata.viewer.limbs import HEAD, rest_ahead
 from dancedata.viewer.palette import DANCERS
 from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Scene, Word
 from dancedata.viewer.together import Pair, Together
@@ -25,12 +25,17 @@ from dancedata.viewer.together import Pair, Together
 Json: TypeAlias = dict[str, Any]
 #: Largest value of a curve of 16 bits.
 _TOP = 65535
+#: Radians of a step of turns, and the most joints of a skin: a shader has room for 192 vectors.
+_TURN, MAX_SKINNED = 1 / 4096, 64
 
 
-def scene_payload(scene: Scene) -> Json:
-    """Return a scene for the page. Times are in seconds, windows in frames at the store's rate."""
+def scene_payload(scene: Scene, *, turns: bool = False) -> Json:
+    """Return a scene for the page, with the turns of its joints if asked for.
+
+    Times are in seconds, windows in frames at the store's rate.
+    """
     if scene.members:
-        return _group_payload(scene)
+        return _group_payload(scene, turns)
     clip, item = scene.item.clip, scene.item
     payload: Json = {
         "id": item.id, "clip": clip.id, "start": item.start, "n": item.n_frames, "number": item.number,
@@ -38,7 +43,7 @@ def scene_payload(scene: Scene) -> Json:
         "split": clip.split, "genre": clip.genre, "music": clip.music, "dancer": clip.dancer, "bpm": clip.tempo_bpm,
         "source": clip.source, "sourceRate": clip.source_rate,
         "trim": float(scene.grid.seconds(max(0, clip.trim_start - item.start))),
-        "figure": None if scene.figure is None else figure_payload(scene.figure),
+        "figure": None if scene.figure is None else figure_payload(scene.figure, turns=turns),
         "beats": _rounded(scene.rhythm.beats), "windows": [list(window) for window in scene.windows],
         "flags": [_flag(flag) for flag in scene.flags],
         "notes": list(scene.notes),
@@ -59,11 +64,11 @@ def scene_payload(scene: Scene) -> Json:
     return payload
 
 
-def _group_payload(scene: Scene) -> Json:
+def _group_payload(scene: Scene, turns: bool) -> Json:
     """Return the scene of a group: that of a clip, with what dancers share, and one entry for each of them."""
     dancers, together = [], scene.together
     for member in scene.members:
-        payload = scene_payload(member)
+        payload = scene_payload(member, turns=turns)
         shared = {key: payload[key] for key in payload if key not in _OF_A_DANCER}
         dancers.append({key: payload[key] for key in payload if key in _OF_A_DANCER})
         dancers[-1] |= {"member": member.item.clip.member, "role": member.item.clip.role, "part": member.item.part}
@@ -102,16 +107,14 @@ def _pair(pair: Pair, together: Together) -> Json:
     }  # fmt: skip
 
 
-def figure_payload(figure: Figure) -> Json:
-    """Return the joints of a figure, each coordinate within half a millimetre."""
+def figure_payload(figure: Figure, *, turns: bool = False) -> Json:
+    """Return the joints of a figure, each coordinate within half a millimetre, with their turns if asked for."""
     skeleton = figure.skeleton
     low, high = figure.joints.min(axis=(0, 1)), figure.joints.max(axis=(0, 1))
     origin = np.round((low + high) / 2, 3)
     # 16 bits hold 65 m; a larger extent takes a coarser unit.
     unit = 0.001 * max(1, int(np.ceil(float((high - low).max()) / 65.0)))
     steps = np.round((figure.joints - origin) / unit).astype(np.int64).astype(np.int16)
-    columns = np.ascontiguousarray(np.diff(steps.reshape(len(steps), -1), axis=0, prepend=np.int16(0)).T)
-    planes = np.ascontiguousarray(columns.astype("<i2").view(np.uint8).reshape(-1, 2).T)
     limbs, look = figure.limbs, figure.look
     looks = {} if look is None else {"look": packed(np.round(127 * look).astype(np.int8))}
     bits = (figure.contacts * np.array([1, 2, 4, 8], dtype=np.uint8)).sum(axis=1).astype(np.uint8)
@@ -119,12 +122,37 @@ def figure_payload(figure: Figure) -> Json:
         "frames": figure.n_frames, "rate": float(figure.grid.rate), "unit": unit, "origin": origin.tolist(),
         "joints": list(skeleton.joints), "parents": list(skeleton.parents), "sides": list(figure.sides),
         "pairs": [list(pair) for pair in skeleton.pairs], "feet": list(figure.contact_joints),
-        "data": packed(planes), "contacts": packed(bits), "stored": figure.contacts_stored,
+        "data": _in_time(steps), "contacts": packed(bits), "stored": figure.contacts_stored,
         "floor": round(figure.floor, 4), "lowest": round(figure.lowest, 4), "tall": round(figure.tall, 4),
         "girths": [[round(radius, 4) for radius in girth] for girth in limbs.girths], "tones": list(limbs.tones),
         "tips": [[*tip[:3], *(round(x, 4) for x in tip[3:])] for tip in limbs.tips], "head": limbs.head,
-        "skull": HEAD, **looks,
+        "skull": HEAD, **looks, **({"turns": turns_payload(figure)} if turns else {}),
     }  # fmt: skip
+
+
+def turns_payload(figure: Figure) -> Json | None:
+    """Return the rest pose of a figure and the turns of its joints, within 0.01 degrees; None for too many joints."""
+    if figure.skeleton.n_joints > MAX_SKINNED:
+        return None
+    # 16 bits hold 2.5 whole turns; axis-angle vectors are continuous where quaternions change their sign.
+    length = np.linalg.norm(figure.turns, axis=-1, keepdims=True)
+    nearest = figure.turns * (1 - 2 * np.pi * np.round(length / (2 * np.pi)) / np.maximum(length, 1e-9))
+    steps = np.round(nearest / _TURN).astype(np.int16)
+    return {
+        "rest": [round(x, 4) for x in figure.rest.ravel().tolist()], "ahead": _rounded(rest_ahead(figure.skeleton)),
+        "unit": _TURN, "data": _in_time(steps),
+    }  # fmt: skip
+
+
+def scene_turns(scene: Scene) -> list[Json | None]:
+    """Return the turns of a clip's figure, or of each dancer's."""
+    return [None if s.figure is None else turns_payload(s.figure) for s in scene.members or (scene,)]
+
+
+def _in_time(steps: npt.NDArray[np.int16]) -> str:
+    """Return whole numbers (T, ...) as differences in time, column by column, low bytes before high ones."""
+    columns = np.ascontiguousarray(np.diff(steps.reshape(len(steps), -1), axis=0, prepend=np.int16(0)).T)
+    return packed(np.ascontiguousarray(columns.astype("<i2").view(np.uint8).reshape(-1, 2).T))
 
 
 def curve(values: Float64Array, rate: float, delay: float = 0.0) -> Json:

@@ -21,7 +21,7 @@ from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.viewer.comparisons import Comparison, comparison_payload
 from dancedata.viewer.model import model_payload
 from dancedata.viewer.page import page_data, page_parts, whole_page
-from dancedata.viewer.payload import scene_payload
+from dancedata.viewer.payload import scene_payload, scene_turns
 from dancedata.viewer.scene_list import Item, SceneList
 from dancedata.viewer.source import Sounds, flac
 
@@ -114,8 +114,8 @@ class _Handler(BaseHTTPRequestHandler):
         elif not self._is_secret(self._cookie()):
             self._send(Answer.of(403, "open the address that dancedata view printed"))
         else:
-            first = query.get("part", [""])[0] == "first"
-            self._send(self.server.site.answer(url.path, query.get("field", [None])[0], first=first))
+            part = query.get("part", [""])[0]
+            self._send(self.server.site.answer(url.path, query.get("field", [None])[0], part=part))
 
     def do_HEAD(self) -> None:
         """Answer a request for the headers."""
@@ -187,14 +187,14 @@ class Site:
         self._measured = 0
         self._lock, self._decoding = threading.Lock(), threading.Lock()
         self._last_music: tuple[Item, Answer] | None = None
-        self._answers: OrderedDict[tuple[int, str | None, bool], Future[Answer]] = OrderedDict()
+        self._answers: OrderedDict[tuple[int, str | None, str], Future[Answer]] = OrderedDict()
 
     @property
     def policy(self) -> str:
         """Content security policy of the page: it may fetch from its server, and no other page frames it."""
         return f"{page_parts().policy}; connect-src 'self'; frame-ancestors 'none'"
 
-    def answer(self, path: str, name: str | None, *, first: bool = False) -> Answer:
+    def answer(self, path: str, name: str | None, *, part: str = "") -> Answer:
         """Answer a path.
 
         Parameters
@@ -203,8 +203,8 @@ class Site:
             Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/sliding".
         name
             Motion field to draw; None: the default.
-        first
-            Whether the first minute of the dancers of a long clip is enough.
+        part
+            "first": the first minute of the dancers of a long clip is enough. "turns": the turns of their joints.
         """
         parts = path.removeprefix("/").split("/")
         try:
@@ -217,19 +217,20 @@ class Site:
             if parts == ["sliding"]:
                 return _json(self._sliding_so_far())
             if parts[0] == "clip" and len(parts) in (2, 3, 4):
-                return self._clip(parts[1:], name, first)
+                return self._clip(parts[1:], name, part)
         except StoreError as error:
             return Answer.of(409 if self.scenes.changed() else 500, str(error))
         except DanceDataError as error:
             return Answer.of(400, str(error))
         return _NOT_FOUND
 
-    def _clip(self, parts: Sequence[str], name: str | None, first: bool) -> Answer:
+    def _clip(self, parts: Sequence[str], name: str | None, part: str) -> Answer:
         item = _numbered(parts[0], self.scenes.items)
         if item is None:
             return _NOT_FOUND
         if len(parts) == 1:
-            return self._scene(item, name, first and float(self.scenes.grid.seconds(item.n_frames)) > LONG_S)
+            long = float(self.scenes.grid.seconds(item.n_frames)) > LONG_S
+            return self._scene(item, name, part if part == "turns" or (part == "first" and long) else "all")
         if parts[1:] == ["music"]:
             return self._music(item)
         comparison = _numbered(parts[2], self.comparisons) if len(parts) == 3 and parts[1] == "with" else None
@@ -237,9 +238,9 @@ class Site:
             return _NOT_FOUND
         return _json(comparison_payload(comparison, self.scenes.scene(item, name)))
 
-    def _scene(self, item: Item, name: str | None, first: bool) -> Answer:
+    def _scene(self, item: Item, name: str | None, part: str) -> Answer:
         """Answer with a clip; requests for the same one at the same time wait for one answer, which is kept."""
-        key = (item.number, name, first)
+        key = (item.number, name, part)
         with self._lock:
             kept = self._answers.get(key)
             mine = kept is None
@@ -248,9 +249,9 @@ class Site:
             self._answers.move_to_end(key)
         if mine:
             try:
-                scene = self.scenes.scene(item, name, first_s=FIRST_S if first else None)
-                payload = scene_payload(scene)
-                kept.set_result(_json({**payload, "partial": True} if first else payload))
+                scene = self.scenes.scene(item, name, first_s=FIRST_S if part == "first" else None)
+                document: Any = scene_turns(scene) if part == "turns" else scene_payload(scene)
+                kept.set_result(_json({**document, "partial": True} if part == "first" else document))
             except BaseException as error:
                 self._answers.pop(key, None)
                 kept.set_exception(error)

@@ -115,7 +115,7 @@ def export_page(
 
 
 def _warm_up(site: Site, item: Item, field: str | None) -> None:
-    site.answer(f"/clip/{item.number}", field, first=True)
+    site.answer(f"/clip/{item.number}", field, part="first")
     site.answer(f"/clip/{item.number}/music", None)
 
 

@@ -67,7 +67,18 @@ def _missing() -> str:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """One browser for all tests; skips where there is none, unless DANCEDATA_REQUIRE_BROWSER is set."""
+    """One browser for all tests, without WebGL; skips where there is none."""
+    yield from _browser(tmp_path_factory, "disable-3d-apis")
+
+
+@pytest.fixture(scope="module")
+def webgl_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A browser that draws WebGL by software."""
+    yield from _browser(tmp_path_factory, "enable-unsafe-swiftshader")
+
+
+def _browser(tmp_path_factory: pytest.TempPathFactory, *more: str) -> Iterator[Browser]:
+    """Start a browser; skip where there is none, unless DANCEDATA_REQUIRE_BROWSER is set."""
     problem = _missing()
     if problem and os.environ.get("DANCEDATA_REQUIRE_BROWSER"):
         pytest.fail(f"DANCEDATA_REQUIRE_BROWSER is set, but {problem}")
@@ -83,7 +94,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         "headless", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking",
         "disable-component-update", "disable-sync", "autoplay-policy=no-user-gesture-required",
         "host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "window-size=1440,900",
-        f"user-data-dir={tmp_path_factory.mktemp('chromium')}",
+        f"user-data-dir={tmp_path_factory.mktemp('chromium')}", *more,
     ]  # fmt: skip
     for flag in [*flags, *(["no-sandbox"] if os.geteuid() == 0 else [])]:
         options.add_argument(f"--{flag}")

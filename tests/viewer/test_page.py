@@ -115,9 +115,9 @@ def test_the_script_is_javascript(tmp_path) -> None:
 
 def colours(theme: str) -> dict[str, str]:
     """Variables of a theme, from the style sheet."""
-    blocks = re.findall(r':root(\[data-theme="light"\])? \{([^}]*)\}', page_parts().css)
+    blocks = re.findall(r':root(\[data-theme="light"\])?\{([^}]*)\}', page_parts().css)
     text = next(body for mark, body in blocks if bool(mark) == (theme == "light"))
-    colour_of = dict(re.findall(r"--([a-z]+): (#[0-9a-f]{3,6})\b", text))
+    colour_of = dict(re.findall(r"--([a-z]+):(#[0-9a-f]{3,6})\b", text))
     return {name: "#" + "".join(2 * c for c in v[1:]) if len(v) == 4 else v for name, v in colour_of.items()}
 
 

@@ -1,6 +1,6 @@
 // The body: round cones along the bones, lit from above and the right, and soft blobs for shadows.
 
-const channels = colour => [1, 3, 5].map(i => Number.parseInt(colour.slice(i, i + 2), 16));
+export const channels = colour => [1, 3, 5].map(i => Number.parseInt(colour.slice(i, i + 2), 16));
 
 // A share of one colour, the rest of another.
 export function blend(colour, other, share) {

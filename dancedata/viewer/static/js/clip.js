@@ -2,12 +2,13 @@
 import { view } from './axis.js';
 import { play, setLoop } from './clock.js';
 import { chooseOf, collidesAt, coloursOf, nearestAt, otherOf, together, touching } from './dancers.js';
-import { el, head, loadClip, loadMusic, loadOther, loadRest, page, plain, root } from './data.js';
+import { el, head, loadClip, loadMusic, loadOther, loadRest, loadTurns, page, plain, root } from './data.js';
 import { flagsNear } from './figure.js';
+import { canSkin } from './gl.js';
 import { enableControls } from './layout.js';
 import { flushLink, writeLink } from './link.js';
 import { showSelected } from './list.js';
-import { camera, duration, failed, loopSeconds, state } from './state.js';
+import { camera, duration, failed, loopSeconds, SKIN, state } from './state.js';
 import { hitsOf, layOut, redraw } from './timeline.js';
 import { wordsAt } from './words.js';
 
@@ -63,6 +64,7 @@ export async function openItem(item, at = {}) {
   showSelected();
   writeLink(another);
   if (clip.partial) restOf(clip, field, turn).catch(failed);
+  else readySkin().catch(failed);
   const name = at.with || el('with').value;
   await Promise.all([soundOf(clip, turn), name ? compareWith(name).catch(failed) : null]);
   if (was && turn === opening) play(true);
@@ -78,10 +80,30 @@ function zoomToStart() {
 async function restOf(clip, field, turn) {
   await loadRest(clip, field);
   if (turn !== opening) return;
+  readySkin().catch(failed);
   if (clip.members) chooseOf(clip, state.dancer);
   layOut(clip);
   showAbout();
   redraw();
+}
+
+// How bodies are drawn; `chosen` by key or link, or null for the best that this machine draws fast.
+export function setBody(level, chosen) {
+  state.body = level;
+  state.bodyChosen = chosen;
+  const name = ['Sticks', 'Limbs', 'Skin'][level];
+  el('body').textContent = name;
+  el('body').setAttribute('aria-label', `Body: ${name}`);
+  state.dirty = true;
+}
+
+// Fetches what a skin needs, after the clip is seen; limbs where skins cannot be drawn.
+export async function readySkin() {
+  const { clip, compared } = state;
+  if (state.body !== SKIN || clip.partial) return;
+  if (!canSkin(state.bodyChosen)) return setBody(1, state.bodyChosen);
+  await loadTurns(clip, compared, state.field);
+  state.dirty = true;
 }
 
 async function soundOf(clip, turn) {
@@ -106,6 +128,7 @@ export async function compareWith(name) {
   if (state.clip !== clip) return;
   state.compared = other;
   state.other = otherOf(other);
+  readySkin().catch(failed);
   el('with').value = name || '';
   layOut(clip);
   showAbout();

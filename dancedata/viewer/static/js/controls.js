@@ -1,16 +1,17 @@
 // Buttons, keys, themes and the camera.
 import { lanes } from './axis.js';
 import { fullScreen, lookFrom, startCamera, turn } from './camera.js';
-import { chooseDancer, compareWith, nextDancer, openItem, showAbout } from './clip.js';
+import { chooseDancer, compareWith, nextDancer, openItem, readySkin, setBody, showAbout } from './clip.js';
 import { advance, play, restart, seek, setGain, setLoop } from './clock.js';
 import { dancerAt } from './crowd.js';
 import { together } from './dancers.js';
 import { el, head, plain } from './data.js';
 import { canvas, ratio, readColours } from './figure.js';
+import { canSkin } from './gl.js';
 import { linkNow, writeLink } from './link.js';
 import { step } from './list.js';
 import { noteNow, rejectNow, saveMarks, starNow } from './marks.js';
-import { camera, duration, failed, frameRate, state } from './state.js';
+import { camera, duration, failed, frameRate, SKIN, state } from './state.js';
 import { loopAt, redraw, zoomAround } from './timeline.js';
 
 export function setTheme(name, chosen) {
@@ -32,6 +33,14 @@ const toggle = name => () => {
   camera.still = true;
   writeLink();
 };
+
+// Skin, limbs, sticks, and again; without the skin where it cannot be drawn fast.
+function nextBody() {
+  setBody(state.body ? state.body - 1 : canSkin(false) ? SKIN : 1, true);
+  camera.still = true;
+  readySkin().catch(failed);
+  writeLink();
+}
 
 function nextFlag(back) {
   const times = state.clip.flagTimes;
@@ -76,7 +85,7 @@ const KEYS = [
   [']', ']', 'next clip', () => step(1)],
   ['l', 'L', 'loop the window under the cursor', () => el('loop').click()],
   ['m', 'M', 'mirrored copy', mirrorKey],
-  ['b', 'B', 'body or sticks', () => el('body').click()],
+  ['b', 'B', 'skin, limbs or sticks', () => el('body').click()],
   ['o', 'O', 'overlay, or side by side', () => el('over').click()],
   ['c', 'C', 'metronome', () => el('click').click()],
   ['u', 'U', 'mute the music', () => el('mute').click()],
@@ -148,7 +157,7 @@ export function startControls() {
   });
   click('mirror', toggle('mirror'));
   click('over', toggle('over'));
-  click('body', toggle('body'));
+  click('body', nextBody);
   click('click', toggle('click'));
   click('mute', () => {
     setMode('mute', !state.mute);

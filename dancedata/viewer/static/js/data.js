@@ -44,19 +44,25 @@ async function unpacked(text) {
 }
 
 // Low bytes, then high bytes, of differences in time, coordinate by coordinate.
-async function figureOf(packed) {
-  const bytes = await unpacked(packed.data);
+async function inTime(text, frames) {
+  const bytes = await unpacked(text);
   const n = bytes.length / 2;
-  const frames = packed.frames;
   const width = n / frames;
-  const places = new Float32Array(n);
+  const values = new Int16Array(n);
   for (let k = 0; k < width; k++) {
     for (let f = 0, sum = 0; f < frames; f++) {
       const i = k * frames + f;
-      sum = ((sum + (bytes[i] | (bytes[n + i] << 8))) << 16) >> 16;
-      places[f * width + k] = packed.origin[k % 3] + sum * packed.unit;
+      sum += bytes[i] | (bytes[n + i] << 8);
+      values[f * width + k] = sum;
     }
   }
+  return values;
+}
+
+async function figureOf(packed) {
+  const steps = await inTime(packed.data, packed.frames);
+  const width = steps.length / packed.frames;
+  const places = Float32Array.from(steps, (v, i) => packed.origin[(i % width) % 3] + v * packed.unit);
   const figure = { ...packed, places, width, count: width / 3, contacts: await unpacked(packed.contacts) };
   figure.look = packed.look && new Int8Array((await unpacked(packed.look)).buffer);
   figure.mirror = packed.joints.map((_, j) => j);
@@ -182,6 +188,19 @@ export async function loadRest(clip, field) {
   for (const key of ['figure', 'speed', 'keys', 'members', 'pairs', 'nearest', 'reach'])
     if (key in whole) clip[key] = whole[key];
   clip.partial = false;
+}
+
+// The turns of the joints of a clip's figures, and of those that it is compared with, for a skin.
+export async function loadTurns(clip, other, field) {
+  const figures = (clip.members || [clip]).map(dancer => dancer.figure);
+  if (page.server && figures.some(figure => figure && !('turns' in figure))) {
+    const turns = await served(clip.number, field, '?part=turns');
+    figures.forEach((figure, k) => {
+      if (figure) figure.turns = turns[k];
+    });
+  }
+  for (const figure of [...figures, ...(other?.members || [other]).map(found => found?.figure)])
+    if (figure?.turns && !figure.turning) figure.turning = await inTime(figure.turns.data, figure.frames);
 }
 
 // The last few clips stay in memory; more would fill it.

@@ -1,7 +1,8 @@
 // The stage: the dancer in perspective, drawn on a canvas.
 import { blend, conesOf, drawCones, spotOf } from './body.js';
 import { el } from './data.js';
-import { camera, frameRate, state } from './state.js';
+import { drawSkin, drawSkinShadow, rowsOf } from './gl.js';
+import { camera, frameRate, SKIN, state } from './state.js';
 
 export const canvas = el('figure');
 export const pen = canvas.getContext('2d');
@@ -28,6 +29,7 @@ const COLOURS = [
 export const css = {};
 export let ratio = 1;
 export let project = null;
+export let far = 1;
 
 export function readColours() {
   const style = getComputedStyle(document.documentElement);
@@ -48,6 +50,7 @@ export function sizeCanvas(target) {
 
 // Returns a function from metres to [x, y, depth, pixels a metre]; null behind the camera.
 export function aim(distance) {
+  far = distance;
   const w = canvas.width;
   const h = canvas.height;
   const focus = h * 1.25;
@@ -138,8 +141,15 @@ export function triangle(ink, x, y, r, colour, edge) {
   }
 }
 
-// A blob under each joint, the darker the lower the joint is.
-export function drawShadow(figure, places, { shift = [0, 0], thin = false, alpha = 1 }) {
+const hasSkin = figure => state.body === SKIN && figure.turning;
+
+// A blob under each joint, the darker the lower the joint is; with a skin, its own shadow.
+export function drawShadow(figure, places, { shift = [0, 0], swap = false, thin = false, alpha = 1 }) {
+  if (hasSkin(figure)) {
+    rowsOf(figure, places, state.t, shift, swap);
+    drawSkinShadow(pen, figure, far, css.shadow, thin ? 0.3 : alpha);
+    return;
+  }
   const spot = spotOf(css.shadow);
   const scale = figure.tall / 1.7;
   const flat = Math.max(0.15, Math.sin(camera.pitch));
@@ -185,7 +195,11 @@ export function drawBody(figure, places, frame, options) {
   pen.globalAlpha = alpha;
   drawContacts(figure, places, frame, shift, swap);
   pen.globalAlpha = 1;
-  if (state.body && !thin) {
+  if (hasSkin(figure)) {
+    rowsOf(figure, places, state.t, shift, swap);
+    const skin = thin ? [css.other, css.other, css.other] : tones;
+    drawSkin(pen, figure, far, [...skin, blend(skin[0], '#000000', 0.35)], thin ? 0.35 : 1);
+  } else if (state.body && !thin) {
     const cones = conesOf(figure, places, lookAt(figure, state.t, swap));
     drawCones(pen, cones, project, shift, [...tones, blend(tones[0], '#000000', 0.35)]);
   } else drawSticks(figure, points, thin, thin ? [blend(css.other, css.bg, alpha)] : tones);
@@ -271,6 +285,13 @@ const there = new Float32Array(3 * 1024);
 
 // The cones of the clip's figure, as they are drawn now.
 export const conesNow = () => conesOf(state.clip.figure, here, lookAt(state.clip.figure, state.t, false));
+
+// Where the joints of the skin are now, from their rest pose: three rows of a matrix each.
+export const placingNow = swap =>
+  Array.from(rowsOf(state.clip.figure, swap ? mirrored(state.clip.figure, here) : here, state.t, [0, 0], swap)).slice(
+    0,
+    12 * state.clip.figure.count,
+  );
 
 export function drawStage() {
   pen.fillStyle = css.bg;

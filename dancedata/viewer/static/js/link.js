@@ -15,7 +15,7 @@ export function linkNow() {
   if (state.other) parts.push(`with=${encodeURIComponent(state.other.name)}`);
   if (state.mirror) parts.push('mirror=1');
   if (state.over) parts.push('over=1');
-  if (!state.body) parts.push('body=0');
+  if (state.bodyChosen) parts.push(`body=${state.body}`);
   if (state.themeChosen) parts.push(`theme=${document.documentElement.dataset.theme}`);
   return `#${parts.join('&')}`;
 }

@@ -1,6 +1,8 @@
 // What is shown, and the camera: one object each, which every module reads.
 import { el, plain, root } from './data.js';
 
+// How a body is drawn: 0 sticks, 1 limbs, 2 a skin.
+export const SKIN = 2;
 export const state = {
   clip: null,
   item: null,
@@ -11,7 +13,9 @@ export const state = {
   rate: 1,
   loop: null,
   mirror: false,
-  body: true,
+  body: SKIN,
+  // Whether that was chosen, by key or link: it is then not given up where it is slow.
+  bodyChosen: false,
   over: false,
   other: null,
   click: false,

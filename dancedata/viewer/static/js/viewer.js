@@ -1,17 +1,19 @@
 // The page: it follows its address, starts the controls, and draws.
 import { lanes, rows } from './axis.js';
-import { chooseDancer, openItem, showNow } from './clip.js';
+import { chooseDancer, openItem, setBody, showNow } from './clip.js';
 import { advance, anchor, context, gain, metronome, play, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
 import { drawCrowd } from './crowd.js';
 import { together } from './dancers.js';
 import { el, head, items, page, plain, root } from './data.js';
-import { canvas, conesNow, drawStage, sizeCanvas } from './figure.js';
+import { canvas, conesNow, drawStage, far, placingNow, sizeCanvas } from './figure.js';
+import { givesUp, skinPicture } from './gl.js';
 import { startLayout } from './layout.js';
 import { readLink, wholePage } from './link.js';
 import { shown, showSigns, startList } from './list.js';
 import { marksFile, marksOf, showMarks, signOf } from './marks.js';
-import { camera, failed, state } from './state.js';
+import { grow } from './skin.js';
+import { camera, failed, SKIN, state } from './state.js';
 import { drawLanes, layOut } from './timeline.js';
 
 async function followLink() {
@@ -28,7 +30,7 @@ async function followLink() {
   if (!item) return;
   setMode('mirror', h.mirror === '1');
   setMode('over', h.over === '1');
-  setMode('body', h.body !== '0');
+  if (/^[012]$/.test(h.body)) setBody(+h.body, true);
   const known =
     mine.length || !named
       ? {
@@ -81,6 +83,7 @@ function tick() {
     sizeCanvas(lanes);
     if (state.dirty) {
       state.dirty = false;
+      if (state.body === SKIN && givesUp(performance.now())) setBody(1, state.bodyChosen);
       if (together()) drawCrowd();
       else drawStage();
       drawLanes();
@@ -136,6 +139,14 @@ window.dancedataViewer = {
   chooseDancer,
   marksFile,
   rows,
+  placingNow,
+  skin: () => grow(state.clip.figure),
+  get skinPicture() {
+    return skinPicture();
+  },
+  get far() {
+    return far;
+  },
   get cones() {
     return conesNow();
   },
