@@ -23,8 +23,8 @@ _LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+|[ \t]+// .*$", re.MULTILINE)
 _OPERATOR = re.compile(r"('[^']*'|`[^`]*`)| ?(=>|[-+*%&|^<>=!?]?=?==?|&&|\|\||\?\?|[?:,;{}()<>*%|&/]) ?")
 #: What a line has that may not be squeezed: other strings, escapes, regular expressions, nested templates.
 _INTRICATE = re.compile(r"[\"\\]|/(?! )|(?<! )/|`.*`.*`|^[^`]*`[^`]*$")
-#: Line ends within brackets.
-_BREAK = re.compile(r"(?<=[{,(\[])\n|\n(?=[})\],])")
+#: Line ends within brackets, and after statements.
+_BREAK = re.compile(r"(?<=[{,;(\[])\n|\n(?=[})\],])")
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,8 @@ def page_data(
     counts = tuple(scenes.flag_count(item) for item in items)
     inside = sound if isinstance(sound, PageSound) else PageSound()
     head = {**scenes.about(), "fields": list(scenes.fields) if server else []}
+    if scenes.mesh is not None:
+        head["model"] = True
     document: dict[str, Any] = {
         "head": {**head, "takes": list(comparisons), "sound": bool(sound), "notice": inside.notice},
         "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,

@@ -33,10 +33,11 @@ def numbers(text: str, dtype: str, width: int) -> Any:
 
 
 def test_its_numbers_are_the_mesh(mesh: BodyMesh) -> None:
-    payload = json.loads(json.dumps(model_payload(mesh)))
-    places = numbers(payload["at"], "<i2", 3) * payload["unit"] + mesh.rest[0]
-    np.testing.assert_allclose(places, mesh.vertices, rtol=0, atol=5e-5)
-    np.testing.assert_array_equal(numbers(payload["faces"], "<u2", 3), mesh.faces)
+    payload = {name: data for name, _, data in json.loads(json.dumps(model_payload(mesh)))}
+    places = numbers(payload["at"], "<f4", 3) + mesh.rest[0]
+    np.testing.assert_allclose(places, mesh.vertices, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(numbers(payload["normal"], "<f4", 3), mesh.normals)
+    np.testing.assert_array_equal(numbers(payload["faces"], "<u4", 3), mesh.faces)
     joints, weights = numbers(payload["bones"], "u1", 4), numbers(payload["weights"], "u1", 4) / 255
     dense = np.zeros_like(mesh.weights)
     np.put_along_axis(dense, joints.astype(int), weights.astype(np.float32), axis=1)
@@ -61,7 +62,7 @@ def test_a_site_draws_its_dancers_as_the_model(scenes: Of, mesh: BodyMesh) -> No
     np.testing.assert_allclose(unpacked(clip["figure"]), wanted.joints, rtol=0, atol=6e-4)
     assert "the body model has no left_hand, right_hand, which turn in the motion" in clip["notes"]
     assert clip["speed"] == was["speed"]
-    assert json.loads(site.answer("/model", None).body) == model_payload(mesh)
+    assert json.loads(site.answer("/model", None).body) == [list(entry) for entry in model_payload(mesh)]
     assert before.answer("/model", None).status == 404
 
 
