@@ -19,6 +19,7 @@ __all__ = [
     "Motion",
     "Skeleton",
     "__version__",
+    "align",
     "build",
     "cache",
     "check",
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from dancedata.evaluation.evaluator import Evaluator
     from dancedata.evaluation.run import evaluate
     from dancedata.exports.base.run import export
+    from dancedata.pipeline.align import align
     from dancedata.pipeline.arrays import encode, extract
     from dancedata.pipeline.commands import build, check, plan
     from dancedata.pipeline.decode_file import decode_file
@@ -65,6 +67,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "FeatureCache": "dancedata.cache",
             "Motion": "dancedata.core.motion",
             "Skeleton": "dancedata.core.skeleton",
+            "align": "dancedata.pipeline.align",
             "build": "dancedata.pipeline.commands",
             "check": "dancedata.pipeline.commands",
             "decode": "dancedata.pipeline.decoding",

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from dancedata.cli.align import align
 from dancedata.cli.cache import app as cache
 from dancedata.cli.evaluate import evaluate
 from dancedata.cli.options import (
@@ -44,7 +45,7 @@ from dancedata.core.version import __version__
 
 #: Groups of commands in the help; most characters of a sentence there.
 _ORDER = {
-    "Make a dataset": ("build", "plan", "check"),
+    "Make a dataset": ("build", "plan", "check", "align"),
     "Look at it": ("view", "report", "info", "study", "study-results"),
     "Use it": ("export", "evaluate", "decode"),
 }
@@ -111,6 +112,7 @@ app = typer.Typer(
 app.add_typer(cache, name="cache")
 app.add_typer(jukebox, name="jukebox")
 app.add_typer(hf, name="hf")
+app.command("align")(align)
 app.command("evaluate")(evaluate)
 app.command("view")(view)
 app.command("report")(report)

@@ -14,6 +14,8 @@ from dancedata.core.text import shown
 
 #: A value of a free column.
 ColumnValue = str | int | float | bool | tuple[str, ...] | tuple[int, ...] | tuple[float, ...]
+#: `ClipRef.audio_start_by` where a build finds the offset.
+FOUND = "auto"
 #: Most characters of the texts of a reject: of names, of paths, and of sentences.
 _MAX_NAME, _MAX_PATH, _MAX_DETAIL = 300, 4400, 3000
 _LIMITS = {
@@ -56,6 +58,8 @@ class ClipRef:
         Further facts for the table of clips: (name, value), where all values of a name have one type.
     audio_start
         Second of the audio file at frame 0, exact; negative where the music begins later.
+    audio_start_by
+        "" where it is stated; `FOUND` where it is the stated part of what a build finds; then how it was found.
     source_start, source_end
         Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
     licence, citation
@@ -86,6 +90,7 @@ class ClipRef:
     keys: tuple[tuple[str, str], ...] = ()
     columns: tuple[tuple[str, ColumnValue], ...] = ()
     audio_start: Fraction = Fraction(0)
+    audio_start_by: str = ""
     source_start: Fraction | None = None
     source_end: Fraction | None = None
     licence: str = ""

@@ -266,7 +266,7 @@ def extract_track(
     """
     try:
         return cache.once(
-            "features", key, lambda: job.feature.extract(_decode_again(signal, ahead), job.grid, start_bpm=bpm)
+            "features", key, lambda: job.feature.extract(decode_again(signal, ahead), job.grid, start_bpm=bpm)
         )
     except DataError as error:
         return reject_of(error, file=signal.path)
@@ -292,7 +292,7 @@ def extract_windows(
             missing = [number for number, array in arrays.items() if array is None]
             if not missing:
                 return {number: array for number, array in arrays.items() if array is not None}
-            whole = _decode_again(signal, ahead)
+            whole = decode_again(signal, ahead)
             starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
             feature = job.feature
             at_once = (isinstance(feature, NetworkFeature) and feature.windows_per_call) or len(missing)
@@ -329,7 +329,7 @@ def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArra
     return arrays
 
 
-def _decode_again(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
+def decode_again(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
     """Decode a signal again, and begin with the next; DataError "changed" if the file has changed.
 
     Otherwise the features of a file that is replaced during a build would be stored under the key of the old file.

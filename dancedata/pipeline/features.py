@@ -103,6 +103,7 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
         source_start=ref.source_start,
         source_end=ref.source_end,
         audio_start=ref.audio_start,
+        audio_start_by=ref.audio_start_by,
         terms=Licence(ref.licence, ref.citation) if ref.licence or ref.citation else None,
         made_of=clip.source.made_of,
         columns={**dict(ref.keys), **dict(ref.columns)},

@@ -144,14 +144,14 @@ class MotionKeys:
         """
         stage: dict[str, Any] = {}
         if group:
-            stage["group"] = [[*_identity(other), of_file] for other, of_file in group]
+            stage["group"] = [[*clip_identity(other), of_file] for other, of_file in group]
         body = self._recipe.dataset.body_of(ref)
         if self._retarget is not None:
             stage["retarget"] = self._retarget.key(grouped=bool(ref.group))
             body = SKELETONS[self._retarget.skeleton]
 
         def key(common: str, **crossing: int) -> str:
-            return Cache.key("clip", common=common, clip=_identity(ref), file=sha256, **stage, **crossing)
+            return Cache.key("clip", common=common, clip=clip_identity(ref), file=sha256, **stage, **crossing)
 
         crossing = {clip_field.name for clip_field in self._recipe.clip_fields if _crosses(clip_field, body)}
         fields = {
@@ -161,7 +161,7 @@ class MotionKeys:
         return ClipKeys(key(self._clip), fields, self._content)
 
 
-def _identity(ref: ClipRef) -> list[Any]:
+def clip_identity(ref: ClipRef) -> list[Any]:
     """Return all of a clip that `load` reads, except its file."""
     part = (ref.source_start, ref.source_end)
     return [ref.id, ref.declared, *([[str(second) for second in part]] if any(part) else [])]

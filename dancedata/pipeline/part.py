@@ -17,6 +17,7 @@ from dancedata.execution.progress import Progress
 from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.rejects import stop_if_implausible, stop_if_strict
+from dancedata.pipeline.rhythm import with_found_starts
 from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
 
@@ -103,12 +104,15 @@ def build_part(
     store_cache = Cache((cache or default_cache()).absolute())
     # As in the build that collects: what depends on the machine is in the keys.
     recipe = resolve(recipe, store_cache.file_sha256)
-    scan = scan_source(recipe, source)
-    clips = part.of(scan.clips)
-    share = replace(scan, clips=clips, rejects=())
+    scanned = scan_source(recipe, source)
+    clips = part.of(scanned.clips)
     with workers_for(recipe, source, store_cache, jobs) as workers:
 
         def run(cache: Cache) -> tuple[Sources, ComputedClips]:
+            # Of all clips: offsets are compared with those of other songs.
+            scan = with_found_starts(cache, recipe.dataset, scanned, jobs=workers, progress=progress)
+            ids = {clip.id for clip in clips}
+            share = replace(scan, clips=tuple(clip for clip in scan.clips if clip.id in ids), rejects=())
             sources = identify(cache, recipe, share, jobs=workers, progress=progress)
             stop_if_strict(strict, sources.rejects, scan)
             computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
@@ -119,4 +123,4 @@ def build_part(
         sources, computed_part = with_lost_entries(store_cache, run, progress)
     left_out = Counter(reject.reason for reject in computed_part.rejects)
     songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
-    return PartResult(part, len(scan.clips), len(clips), len(songs), dict(sorted(left_out.items())))
+    return PartResult(part, len(scanned.clips), len(clips), len(songs), dict(sorted(left_out.items())))

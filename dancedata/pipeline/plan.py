@@ -13,7 +13,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.text import counted, shown, size_text, table
-from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.audio import row_at
@@ -30,6 +30,7 @@ from dancedata.pipeline.rejects import (
     nothing_left,
     relative_to,
 )
+from dancedata.pipeline.rhythm import with_found_starts
 from dancedata.pipeline.sources import scan_source
 from dancedata.pipeline.windows import window_starts
 from dancedata.recipes.copies import copies_per_clip, is_copied
@@ -212,8 +213,14 @@ def make_plan(
 ) -> Plan:
     """Plan a build of a source, and look up its units of work in the cache."""
     source = source.absolute()  # as in a build, so that messages are the same
-    scan = scan_source(recipe, source)
     progress = progress or Progress(quiet=True)
+    store_cache = Cache((cache or default_cache()).absolute())
+    scanned = scan_source(recipe, source)
+    scan = with_lost_entries(
+        store_cache,
+        lambda held: with_found_starts(held, recipe.dataset, scanned, jobs=jobs, progress=progress),
+        progress,
+    )
     songs: dict[Path | None, Any] = {}
     if recipe.signal_jobs:
         paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
@@ -234,7 +241,7 @@ def make_plan(
     clips = _with_whole_groups(recipe, scan, {clip.ref.id: clip for of_unit in planned for clip in of_unit})
     kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
     retimed = [(clip.ref, copy.n_windows, copy.speed) for clip in clips for copy in clip.retimed]
-    held = cached_units(Cache((cache or default_cache()).absolute()), recipe, scan.clips, kept, retimed)
+    held = cached_units(store_cache, recipe, scan.clips, kept, retimed)
     return Plan(recipe, source, scan, tuple(clips), held)
 
 

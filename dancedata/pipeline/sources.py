@@ -18,6 +18,7 @@ from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
 from dancedata.pipeline.feature_files import FeatureFile, identify_files, with_feature_paths
 from dancedata.pipeline.motion import content_hashes
 from dancedata.pipeline.rejects import missing_music
+from dancedata.pipeline.rhythm import with_found_starts
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.recipe import Recipe
 
@@ -54,6 +55,7 @@ class SourceClip:
             "keys": ref.keys,
             "columns": ref.columns,
             "audio_start": str(ref.audio_start) if ref.audio_start else None,
+            "audio_start_by": ref.audio_start_by,
             "source": [str(t) for t in (ref.source_start, ref.source_end)]
             if ref.source_end or ref.source_start
             else None,
@@ -140,7 +142,8 @@ def _require_music(recipe: Recipe, scan: Scan) -> None:
 
 
 def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Sources:
-    """Hash motion files, decode and hash music."""
+    """Hash motion files, decode and hash music; find the offsets of music that the source leaves to the build."""
+    scan = with_found_starts(cache, recipe.dataset, scan, jobs=jobs, progress=progress)
     content = content_hashes(recipe.dataset, cache.file_sha256)
     named, rejects = _with_valid_names(scan.clips)
     hashes = _hash_motion(cache, named, progress)

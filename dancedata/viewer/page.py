@@ -19,12 +19,16 @@ _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
 #: Indentation, empty lines and comments, which a page does not need.
 _LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+|[ \t]+// .*$", re.MULTILINE)
-#: A string of a line, which stays; or an operator between spaces, which it does not need. Plus and minus stay apart.
-_OPERATOR = re.compile(r"('[^']*'|`[^`]*`)| ?(=>|[-+*%&|^<>=!?]?=?==?|&&|\|\||\?\?|[?:,;{}()<>*%|&/]) ?")
+#: A string of a line, which stays; or an operator between spaces, which it does not need. `a + +b` keeps its spaces.
+_OPERATOR = re.compile(
+    r"('[^']*'|`[^`]*`)| ?(=>|[-+*%&|^<>=!?]?=?==?|&&|\|\||\?\?|[?:,;{}()<>*%|&/]|[-+](?= [^-+])) ?"
+)
 #: What a line has that may not be squeezed: other strings, escapes, regular expressions, nested templates.
 _INTRICATE = re.compile(r"[\"\\]|/(?! )|(?<! )/|`.*`.*`|^[^`]*`[^`]*$")
-#: Line ends within brackets, and after statements.
-_BREAK = re.compile(r"(?<=[{,;(\[])\n|\n(?=[})\],])")
+#: What a style sheet does not need.
+_CSS = re.compile(r"/\*[^*]*\*/|;?\s*([{}])\s*|([:;,])\s+")
+#: Line ends within brackets and after statements, with a semicolon before a closing brace.
+_BREAK = re.compile(r"(?<=[{,;(\[])\n|;?\n(?=\})|\n(?=[)\],])")
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ def page_parts() -> Parts:
     """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
     script = "'use strict';\n(() => {\n" + "".join(_modules("viewer", {}).values()) + "})();\n"
     css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))
-    return Parts(re.sub(r"\s*([{}])\s*|([:;,])\s+", r"\1\2", css), body, _squeezed(script))
+    return Parts(_CSS.sub(r"\1\2", css), body, _squeezed(script))
 
 
 def _squeezed(script: str) -> str:

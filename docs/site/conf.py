@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import hero
 import navigation
 import reference
 from pygments.lexers.special import TextLexer
@@ -28,7 +29,8 @@ root_doc = "README"
 include_patterns = ["README.md", "CHANGELOG.md", "docs/**", "tests/golden/data/README.md"]
 exclude_patterns = [".*", "docs/site"]
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+copybutton_exclude = ".linenos, .gp, .go"
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 # Anchors as GitHub makes them: a link works in the repository and on the site, or the build fails.
 myst_heading_anchors = 6
@@ -49,10 +51,15 @@ html_additional_pages = {"index": "index.html"}
 html_copy_source = False
 html_show_sphinx = False
 templates_path = ["templates"]
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_search_scorer = str(Path(__file__).parent / "static" / "scorer.js")
 
 
 def setup(app: Sphinx) -> None:
     """Connect what the pages do not have in the repository: navigation and reference."""
     app.add_lexer("layers", TextLexer)
     app.connect("builder-inited", lambda _: reference.write_pages(ROOT))
+    app.connect("source-read", lambda _, page, text: hero.add(page, text))
     app.connect("source-read", lambda _, page, text: navigation.add(ROOT, page, text))
+    app.connect("build-finished", lambda built, error: error or hero.write_clip(Path(built.outdir)))

@@ -53,7 +53,13 @@ def _of_page(site: Path, path: Path, page: _Page, pages: dict[Path, _Page]) -> I
         if parts.scheme or parts.netloc:
             continue
         target = Path(os.path.normpath(path.parent / unquote(parts.path))) if parts.path else path
+        # Fragments with "=" are moments in the viewer, not anchors.
         if not target.is_file():
             yield f"{name}: no such file: {address}"
-        elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors:
+        elif (
+            parts.fragment
+            and "=" not in parts.fragment
+            and target in pages
+            and unquote(parts.fragment) not in pages[target].anchors
+        ):
             yield f"{name}: no such anchor: {address}"

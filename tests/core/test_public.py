@@ -19,8 +19,8 @@ import dancedata.audio.jukebox
 import dancedata.readers
 
 PUBLIC = {
-    "open", "build", "plan", "check", "diff", "export", "evaluate", "extract", "encode", "decode", "decode_file",
-    "decode_group", "Motion", "Skeleton", "AudioSignal", "Evaluator", "FeatureCache", "__version__",
+    "open", "build", "plan", "check", "align", "diff", "export", "evaluate", "extract", "encode", "decode",
+    "decode_file", "decode_group", "Motion", "Skeleton", "AudioSignal", "Evaluator", "FeatureCache", "__version__",
 }  # fmt: skip
 MODULES = {"cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"}
 

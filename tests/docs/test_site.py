@@ -20,7 +20,7 @@ def module(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(str(SITE))
 
     def load(name: str) -> ModuleType:
-        for own in ("navigation", "reference", "written"):
+        for own in ("hero", "navigation", "reference", "written"):
             monkeypatch.delitem(sys.modules, own, raising=False)
         return importlib.import_module(name)
 
@@ -112,3 +112,28 @@ def test_dead_links_and_other_hosts_are_found(module, tmp_path: Path, html: str,
 def test_fonts_of_other_hosts_are_found(module, tmp_path: Path) -> None:
     (tmp_path / "a.css").write_text('@import "https://example.org/font.css"; a {background: url(own.png)}')
     assert module("written").findings(tmp_path) == ["a.css: loads https://example.org/font.css"]
+
+
+def test_a_dancer_moves_on_the_first_screen(module) -> None:
+    hero = module("hero")
+    text = [(ROOT / "README.md").read_text(encoding="utf-8")]
+    hero.add("README", text)
+    start = text[0][: text[0].index("dancedata turns dance motion capture")]
+    assert start.startswith("# dancedata\n")
+    assert 'src="clip.html#play=1' in start
+    commands = re.findall(
+        r"^(python3\.11 -m venv .*|\.venv/bin/python -m pytest .*)$", start.replace("\\\n  ", ""), re.MULTILINE
+    )
+    assert len(commands) == 2
+    assert all(command in (ROOT / "README.md").read_text(encoding="utf-8") for command in commands)
+    assert "viewer-dark.png" not in text[0]
+    with pytest.raises(ValueError, match="no picture of the viewer"):
+        hero.add("docs/viewer", ["# A page without pictures\n"])
+
+
+def test_the_clip_of_the_site_plays_by_itself(module, tmp_path: Path) -> None:
+    hero = module("hero")
+    hero.write_clip(tmp_path)
+    page = (tmp_path / "clip.html").read_text(encoding="utf-8")
+    assert '"audio":{"0":"' in page
+    assert hero.CLIP in page

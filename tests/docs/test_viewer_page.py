@@ -3,6 +3,7 @@
 import re
 import shlex
 import threading
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.formats.motion_files import motion_file
 from dancedata.synthetic import synthesise_motion, write_synthetic
-from dancedata.viewer.page import page_parts
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = (ROOT / "docs" / "viewer.md").read_text(encoding="utf-8")
@@ -80,9 +80,9 @@ def test_its_notebook_cell_shows_the_clip(folder: Path, monkeypatch: pytest.Monk
 
 
 def test_its_keys_are_those_of_the_page() -> None:
-    script = page_parts().script
+    script = files("dancedata.viewer").joinpath("static", "js", "controls.js").read_text(encoding="utf-8")
     keys = script[script.index("const KEYS = [") : script.index("function onKey")]
-    named = {key.lower() for key in re.findall(r"^\[\s*'(.)'", keys, flags=re.MULTILINE) if key.strip()}
+    named = {key.lower() for key in re.findall(r"^ *\[\s*'(.)'", keys, flags=re.MULTILINE) if key.strip()}
     table = PAGE[PAGE.index("| key |") : PAGE.index("## Links")].lower()
     assert {"l", "m", "o", "c", "u", "f", "+", "-", "/", "?", "[", "]"} <= named
     missing = [key for key in named if not re.search(rf"(^|[| `,]){re.escape(key)}([`, |;]|$)", table)]

@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.clip import ColumnValue
+from dancedata.core.clip import FOUND, ColumnValue
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
 from dancedata.core.skeleton import SMPL24
@@ -18,7 +18,7 @@ from dancedata.files.strict_json import parse_json, read_json
 FREE = "x/"
 #: Columns of seconds, with what they may be.
 SECONDS = {
-    "audio_start_s": "seconds such as 1.25 or 1/3; negative where the music begins later than the motion",
+    "audio_start_s": "seconds such as 1.25 or 1/3; negative where the music begins later than the motion; or auto",
     "start_s": "seconds of the motion file, from 0 on, such as 12.5 or 37/3",
     "end_s": "seconds of the motion file after start_s, such as 30 or 61/3",
 }
@@ -39,6 +39,9 @@ def seconds(values: Mapping[str, str], bad: Bad) -> dict[str, Fraction]:
     for column, allowed in SECONDS.items():
         if column in values:
             text = values[column]
+            if column == "audio_start_s" and text == FOUND:
+                found[column] = Fraction(0)
+                continue
             try:
                 value = as_fraction(text if len(text) <= 40 else "too long", column)
             except UsageError as error:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from dancedata.core.clip import ClipRef
+from dancedata.core.clip import FOUND, ClipRef
 from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.text import counted
@@ -50,6 +50,7 @@ def part_notes(clips: Sequence[ClipRef]) -> list[str]:
     """Return notes on the parts and offsets that a manifest states."""
     parts = [clip for clip in clips if clip.source_start is not None or clip.source_end is not None]
     late = sum(bool(clip.audio_start) for clip in clips)
+    left = sum(clip.audio_start_by == FOUND for clip in clips)
     notes = []
     if parts:
         files = len({clip.motion_path for clip in parts})
@@ -59,4 +60,6 @@ def part_notes(clips: Sequence[ClipRef]) -> list[str]:
         )
     if late:
         notes.append(f"Music: audio_start_s states the offset of {counted(late, 'clip')}.")
+    if left:
+        notes.append(f"Music: audio_start_s leaves the offset of {counted(left, 'clip')} to the build (auto).")
     return notes

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.bodies import SMPLH52, SMPLX55
-from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.clip import FOUND, ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_rate
 from dancedata.core.motion import Motion
@@ -284,6 +284,7 @@ class Folder(Dataset):
             declared=tuple(sorted((k, v) for k, v in vars(row.declared).items() if v is not None)),
             columns=tuple(sorted(row.columns.items())),
             audio_start=row.seconds.get("audio_start_s", Fraction(0)),
+            audio_start_by=FOUND if row.get("audio_start_s") == FOUND else "",
             source_start=row.seconds.get("start_s"),
             source_end=row.seconds.get("end_s"),
             licence=row.get("licence"),

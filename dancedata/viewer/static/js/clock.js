@@ -72,6 +72,19 @@ export function restart() {
   source.start(anchor.at, Math.min(state.t, music.duration));
 }
 
+// Plays without sound, as pages may that nobody has touched; with it from the first click or key on.
+export function playSilently() {
+  state.playing = true;
+  showPlaying();
+  restart();
+  const wake = async () => {
+    if (context || !state.playing) return;
+    await wakeSound();
+    restart();
+  };
+  for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, wake, { once: true, capture: true });
+}
+
 export async function play(on) {
   if (!state.clip || on === state.playing) return;
   state.playing = on;

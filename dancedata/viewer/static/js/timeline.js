@@ -61,6 +61,7 @@ function zoomTo(from, to) {
 }
 
 export function drawLanes() {
+  if (!lanes.width) return; // not shown in a low page inside another one
   const clip = state.clip;
   if (state.playing && view.to - view.from < duration() && (state.t > view.to || state.t < view.from)) {
     zoomTo(state.t, state.t + view.to - view.from);

@@ -1,7 +1,7 @@
 // The page: it follows its address, starts the controls, and draws.
 import { lanes, rows } from './axis.js';
 import { chooseDancer, openItem, setBody, showNow } from './clip.js';
-import { advance, anchor, context, gain, metronome, play, seek, setLoop } from './clock.js';
+import { advance, anchor, context, gain, metronome, play, playSilently, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
 import { drawCrowd } from './crowd.js';
 import { together } from './dancers.js';
@@ -43,6 +43,7 @@ async function followLink() {
         }
       : { linked: true };
   await openItem(item, known);
+  if (h.play === '1' && !matchMedia('(prefers-reduced-motion: reduce)').matches) playSilently();
   if (named && !mine.length)
     el('notes').textContent = `This dataset has no ${h.group === undefined ? 'clip' : 'group'} ${plain(named)}`;
 }

@@ -1,0 +1,299 @@
+"""Offsets of music against motion, of clips together: units of work, and clips whose offset a build finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.clip import FOUND, ClipRef, Reject, Scan
+from dancedata.core.errors import DataError
+from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import Dataset
+from dancedata.core.text import counted
+from dancedata.execution.cache import Cache, CachedArray, package_version
+from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import expected
+from dancedata.execution.units import Jobs, run_units
+from dancedata.files.regular_file import sha256_file
+from dancedata.metrics.offsets import RATE, REASONS, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves
+from dancedata.pipeline.audio import SignalId, decode_again, identify_audio, known_signal
+from dancedata.pipeline.motion import clip_identity, content_hashes
+from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.recipes.documents import document_of
+
+#: Raised by hand when onsets, curves or offsets of the same input change.
+VERSION = 1
+#: Most other songs of a null distribution.
+_MOST_SONGS = 64
+_NO_MUSIC = Reject("missing_music", detail="the clip has no music")
+
+
+@dataclass(frozen=True)
+class Search:
+    """How offsets are searched; see `find_offset`."""
+
+    window_s: float = 0.5
+    level: float = 0.02
+    test_songs: bool = False
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Together:
+    """Clips that have one offset."""
+
+    name: str
+    clips: tuple[ClipRef, ...]
+
+
+def recordings(clips: Sequence[ClipRef]) -> list[Together]:
+    """Group clips by recording: dancers of a group, or parts and people of one motion file, with one music file."""
+    found: dict[tuple[str | Path, Path | None], list[ClipRef]] = {}
+    for clip in clips:
+        found.setdefault((clip.group or clip.motion_path, clip.audio_path), []).append(clip)
+    return [
+        Together(of[0].id if len(of) == 1 else of[0].group or of[0].motion_path.name, tuple(of))
+        for of in found.values()
+    ]
+
+
+def find_offsets(
+    cache: Cache,
+    dataset: Dataset,
+    units: Sequence[Together],
+    songs: Sequence[Path],
+    search: Search,
+    *,
+    jobs: Jobs,
+    progress: Progress,
+) -> tuple[list[Offset | Reject], list[Reject]]:
+    """Return the offset of each unit, a reject where no clip of it can be used, and the rejects of clips.
+
+    `songs` are audio files of the source, which null distributions are drawn from.
+    """
+    clips = [clip for unit in units for clip in unit.clips]
+    paths = {clip.audio_path for clip in clips if clip.audio_path is not None}
+    music, unheard = _all_music(cache, sorted(paths), songs, jobs, progress)
+    curves, rejects = _all_curves(cache, dataset, clips, jobs, progress)
+    rejects += [replace(unheard.get(c.audio_path, _NO_MUSIC), clip=c.id) for c in clips if c.audio_path not in music]
+    problems = {reject.clip: reject for reject in rejects}
+    calls: dict[int, tuple[Any, ...]] = {}
+    for number, unit in enumerate(units):
+        usable = [clip for clip in unit.clips if clip.id not in problems]
+        pieces = [(curves[clip.id], music[clip.audio_path].rows, float(clip.audio_start)) for clip in usable]
+        own = {music[clip.audio_path].sha256 for clip in usable}
+        others = {song.sha256: song.rows for song in music.values() if song.sha256 not in own}
+        null = [others[sha256] for sha256 in sorted(others)[:_MOST_SONGS]]
+        tempos = {clip.tempo_bpm for clip in usable}
+        if pieces:
+            tempo_bpm = tempos.pop() if len(tempos) == 1 else None
+            calls[number] = (cache, pieces, null, search, tempo_bpm, unit.name)
+    cached = [_known(cache, _offset_key(*call[1:])) for call in calls.values()]
+    found = run_units(
+        _find, list(calls.values()), cached=cached, jobs=jobs, label="finding offsets", progress=progress
+    )
+    offsets = dict(zip(calls, found, strict=True))
+    return [offsets.get(n) or problems[unit.clips[0].id] for n, unit in enumerate(units)], rejects
+
+
+@dataclass(frozen=True, eq=False)
+class _Song:
+    """The rhythm of a song, and the hash of its samples."""
+
+    sha256: str
+    rows: CachedArray
+
+
+def _all_music(
+    cache: Cache, paths: Sequence[Path], songs: Sequence[Path], jobs: Jobs, progress: Progress
+) -> tuple[dict[Path | None, _Song], dict[Path | None, Reject]]:
+    """Return the rhythm of the songs at `paths` and of some of `songs`, and the rejects of unusable ones."""
+    everything = sorted({*paths, *songs})
+    identified = run_units(
+        identify_audio, [(cache, path) for path in everything],
+        cached=[known_signal(cache, path) for path in everything], jobs=jobs, label="decoding music",
+        progress=progress,
+    )  # fmt: skip
+    problems: dict[Path | None, Reject] = {
+        path: found for path, found in zip(everything, identified, strict=True) if isinstance(found, Reject)
+    }
+    signals = sorted((s for s in identified if isinstance(s, SignalId)), key=lambda s: (s.sha256, s.path))
+    first = set(sorted({s.sha256 for s in signals})[: _MOST_SONGS + 1])
+    signals = [s for s in signals if s.path in set(paths) or s.sha256 in first]
+    keys = [_onset_key(signal) for signal in signals]
+    computed = run_units(
+        _onsets, [(cache, signal, key) for signal, key in zip(signals, keys, strict=True)],
+        cached=[cache.array("onsets", key) for key in keys], jobs=jobs, label="rhythm of music", progress=progress,
+    )  # fmt: skip
+    music: dict[Path | None, _Song] = {}
+    for signal, rows in zip(signals, computed, strict=True):
+        if isinstance(rows, Reject):
+            problems[signal.path] = rows
+        else:
+            music[signal.path] = _Song(signal.sha256, rows)
+    return music, problems
+
+
+def _all_curves(
+    cache: Cache, dataset: Dataset, clips: Sequence[ClipRef], jobs: Jobs, progress: Progress
+) -> tuple[dict[str, CachedArray], list[Reject]]:
+    content = content_hashes(dataset, cache.file_sha256)
+    loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
+    packages = {name: package_version(name) for name in ("numpy", "scipy")}
+    common = Cache.key("rhythm", version=VERSION, dataset=loading, packages=packages, arithmetic=expected())
+    curves, calls, rejects = dict[str, CachedArray](), [], []
+    for clip in clips:
+        try:
+            sha256 = cache.file_sha256(clip.motion_path)
+        except OSError as error:
+            detail = f"{clip.motion_path}: {error}"
+            rejects.append(Reject("broken_file", clip.id, str(clip.motion_path), detail=detail))
+            continue
+        key = Cache.key("rhythm", common=common, clip=clip_identity(clip), file=sha256)
+        calls.append((cache, dataset, clip, sha256, key))
+    computed = run_units(
+        _curves, calls, cached=[cache.array("rhythm", call[-1]) for call in calls], jobs=jobs,
+        label="rhythm of motion", progress=progress,
+    )  # fmt: skip
+    for call, rows in zip(calls, computed, strict=True):
+        if isinstance(rows, Reject):
+            rejects.append(rows)
+        else:
+            curves[call[2].id] = rows
+    return curves, rejects
+
+
+def _onset_key(signal: SignalId) -> str:
+    packages = {name: package_version(name) for name in ("numpy", "scipy")}
+    return Cache.key("onsets", version=VERSION, signal=signal.sha256, packages=packages, arithmetic=expected())
+
+
+def _onsets(cache: Cache, signal: SignalId, key: str) -> CachedArray | Reject:
+    """Compute the rhythm of a song, and publish it."""
+    from dancedata.audio.onsets import onset_strength
+
+    try:
+        return cache.once("onsets", key, lambda: music_rhythm(onset_strength(decode_again(signal), RATE)))
+    except DataError as error:
+        return reject_of(error, file=signal.path)
+
+
+def _curves(cache: Cache, dataset: Dataset, clip: ClipRef, sha256: str, key: str) -> CachedArray | Reject:
+    """Compute the rhythm curves of a clip, and publish them."""
+
+    def compute() -> Any:
+        motion = dataset.load(clip)
+        if sha256_file(clip.motion_path) != sha256:
+            raise DataError(CHANGED, reason="changed", where=clip.motion_path, fix=BUILD_AGAIN)
+        return rhythm_curves(motion.joints(), float(motion.grid.rate), motion.skeleton.joints)
+
+    try:
+        return cache.once("rhythm", key, compute)
+    except DataError as error:
+        return reject_of(error, clip=clip.id, file=clip.motion_path)
+
+
+#: Curves, the music's rhythm and its stated second.
+_Piece = tuple[CachedArray, CachedArray, float]
+
+
+def _offset_key(
+    pieces: Sequence[_Piece], others: Sequence[CachedArray], search: Search, tempo_bpm: float | None, name: str
+) -> str:
+    # Names of entries are their keys.
+    of_pieces = [[curves.path.name, music.path.name, start] for curves, music, start in pieces]
+    return Cache.key(
+        "offset", version=VERSION, pieces=of_pieces, others=[song.path.name for song in others],
+        search=asdict(search), bpm=tempo_bpm, name=name,
+    )  # fmt: skip
+
+
+def _known(cache: Cache, key: str) -> Offset | None:
+    entry = cache.json("offsets", key)
+    return None if entry is None else Offset(**entry)
+
+
+def _find(
+    cache: Cache,
+    pieces: Sequence[_Piece],
+    others: Sequence[CachedArray],
+    search: Search,
+    tempo_bpm: float | None,
+    name: str,
+) -> Offset:
+    """Find the offset of clips, and publish it."""
+    seed = int(json_sha256([search.seed, name])[:16], 16)
+    rhythm = [RhythmPiece(np.asarray(curves), np.asarray(music), start) for curves, music, start in pieces]
+    offset = find_offset(
+        rhythm, [np.asarray(other) for other in others], window_s=search.window_s, level=search.level,
+        tempo_bpm=tempo_bpm, test_songs=search.test_songs, seed=seed,
+    )  # fmt: skip
+    cache.put_json("offsets", _offset_key(pieces, others, search, tempo_bpm, name), asdict(offset))
+    return offset
+
+
+def found_start(stated: Fraction, offset: Offset) -> Fraction:
+    """Return the second of the music at frame 0 with an offset, which is known to a millisecond at best."""
+    return stated + Fraction(round(1000 * (offset.offset_s or 0.0)), 1000)
+
+
+def about_offset(offset: Offset) -> str:
+    """Return the numbers of an offset as a text."""
+    if offset.offset_s is None or offset.width_s is None or offset.p is None:
+        return f"{offset.seconds:.1f} s of motion"
+    rivals = f", {counted(offset.rivals, 'other song')} that {'fits' if offset.rivals == 1 else 'fit'} too"
+    return (
+        f"{1000 * offset.offset_s:+.0f} +- {1000 * offset.width_s:.0f} ms, p {offset.p:.3f}"
+        f"{rivals if offset.rivals else ''}"
+    )
+
+
+def with_found_starts(
+    cache: Cache, dataset: Dataset, scan: Scan, *, jobs: Jobs, progress: Progress, search: Search | None = None
+) -> Scan:
+    """Return a scan with the offsets that its source leaves to the build; clips of unknown ones are rejects.
+
+    Clips of one recording have one offset. Null distributions are drawn from all songs of the scan.
+    """
+    asked = [clip for clip in scan.clips if clip.audio_start_by == FOUND]
+    if not asked:
+        return scan
+    units = recordings(asked)
+    songs = sorted({clip.audio_path for clip in scan.clips if clip.audio_path is not None})
+    offsets, _ = find_offsets(cache, dataset, units, songs, search or Search(), jobs=jobs, progress=progress)
+    placed: dict[str, ClipRef | None] = {clip.id: clip for clip in scan.clips}
+    rejects, known = list(scan.rejects), 0
+    for unit, offset in zip(units, offsets, strict=True):
+        known += isinstance(offset, Offset) and not offset.unknown
+        for clip in unit.clips:
+            if isinstance(offset, Reject):
+                placed[clip.id] = None
+                rejects.append(replace(offset, clip=clip.id))
+            elif offset.unknown:
+                placed[clip.id] = None
+                rejects.append(_unknown(clip, unit, offset))
+            else:
+                by = f"align {VERSION}: {about_offset(offset)}, of {counted(len(unit.clips), 'clip')}"
+                start = found_start(clip.audio_start, offset)
+                placed[clip.id] = replace(clip, audio_start=start, audio_start_by=by)
+    note = f"Music: audio_start_s auto was found for {known} of {counted(len(units), 'recording')}."
+    clips = tuple(clip for clip in placed.values() if clip is not None)
+    return replace(scan, clips=clips, rejects=tuple(rejects), notes=(*scan.notes, note))
+
+
+def _unknown(clip: ClipRef, unit: Together, offset: Offset) -> Reject:
+    numbers: Mapping[str, float | None] = {
+        "offset_s": offset.offset_s, "width_s": offset.width_s, "p": offset.p, "seconds": offset.seconds,
+    }  # fmt: skip
+    return Reject(
+        "unknown_offset",
+        clip.id,
+        detail=f"audio_start_s is auto, but the offset of {unit.name} is unknown: {REASONS[offset.unknown]} "
+        f"({about_offset(offset)}); write the seconds, such as 0, in the manifest",
+        numbers={name: round(value, 4) for name, value in numbers.items() if value is not None},
+    )

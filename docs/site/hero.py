@@ -1,0 +1,58 @@
+"""A dancer that moves on the site: a clip of the demo, exported while the site is built, inside two of its pages."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+
+import dancedata
+from dancedata.viewer.view import ViewRequest, export_page
+
+CLIP = "gPO_sFM_cAll_d10_mPO4_ch02"
+#: Pages with the dancer, and what their picture of the viewer gives way to: the first image with its caption.
+PAGES = {"README": "", "docs/viewer": "../"}
+_IMAGE = re.compile(
+    r"^!\[[^]]*\]\([^)]*viewer-(?:dark|light)\.png\)\n(?:\n\*[^\n].*?\*\n)?", re.MULTILINE | re.DOTALL
+)
+_FRAME = """```{{raw}} html
+<iframe class="dancer" src="{up}clip.html#play=1&loop=0-270" title="A dancer of the demo, in the viewer"></iframe>
+<p class="dancer-caption">A clip of the demo dataset (generated, CC0) in the viewer. Press M to mirror it, B for
+another body, ? for all keys; a click turns the music on. <a href="{up}clip.html">In a page of its own</a></p>
+```
+"""
+#: What the first screen shows beside the dancer.
+_START = r"""
+```sh
+python3.11 -m venv .venv && .venv/bin/pip install -c constraints.txt -e ".[torch,dev]" \
+  && .venv/bin/dancedata build demo
+.venv/bin/python -m pytest -n auto
+```
+
+```python
+from dancedata.readers import BatchLoader, WindowDataset
+for batch in BatchLoader(WindowDataset("data/demo"), batch_size=64, shuffle=True):
+    motion, music = batch["edge151"], batch["librosa35"]  # (64, 150, 151), (64, 150, 35)
+```
+"""
+
+
+def add(page: str, text: list[str]) -> None:
+    """Put the dancer in the place of a page's first picture of the viewer; on the first page, below the title."""
+    if page not in PAGES:
+        return
+    frame = _FRAME.format(up=PAGES[page])
+    text[0], replaced = _IMAGE.subn("" if page == "README" else lambda _: frame, text[0], count=1)
+    if not replaced:
+        raise ValueError(f"{page} has no picture of the viewer that the dancer takes the place of")
+    if page == "README":
+        title, rest = text[0].split("\n", 1)
+        text[0] = f"{title}\n\n{frame}{_START}{rest}"
+
+
+def write_clip(site: Path) -> None:
+    """Build the demo and export one of its clips, with its music, to clip.html."""
+    with tempfile.TemporaryDirectory() as folder:
+        demo, source = Path(folder) / "demo", Path(folder) / "demo-source"
+        dancedata.build("demo", out=demo, cache=Path(folder) / "cache", progress=False)
+        export_page(ViewRequest(demo, clip=CLIP, source=source), site / "clip.html", audio=True, overwrite=True)
