@@ -27,8 +27,8 @@ _OPERATOR = re.compile(
 _INTRICATE = re.compile(r"[\"\\]|/(?! )|(?<! )/|`.*`.*`|^[^`]*`[^`]*$")
 #: What a style sheet does not need.
 _CSS = re.compile(r"/\*[^*]*\*/|;?\s*([{}])\s*|([:;,])\s+")
-#: Line ends within brackets, with a semicolon before a closing brace.
-_BREAK = re.compile(r"(?<=[{,(\[])\n|;?\n(?=\})|\n(?=[)\],])")
+#: Line ends within brackets and after statements, with a semicolon before a closing brace.
+_BREAK = re.compile(r"(?<=[{,;(\[])\n|;?\n(?=\})|\n(?=[)\],])")
 
 
 @dataclass(frozen=True)
@@ -141,6 +141,8 @@ def page_data(
     counts = tuple(scenes.flag_count(item) for item in items)
     inside = sound if isinstance(sound, PageSound) else PageSound()
     head = {**scenes.about(), "fields": list(scenes.fields) if server else []}
+    if scenes.mesh is not None:
+        head["model"] = True
     document: dict[str, Any] = {
         "head": {**head, "takes": list(comparisons), "sound": bool(sound), "notice": inside.notice},
         "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,

@@ -126,7 +126,8 @@ def figure_payload(figure: Figure, *, turns: bool = False) -> Json:
         "floor": round(figure.floor, 4), "lowest": round(figure.lowest, 4), "tall": round(figure.tall, 4),
         "girths": [[round(radius, 4) for radius in girth] for girth in limbs.girths], "tones": list(limbs.tones),
         "tips": [[*tip[:3], *(round(x, 4) for x in tip[3:])] for tip in limbs.tips], "head": limbs.head,
-        "skull": HEAD, **looks, **({"turns": turns_payload(figure)} if turns else {}),
+        "skull": HEAD, **looks, **({"model": True} if figure.mesh else {}),
+        **({"turns": turns_payload(figure)} if turns else {}),
     }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from types import FrameType
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
+from dancedata.viewer.model import ModelScenes
 from dancedata.viewer.motions import MotionScenes
 from dancedata.viewer.opus import opus
 from dancedata.viewer.page import PageSound, clip_page
@@ -49,12 +50,9 @@ def serve(
     UsageError, StoreError, SourceError
         If the dataset, the clip, the source or the port cannot be used.
     """
-    if request.body_model is not None:
-        raise UsageError(
-            "body models are drawn in videos, not on pages", where=request.body_model, fix="write one: --video A.mp4",
-        )  # fmt: skip
-    shown = Shown.of(request)
-    site = Site(shown.scenes, shown.sounds, shown.comparisons)
+    mesh, shown = request.mesh(), Shown.of(request)
+    scenes = shown.scenes if mesh is None else ModelScenes(shown.scenes, mesh)
+    site = Site(scenes, shown.sounds, shown.comparisons)
     end = until or _interrupt()
     with ViewServer(site, port) as server:
         address = server.address + shown.address

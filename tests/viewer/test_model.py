@@ -17,8 +17,11 @@ from dancedata.viewer import Scenes
 from dancedata.viewer.comparisons import comparison_of, comparison_payload, file_format
 from dancedata.viewer.model import ModelScenes, model_payload
 from dancedata.viewer.server import Site
+from dancedata.viewer.view import ViewRequest
 from tests.body_models import body_model
+from tests.viewer.helpers import serving
 from tests.viewer.test_scenes import unpacked
+from tests.viewer.test_server import Client
 
 Of = Callable[[str], Scenes]
 
@@ -33,10 +36,11 @@ def numbers(text: str, dtype: str, width: int) -> Any:
 
 
 def test_its_numbers_are_the_mesh(mesh: BodyMesh) -> None:
-    payload = json.loads(json.dumps(model_payload(mesh)))
-    places = numbers(payload["at"], "<i2", 3) * payload["unit"] + mesh.rest[0]
-    np.testing.assert_allclose(places, mesh.vertices, rtol=0, atol=5e-5)
-    np.testing.assert_array_equal(numbers(payload["faces"], "<u2", 3), mesh.faces)
+    payload = {name: data for name, _, data in json.loads(json.dumps(model_payload(mesh)))}
+    places = numbers(payload["at"], "<f4", 3) + mesh.rest[0]
+    np.testing.assert_allclose(places, mesh.vertices, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(numbers(payload["normal"], "<f4", 3), mesh.normals)
+    np.testing.assert_array_equal(numbers(payload["faces"], "<u4", 3), mesh.faces)
     joints, weights = numbers(payload["bones"], "u1", 4), numbers(payload["weights"], "u1", 4) / 255
     dense = np.zeros_like(mesh.weights)
     np.put_along_axis(dense, joints.astype(int), weights.astype(np.float32), axis=1)
@@ -61,8 +65,24 @@ def test_a_site_draws_its_dancers_as_the_model(scenes: Of, mesh: BodyMesh) -> No
     np.testing.assert_allclose(unpacked(clip["figure"]), wanted.joints, rtol=0, atol=6e-4)
     assert "the body model has no left_hand, right_hand, which turn in the motion" in clip["notes"]
     assert clip["speed"] == was["speed"]
-    assert json.loads(site.answer("/model", None).body) == model_payload(mesh)
+    assert json.loads(site.answer("/model", None).body) == [list(entry) for entry in model_payload(mesh)]
     assert before.answer("/model", None).status == 404
+
+
+def test_view_serves_it(scenes: Of, tmp_path: Path) -> None:
+    model = body_model(tmp_path / "m.npz", SMPLX55)
+    with serving(ViewRequest(scenes("thirty").store.path, body_model=model, betas=(2.0,))) as address:
+        client = Client(address)
+        status, headers, body = client.get("/model")
+        assert (status, headers["content-type"], headers["cache-control"]) == (200, "application/json", "no-store")
+        expected = model_payload(BodyMesh.read(model, [2.0]))
+        assert json.loads(body) == [list(entry) for entry in expected]
+        assert json.loads(client.get("/clip/0")[2])["figure"]["model"] is True
+        turns = json.loads(client.get("/clip/0?part=turns")[2])
+        assert len(turns[0]["rest"]) == 3 * 55
+        page = client.get("/")[2].decode()
+    assert '"model":true' in page
+    assert expected[0][2] not in page
 
 
 def test_positions_stay_limbs_with_a_note(scenes: Of, mesh: BodyMesh) -> None:

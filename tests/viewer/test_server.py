@@ -65,7 +65,7 @@ def test_the_secret_becomes_a_cookie(client: Client) -> None:
 
 
 @pytest.mark.parametrize("cookie", ["", "dancedata=x", "dancedata1=\xe9", "a=b; c"])
-@pytest.mark.parametrize("path", ["/", "/clip/0", "/?token=wrong", "/?token=%C3%A9%00", "/sliding"])
+@pytest.mark.parametrize("path", ["/", "/clip/0", "/?token=wrong", "/?token=%C3%A9%00", "/sliding", "/model"])
 def test_without_the_secret_nothing_is_answered(client: Client, path: str, cookie: str) -> None:
     status, headers, body = client.get(path, cookie=cookie)
     assert (status, body) == (403, b"open the address that dancedata view printed")

@@ -199,8 +199,19 @@ export async function loadTurns(clip, other, field) {
       if (figure) figure.turns = turns[k];
     });
   }
+  if (!model && figures.some(figure => figure?.model)) await loadModel();
   for (const figure of [...figures, ...(other?.members || [other]).map(found => found?.figure)])
     if (figure?.turns && !figure.turning) figure.turning = await inTime(figure.turns.data, figure.frames);
+}
+
+// The user's body model, as `grow` gives a skin.
+export let model = null;
+
+async function loadModel() {
+  const made = {};
+  for (const [key, kind, data] of await (await fetched('model')).json())
+    made[key] = new window[kind]((await unpacked(data)).buffer);
+  model = made;
 }
 
 // The last few clips stay in memory; more would fill it.

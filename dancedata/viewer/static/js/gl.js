@@ -1,5 +1,6 @@
 // Draws skins by WebGL 2 into a picture of its own, which is laid over the stage.
 import { channels } from './body.js';
+import { model } from './data.js';
 import { grow } from './skin.js';
 import { camera, state } from './state.js';
 
@@ -106,9 +107,9 @@ export function canSkin(slowly) {
 
 // The mesh of a figure on the graphics card; figures of one body share it.
 function meshOf(figure) {
-  const key = `${figure.joints} ${figure.turns.rest}`;
+  const key = figure.model ? 'model' : `${figure.joints} ${figure.turns.rest}`;
   if (!grown.has(key)) {
-    const mesh = grow(figure);
+    const mesh = figure.model ? model : grow(figure);
     const vertices = gl.createVertexArray();
     gl.bindVertexArray(vertices);
     attribute(0, mesh.at, 3, gl.FLOAT);

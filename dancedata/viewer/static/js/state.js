@@ -1,5 +1,5 @@
 // What is shown, and the camera: one object each, which every module reads.
-import { el, plain, root } from './data.js';
+import { el, head, plain, root } from './data.js';
 
 // How a body is drawn: 0 sticks, 1 limbs, 2 a skin.
 export const SKIN = 2;
@@ -15,7 +15,7 @@ export const state = {
   mirror: false,
   body: SKIN,
   // Whether that was chosen, by key or link: it is then not given up where it is slow.
-  bodyChosen: false,
+  bodyChosen: !!head.model,
   over: false,
   other: null,
   click: false,
