@@ -2,8 +2,8 @@
 
 Without names, those that the pages show; with `all`, or the name of one that no page shows, into ./pictures. SHARED
 is the folder with the real recordings, which are not part of the project (`realdata`); the demo is built. It needs
-chromium and chromedriver, selenium and Pillow (`pip install -e ".[dev]"`). Pictures differ by the fonts of the machine,
-so tests do not compare them. PNGs get a palette of 256 colours, except those with the shades of a skin.
+chromium and chromedriver, selenium and Pillow (`pip install -e ".[dev]"`). Pictures differ by the fonts of the
+machine, so tests do not compare them. PNGs get a palette of 256 colours, except those with the shades of a skin.
 """
 
 from __future__ import annotations
