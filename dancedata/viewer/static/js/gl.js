@@ -57,11 +57,13 @@ function programOf(vertex, fragment) {
 }
 
 function attribute(k, data, size, type, whole) {
-  gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+  const buffer = gl.createBuffer();
+  gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
   gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
   gl.enableVertexAttribArray(k);
   if (whole) gl.vertexAttribIPointer(k, size, type, 0, 0);
   else gl.vertexAttribPointer(k, size, type, type === gl.UNSIGNED_BYTE, 0, 0);
+  return buffer;
 }
 
 function start(slowly) {
@@ -72,6 +74,7 @@ function start(slowly) {
   if (!gl) return;
   picture.addEventListener('webglcontextlost', () => {
     gl = null;
+    grown.clear();
     state.dirty = true;
   });
   try {
@@ -112,17 +115,30 @@ function meshOf(figure) {
     const mesh = figure.model ? model : grow(figure);
     const vertices = gl.createVertexArray();
     gl.bindVertexArray(vertices);
-    attribute(0, mesh.at, 3, gl.FLOAT);
-    attribute(1, mesh.normal, 3, gl.FLOAT);
-    attribute(2, mesh.bones, 4, gl.UNSIGNED_BYTE, true);
-    attribute(3, mesh.weights, 4, gl.UNSIGNED_BYTE);
-    attribute(4, mesh.tint, 4, gl.UNSIGNED_BYTE);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    const buffers = [
+      attribute(0, mesh.at, 3, gl.FLOAT),
+      attribute(1, mesh.normal, 3, gl.FLOAT),
+      attribute(2, mesh.bones, 4, gl.UNSIGNED_BYTE, true),
+      attribute(3, mesh.weights, 4, gl.UNSIGNED_BYTE),
+      attribute(4, mesh.tint, 4, gl.UNSIGNED_BYTE),
+      gl.createBuffer(),
+    ];
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers[5]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, mesh.faces, gl.STATIC_DRAW);
-    grown.set(key, { vertices, indices: mesh.faces.length });
-    if (grown.size > 16) grown.delete(grown.keys().next().value);
+    grown.set(key, { vertices, buffers, indices: mesh.faces.length });
+    if (grown.size > 16) forget(grown.keys().next().value);
   }
-  return grown.get(key);
+  const found = grown.get(key);
+  grown.delete(key);
+  grown.set(key, found); // as the one that was drawn last
+  return found;
+}
+
+function forget(key) {
+  const { vertices, buffers } = grown.get(key);
+  gl.deleteVertexArray(vertices);
+  for (const buffer of buffers) gl.deleteBuffer(buffer);
+  grown.delete(key);
 }
 
 const world = new Float32Array(9 * 64);
@@ -135,7 +151,7 @@ function quaternion(turning, i, unit) {
   return [x * s, y * s, z * s, Math.cos(angle / 2)];
 }
 
-// Three placing of a matrix a joint, from its rest pose to its place; of a mirrored dancer with `swap`.
+// Three rows of a matrix a joint, from its rest pose to its place; of a mirrored dancer with `swap`.
 export function rowsOf(figure, places, t, shift, swap) {
   const { rest, unit } = figure.turns;
   const at = Math.max(0, Math.min(figure.frames - 1, t * figure.rate));
