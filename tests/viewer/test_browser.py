@@ -70,7 +70,7 @@ def test_music_that_is_loading_is_not_missing(browser: Browser, served: str) -> 
                "String(url).includes('/music') ? new Promise(() => {}) : plain(url, ...more)")  # fmt: skip
     browser.js(f"location.hash = 'clip={quote(HOSTILE[0], safe='')}'")
     browser.wait(f"return {V}.state.clip.id !== 'wav'")
-    assert "music is loading" in browser.js(meta)
+    browser.wait("return document.querySelector('[data-dd=clock]').textContent.includes('music is loading')")
     assert "no music" not in browser.js(meta)
 
 

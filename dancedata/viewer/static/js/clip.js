@@ -216,7 +216,7 @@ export function showAbout() {
     clip.bpm && `${round(clip.bpm)} BPM`,
     f && !together() && `floor at ${metres(f.floor)} m, feet from ${metres(f.lowest)} m`,
     clip.partial && 'first minute; the rest is loading',
-    clip.loading ? 'music is loading' : !clip.wave && clip.beats.length && 'no music: press C to hear the beats',
+    !clip.loading && !clip.wave && clip.beats.length && 'no music: press C to hear the beats',
   ]
     .filter(Boolean)
     .map(plain)
@@ -275,6 +275,7 @@ export function showNow() {
       ' (mean ' +
       o.mean.toFixed(1) +
       ')';
+  if (clip.loading) text += ' · music is loading';
   if (together()) text += groupNow(clip);
   for (const words of wordsAt(clip, state.t)) text += ` · ${words.length > 90 ? `${words.slice(0, 88)}…` : words}`;
   if (el('clock').textContent !== text) el('clock').textContent = text;
