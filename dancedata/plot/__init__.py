@@ -1,4 +1,4 @@
-"""Clips as figures for papers and as videos. matplotlib and Pillow are loaded when they are used."""
+"""Clips and features as figures for papers and as videos. matplotlib and Pillow are loaded when they are used."""
 
 from __future__ import annotations
 
@@ -6,18 +6,27 @@ from typing import TYPE_CHECKING
 
 from dancedata.core.lazy import lazy_names
 
-__all__ = ["features", "motion", "write_page", "write_video"]
+__all__ = ["beats", "compare", "features", "motion", "paths", "pose_map", "write_page", "write_video"]
 
 if TYPE_CHECKING:
-    from dancedata.plot.motion_axes import features, motion
+    from dancedata.plot.beat_axes import beats
+    from dancedata.plot.compare_axes import compare
+    from dancedata.plot.feature_axes import features
+    from dancedata.plot.map_axes import pose_map
+    from dancedata.plot.motion_axes import motion
+    from dancedata.plot.path_axes import paths
     from dancedata.plot.video import write_video
     from dancedata.viewer.notebook import write_page
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "features": "dancedata.plot.motion_axes",
+            "beats": "dancedata.plot.beat_axes",
+            "compare": "dancedata.plot.compare_axes",
+            "features": "dancedata.plot.feature_axes",
             "motion": "dancedata.plot.motion_axes",
+            "paths": "dancedata.plot.path_axes",
+            "pose_map": "dancedata.plot.map_axes",
             "write_page": "dancedata.viewer.notebook",
             "write_video": "dancedata.plot.video",
         },

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dancedata.plot.frames import Camera
 
 #: From the edge inwards: share of the width, shift towards the light in radii, share of white, or of black below 0.
-_STRIPS = ((1.0, 0.0, -0.5), (0.9, 0.02, -0.22), (0.76, 0.05, 0.0), (0.44, 0.12, 0.16), (0.2, 0.16, 0.3))
+STRIPS = ((1.0, 0.0, -0.5), (0.9, 0.02, -0.22), (0.76, 0.05, 0.0), (0.44, 0.12, 0.16), (0.2, 0.16, 0.3))
 #: Direction of the light on the picture, right and down.
 _LIGHT = (0.55, -0.83)
 #: Darkness below which nothing is drawn: it would only hide the lines of the floor.
@@ -36,7 +36,8 @@ def blend(colour: str, other: str, share: float) -> str:
 
 
 @cache
-def _shade(colour: str, white: float) -> str:
+def shade(colour: str, white: float) -> str:
+    """Return a colour with a share of white, or of black below 0."""
     return blend(colour, "#ffffff" if white > 0 else "#000000", 1 - abs(white))
 
 
@@ -55,10 +56,10 @@ def draw_body(draw: ImageDraw, camera: Camera, figure: Figure, at: int, tones: S
         return
     colours = [*tones, blend(tones[0], "#000000", 0.35)]
     radii = cones.radii * np.stack([begin[:, 2], end[:, 2]], axis=1)
-    outlines = [cone_outlines(begin[:, :2], end[:, :2], radii, *strip[:2]) for strip in _STRIPS]
+    outlines = [cone_outlines(begin[:, :2], end[:, :2], radii, *strip[:2]) for strip in STRIPS]
     for k in np.argsort(begin[:, 2] + end[:, 2], kind="stable"):
-        for outline, (_, _, white) in zip(outlines, _STRIPS, strict=True):
-            draw.polygon(outline[k].ravel().tolist(), fill=_shade(colours[cones.tones[k]], white))
+        for outline, (_, _, white) in zip(outlines, STRIPS, strict=True):
+            draw.polygon(outline[k].ravel().tolist(), fill=shade(colours[cones.tones[k]], white))
 
 
 def cone_outlines(

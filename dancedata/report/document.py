@@ -14,6 +14,7 @@ from dancedata.report.measure import ClipNumbers
 from dancedata.report.outliers import Outlier
 from dancedata.report.scaling import EXPLODES, ScaledGroup
 from dancedata.report.space import DUPLICATE_M, Poses
+from dancedata.report.stage import StageNumbers
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.store.free_columns import FreeColumn
 from dancedata.store.segment_numbers import LayerNumbers
@@ -126,6 +127,7 @@ class Movement:
     contact: Mapping[str, float | None]
     sliding_m_s: Sliding
     paths_m: Mapping[str, tuple[tuple[float, float], ...]]
+    stage: StageNumbers
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The figures of a report, drawn from its document and nothing else, in the order of a reader's questions."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from dancedata.core.text import counted, listed
@@ -156,6 +156,13 @@ def bar_figure(
     return Figure(key, title, note, body, (first, *groups, *d.other_names), rows, groups if legend else (), d.outline)
 
 
+def _folded(figure: Figure) -> Figure:
+    """Return a figure of many names with its chart behind a fold."""
+    if len(figure.rows) <= _BARS:
+        return figure
+    return replace(figure, body=f"<details><summary>chart</summary>{figure.body}</details>")
+
+
 def shares_of(counts: Mapping[str, float], total: float) -> dict[str, float]:
     """Return counts as per cent of a total."""
     return {name: 100 * n / total if total else 0.0 for name, n in counts.items()}
@@ -173,7 +180,8 @@ def contents_figures(d: Drawing) -> list[Figure]:
         bar_figure(d, "windows_by_split", lambda n: n.contents.windows_by_split, "Windows by split", splits_note,
                    "split", legend=False),
         bar_figure(d, "windows_by_genre", lambda n: n.contents.windows_by_genre, "Windows by genre", genres, "genre"),
-        bar_figure(d, "windows_by_song", lambda n: n.contents.windows_by_song, "Windows by song", songs_note, "song"),
+        _folded(bar_figure(d, "windows_by_song", lambda n: n.contents.windows_by_song, "Windows by song", songs_note,
+                           "song")),
         histogram_figure(d, "length_s", lambda n: n.contents.length_s, "Length of clips", length_note, "seconds"),
     ]  # fmt: skip
     if totals.dancers:
@@ -190,10 +198,10 @@ def contents_figures(d: Drawing) -> list[Figure]:
     if gaps.n:
         short = len(gaps.shorter)
         note = f"{short} of {gaps.n} clips have less music than motion" if short else "no clip outlasts its music"
+        left = f"{rounded(gaps.p50)} s in the median clip, {rounded(gaps.min)} to {rounded(gaps.max)} s"
         figures.append(
-            histogram_figure(d, "music_minus_motion_s", lambda n: n.contents.music_minus_motion_s,
-                             "Music that is left after the clip", note, "seconds")
-        )  # fmt: skip
+            Figure("music_minus_motion_s", "Music that is left after the clip", note, f"<p>{escaped(left)}</p>")
+        )
     return figures
 
 

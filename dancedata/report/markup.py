@@ -3,7 +3,7 @@
 import html
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from dancedata.core.text import shown
@@ -82,6 +82,8 @@ class Figure:
         What dashed outlines stand for, and dotted ones; "" without them.
     kind
         "" for a column of the page, "wide" for the whole width.
+    sortable
+        Whether the table of its numbers is sorted by the head that is pressed.
     """
 
     key: str
@@ -94,7 +96,7 @@ class Figure:
     other: str = ""
     chance: str = ""
     kind: str = ""
-    open_table: bool = field(default=False)
+    sortable: bool = False
 
     def to_html(self) -> str:
         """Return the figure with title, legend and numbers."""
@@ -115,5 +117,5 @@ class Figure:
     def _numbers(self) -> str:
         if not self.rows:
             return ""
-        rows = table(self.head, self.rows)
+        rows = table(self.head, self.rows, "sortable" if self.sortable else "")
         return f'<details><summary>numbers</summary><div class="scroll">{rows}</div></details>'

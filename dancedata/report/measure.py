@@ -19,6 +19,7 @@ from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.groups import MeasuredGroups
 from dancedata.report.pieces import ClipReader, Piece
 from dancedata.report.space import Space
+from dancedata.report.stage import Stage
 from dancedata.report.tally import Tally
 from dancedata.store import ClipView, Store
 from dancedata.viewer.figure import Figure
@@ -171,6 +172,8 @@ class Measured:
         The groups.
     space
         The poses of the splits.
+    stage
+        Where dancers stand and face.
     """
 
     reader: ClipReader
@@ -188,6 +191,7 @@ class Measured:
     contact: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     groups: MeasuredGroups = field(default_factory=MeasuredGroups)
     space: Space | None = None
+    stage: Stage = field(default_factory=Stage)
 
     @property
     def store(self) -> Store:
@@ -377,6 +381,10 @@ def _count(measured: Measured, part: _Part, clip: ClipView) -> None:
         measured.song_offsets.setdefault(clip.music, SongOffsets()).add(part.offsets, part.piece)
     measured.shifted_ms.add(part.shifted * 1000)
     measured.contact += part.contact
+    piece = part.piece
+    begin = piece.start / float(measured.store.grid.rate) + (piece.figure.n_frames - len(part.root)) / piece.rate
+    seconds = begin - clip.trim_start / float(measured.store.grid.rate) + np.arange(len(part.root)) / piece.rate
+    measured.stage.add(part.names, part.speed, part.root, part.facing, np.maximum(seconds, 0.0))
 
 
 def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:

@@ -269,6 +269,7 @@ def _movement(measured: Measured, scales: Scales) -> Movement:
             share_above=measured.sliding.share_above(SLIDE_M_S),
         ),
         paths_m={clip: numbers.path for clip, numbers in clips if numbers.path},
+        stage=measured.stage.numbers(),
     )
 
 

@@ -21,7 +21,9 @@ from dancedata.report.outliers import LIMIT, MEASURES, Outlier
 from dancedata.report.player import NO_PLAYER, Player
 from dancedata.report.rhythm_figures import rhythm_figures
 from dancedata.report.space_figures import pose_figures, split_space_figures
+from dancedata.report.stage_figures import stage_figures
 from dancedata.report.svg import bars
+from dancedata.viewer.page import source_hash
 from dancedata.viewer.payload import link
 
 #: Rows of the list of clips to look at, and names of clips that were left out for a reason.
@@ -51,7 +53,11 @@ def sections(
     parts = [
         ("look", "Look at these first", _look(d)),
         ("contents", "What is in it", _grid(contents_figures(d))),
-        ("movement", "How it moves", _grid([*movement_figures(d, chosen), *pose_figures(d), *outlier_figures(d)])),
+        (
+            "movement",
+            "How it moves",
+            _grid([*movement_figures(d, chosen), *stage_figures(d), *pose_figures(d), *outlier_figures(d)]),
+        ),
         ("groups", "Dancers together", _grid(group_figures(d))),
         ("music", "Music and dance", _grid([*music_figures(d), *rhythm_figures(d)])),
         ("segments", "Words and events", _grid(_segments(d))),
@@ -222,8 +228,10 @@ def page(d: Drawing, parts: PageParts) -> str:
         f'<section><h2 id="r-s-{key}">{escaped(title)}</h2>{html}</section>' for key, title, html in chapters
     )
     style = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
+    sort = files("dancedata.report").joinpath("static", "tables.js").read_text(encoding="utf-8")
+    sources = f"'{source_hash(sort)}' {parts.player.script_sources}".removesuffix(" 'none'")
     policy = (
-        f"default-src 'none'; script-src {parts.player.script_sources}; style-src 'unsafe-inline'; img-src data:; "
+        f"default-src 'none'; script-src {sources}; style-src 'unsafe-inline'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
     return (
@@ -235,7 +243,7 @@ def page(d: Drawing, parts: PageParts) -> str:
         f'<style>{parts.player.css}{style}</style></head><body data-page="report">'
         f'<main id="r-report">{_header(d)}{tiles(d)}{_stills(d, parts.stills)}'
         f'<nav aria-label="Sections">{links}</nav>'
-        f"{_findings(d.numbers)}{body}</main>{parts.player.body}</body></html>\n"
+        f"{_findings(d.numbers)}{body}</main>{parts.player.body}<script>{sort}</script></body></html>\n"
     )
 
 

@@ -39,7 +39,7 @@ def _by_clip(d: Drawing, rows: Sequence[ClipRow]) -> Figure:
         for row in sorted(rows, key=lambda row: (_gain(row), row.clip))
     )
     body = points(pairs, ("chance", "beat alignment score"))
-    return Figure("bas_clips", "Alignment of each clip", note, body, head, table_rows)
+    return Figure("bas_clips", "Alignment of each clip", note, body, head, table_rows, sortable=True)
 
 
 def _mean(values: Sequence[float | None]) -> float:

@@ -19,7 +19,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.execution.arithmetic import one_thread
 from dancedata.metrics import frechet, geometric, kinetic
-from dancedata.report.pieces import Piece
+from dancedata.report.pieces import ClipReader, Piece
 from dancedata.store import ClipView, Store
 
 #: Poses and windows that are compared, about and at most, and poses of a window.
@@ -216,6 +216,21 @@ class Space:
             self.features["geometric"][clip.id] = geometric(joints - joints[:1, :1])
         except (Undefined, IndexError):  # too short
             self.features["kinetic"].pop(clip.id, None)
+
+
+def measured_poses(store: Store) -> Poses:
+    """Measure the poses of a dataset alone; a report measures them with everything else."""
+    reader, windows = ClipReader.of(store), {clip.id: store.windows_of(clip.id) for clip in store.clips}
+    space = Space.of(store, windows)
+    for clip in store.clips:
+        if not clip.source:
+            space.add(clip, list(reader.pieces(clip, windows[clip.id])), windows[clip.id])
+    return poses_of(space, store.splits)
+
+
+def base_split(poses: Poses) -> str:
+    """Return the split that the hexagons of a map show: train, or the only one."""
+    return "train" if poses.n.get("train") else next(iter(poses.n))
 
 
 def poses_of(space: Space, splits: Sequence[str]) -> Poses:

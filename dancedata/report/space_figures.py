@@ -6,7 +6,7 @@ from math import cos, pi, sin
 from dancedata.core.skeleton import SMPL24
 from dancedata.report.figures import Drawing
 from dancedata.report.markup import Figure, Markup, escaped, rounded, table
-from dancedata.report.space import DRAWS, DUPLICATE_M, Hexagon, Nearness, Poses
+from dancedata.report.space import DRAWS, DUPLICATE_M, Hexagon, Nearness, Poses, base_split
 from dancedata.report.svg import drawn
 
 #: Size of the map, of the pose beside it, and the margin, units of the page's text.
@@ -25,7 +25,7 @@ def pose_figures(d: Drawing) -> list[Figure]:
     shares = " and ".join(f"{100 * share:.0f} %" for share in poses.variance[:2])
     note = (
         f"{sum(poses.n.values()):,} poses of {len(poses.joints)} joints, from the root and turned to the front, "
-        f"along their two largest components ({shares} of the variance); darker: more poses of {_base(poses)}; "
+        f"along their two largest components ({shares} of the variance); darker: more poses of {base_split(poses)}; "
         "rings: other splits; beside the map the pose nearest to a hexagon's centre, which a click plays"
     )
     return [Figure("poses", "Map of the poses", note, _pose_map(d, poses), kind="wide")]
@@ -37,14 +37,9 @@ def split_space_figures(d: Drawing) -> list[Figure]:
     return [figure for figure in figures if figure is not None]
 
 
-def _base(poses: Poses) -> str:
-    """Return the split that the hexagons show: train, or the only one."""
-    return "train" if poses.n.get("train") else next(iter(poses.n))
-
-
 def _pose_map(d: Drawing, poses: Poses) -> str:
     xs, ys = [h.x for h in poses.hexagons], [h.y for h in poses.hexagons]
-    (width, height), r, base = _MAP, poses.radius, _base(poses)
+    (width, height), r, base = _MAP, poses.radius, base_split(poses)
     scale = min((width - 2 * _EDGE) / (max(xs) - min(xs) + 2 * r), (height - 2 * _EDGE) / (max(ys) - min(ys) + 2 * r))
 
     wide = 2 * _EDGE + (max(xs) - min(xs) + 2 * r) * scale

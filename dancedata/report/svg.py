@@ -250,6 +250,8 @@ def points(pairs: Sequence[Pair], labels: tuple[str, str], *, other: Sequence[Pa
     return drawn(body, f"{labels[1]} against {labels[0]}", top + size + 38, WIDTH)
 
 
+#: Groups whose shares of ones are a figure of their own.
+_CONTACTS = ("contact", "foot_contact")
 #: Most columns of a group in the strips.
 _STRIPS = 200
 #: Size of a path's square, and of a group's strips.
@@ -294,6 +296,9 @@ def strips(columns: Columns, rows: Sequence[ColumnRange], other: Mapping[str, Co
     for group in columns.groups:
         whole = list(rows[columns.slice(group.name)])
         title = f"{group.name}, {group.unit}".removesuffix(", 1")  # a unit of 1 is none
+        if group.name in _CONTACTS and all(_is_binary(row) for row in whole):
+            panels.append(f"<p>{escaped(title)}: {counted(len(whole), 'column')} of 0 and 1; see Feet in contact</p>")
+            continue
         if all(_is_binary(row) for row in whole):
             panels.append(_shares(title, whole, other or {}))
             continue

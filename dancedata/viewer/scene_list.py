@@ -25,6 +25,10 @@ from dancedata.viewer.together import Together
 MAX_NAME = 120
 
 
+#: A key motion this near to a beat hits it, seconds: HIT_MS of timeline.js.
+HIT_S = 0.06
+
+
 @dataclass(frozen=True, eq=False)
 class Rhythm:
     """Beats and onsets of a clip's music, as the dataset stores them.
@@ -193,6 +197,12 @@ class Scene:
         if self.movement is None or not len(self.movement.key_times) or not len(self.rhythm.beats):
             return np.zeros(0)
         return -nearest_offsets(self.rhythm.beats, self.movement.key_times)
+
+    @property
+    def hits(self) -> Float64Array:
+        """The offsets of the beats that a key motion hits, seconds."""
+        offsets = self.offsets
+        return offsets[np.abs(offsets) <= HIT_S + 1e-9]
 
     @property
     def dancers(self) -> tuple[Scene, ...]:

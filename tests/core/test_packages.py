@@ -22,7 +22,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import MODULES, MissingPackageError, install, require
 from dancedata.execution.executors.dask import connected
 from dancedata.files.regular_file import sha256_file
-from dancedata.plot.motion_axes import axes_or_new
+from dancedata.plot.axes import axes_or_new
 from dancedata.plot.video import find_ffmpeg
 from tests.messages import raises_message
 

@@ -29,7 +29,22 @@ def test_features_are_rows_of_the_clip(demo: Path) -> None:
     assert np.all(np.diff(places) > 1)
     (beats,) = axes.collections
     assert len(beats.get_segments()) == int(rows[:, -1].sum())
-    assert plot.features(ds, clip.id, "edge151").get_images()[0].get_array().shape[0] == 151
+    assert plot.features(ds, clip.id, "edge151", columns=True).get_images()[0].get_array().shape[0] == 151
+
+
+def test_motion_has_a_row_for_each_joint(demo: Path) -> None:
+    from scipy.spatial.transform import Rotation
+
+    ds = dancedata.open(demo)
+    clip = ds.clips[0]
+    axes = plot.features(ds, clip.id, "edge151")
+    (image,) = axes.get_images()
+    rotations = dancedata.decode(clip.read("edge151"), "edge151", fps=30).rotations
+    for joint in (0, 16):
+        turned = Rotation.from_rotvec(np.array(rotations[:, joint]))
+        wanted = np.degrees((turned.mean().inv() * turned).magnitude())
+        np.testing.assert_allclose(image.get_array()[joint], wanted, atol=1e-4)
+    assert [t.get_text() for t in axes.get_yticklabels()] == [j.replace("_", " ") for j in ds.skeleton.joints]
 
 
 def test_features_are_drawn_on_given_axes(demo: Path, tmp_path: Path) -> None:
@@ -44,7 +59,7 @@ def test_features_are_drawn_on_given_axes(demo: Path, tmp_path: Path) -> None:
 def test_motion_draws_every_bone_of_every_pose(demo: Path, tmp_path: Path) -> None:
     ds = dancedata.open(demo)
     clip = ds.clips[0]
-    axes = plot.motion(ds, clip.id, times=[0, 1, 2.5])
+    axes = plot.motion(ds, clip.id, times=[0, 1, 2.5], body=False)
     joints = dancedata.decode(clip.read("edge151"), "edge151", fps=30).joints()
     lines = [line for line in axes.lines if len(line.get_xdata()) == 2 and line.get_linestyle() == "-"]
     assert len(lines) == 3 * 23 + 1

@@ -74,7 +74,7 @@ def test_poses_of_a_group_stand_as_they_stand_together(duets: Path, tmp_path: Pa
     pytest.importorskip("matplotlib")
     scenes = Scenes(dancedata.open(duets))
     members = scenes.scene(scenes.find(DUET)).members
-    axes = plot.motion(duets, DUET, times=[0, 4], turn_deg=0)
+    axes = plot.motion(duets, DUET, times=[0, 4], turn_deg=0, body=False)
     lines = [line for line in axes.lines if len(line.get_xdata()) == 2 and line.get_linestyle() == "-"]
     assert len(lines) == 2 * 2 * 23 + 1
     follower, leader = (lines[k * 23].get_xdata()[0] for k in (0, 1))

@@ -83,3 +83,24 @@ def test_untrusted_names_of_groups_and_roles_run_nothing(browser: Browser, relab
     pictures = "return [...document.querySelectorAll('img, iframe')].map(e => e.closest('figure')?.id)"
     assert all(place.startswith("r-heat_") for place in browser.js(pictures))
     assert browser.log() == []
+
+
+def test_tables_are_sorted_by_their_heads(browser: Browser, demo: Path, tmp_path: Path) -> None:
+    """By the keyboard, too: heads are buttons; numbers by value, in both directions."""
+    report = write_report(demo, tmp_path / "page.html", clips="none")
+    browser.driver.get((tmp_path / "page.html").as_uri())
+    browser.js("document.querySelector('#r-bas_clips details').open = true")
+    cells = (
+        "return [...document.querySelectorAll('#r-bas_clips tbody tr')].map(r => r.cells[arguments[0]].textContent)"
+    )
+    scores = {row["clip"]: row["bas"] for row in report.document["clips"]}
+    press = "document.querySelectorAll('#r-bas_clips thead button')[arguments[0]]"
+    browser.driver.execute_script(f"{press}.focus()", 3)
+    browser.driver.switch_to.active_element.send_keys("\ue007")
+    assert browser.driver.execute_script(cells, 0) == sorted(scores, key=lambda clip: scores[clip])
+    assert browser.js("return document.querySelectorAll('#r-bas_clips [aria-sort=ascending]').length") == 1
+    browser.driver.switch_to.active_element.send_keys(" ")
+    assert browser.driver.execute_script(cells, 0) == sorted(scores, key=lambda clip: -scores[clip])
+    browser.driver.execute_script(f"{press}.click()", 0)
+    assert browser.driver.execute_script(cells, 0) == sorted(scores)
+    assert browser.log() == []

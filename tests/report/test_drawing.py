@@ -207,14 +207,14 @@ def test_the_page_folds_columns_and_shows_joints(demo: Path, tmp_path: Path) -> 
 
 def test_columns_of_a_joint_are_one_mark_and_those_of_0_and_1_are_shares() -> None:
     parts = ("hip.0x", "hip.1x", "knee.0x", "knee.1x")
-    columns = Columns((Group("rot", 4, "1", parts), Group("contact", 2, "1", ("l", "r"))))
+    columns = Columns((Group("rot", 4, "1", parts), Group("state", 2, "1", ("l", "r"))))
     ranges = [
         ColumnRange("rot.hip.0x", -1, -0.5, -0.2, 0.0, 0.2, 0.5, 0.9, 0.0),
         ColumnRange("rot.hip.1x", -0.8, -0.6, -0.1, 0.0, 0.3, 0.4, 1.0, 0.0),
         ColumnRange("rot.knee.0x", 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.3),
         ColumnRange("rot.knee.1x", 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.3),
-        ColumnRange("contact.l", 0, 0, 0, 1, 1, 1, 1, 0.75),
-        ColumnRange("contact.r", 0, 0, 0, 0, 0, 0, 1, 0.02),
+        ColumnRange("state.l", 0, 0, 0, 1, 1, 1, 1, 0.75),
+        ColumnRange("state.r", 0, 0, 0, 0, 0, 0, 1, 0.02),
     ]
     hip, knee = by_joint(ranges[:4])
     assert hip == ColumnRange("rot.hip", -1, -0.6, -0.2, None, 0.3, 0.5, 1.0)

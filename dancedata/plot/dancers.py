@@ -1,0 +1,187 @@
+"""Dancers of figures: what they are read from, and their bodies as polygons on axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.motion import Motion
+from dancedata.core.packages import load
+from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import shown
+from dancedata.evaluation.inputs.clip import MemoryClip
+from dancedata.plot.bodies import STRIPS, cone_outlines, shade
+from dancedata.store import ClipView, Store, open_store
+from dancedata.viewer import Figure, Scene, Scenes
+from dancedata.viewer.motions import figures_of
+from dancedata.viewer.palette import colours_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: A motion, a clip of a dataset, or joint positions (T, J, 3), metres.
+Dance: TypeAlias = "Motion | ClipView | npt.ArrayLike"
+#: Colours of the middle, the left and the right of a body: distinguishable with every kind of colour vision.
+SIDES = ("#4a525c", "#2a8ccb", "#a04c00")
+_CONTACT = "#00866a"
+
+
+class Dancer(NamedTuple):
+    """A figure, the colours of its middle, left and right, and its name among others."""
+
+    figure: Figure
+    sides: tuple[str, str, str] = SIDES
+    name: str = ""
+
+
+def scene_of(source: Store | str | Path, clip: str | None, field: str | None, frame: int) -> Scene:
+    """Return the scene of a clip or group; UsageError if it is unknown, or no field of it can be drawn."""
+    store = source if isinstance(source, Store) else open_store(source)
+    if clip is None:
+        raise UsageError("a dataset has many clips", where=str(store.path), fix="name the clip: motion(store, CLIP)")
+    scenes = Scenes(store, field)
+    scene = scenes.scene(scenes.find(clip, frame))
+    if not scene.dancers:
+        raise UsageError("no field of this dataset can be drawn", where=str(store.path), found="; ".join(scene.notes))
+    return scene
+
+
+def dancers_of(scene: Scene) -> list[Dancer]:
+    """Return the dancers of a scene, those of a group in a colour each."""
+    figures = [(dancer.figure, dancer.item) for dancer in scene.dancers if dancer.figure is not None]
+    if not scene.members:
+        return [Dancer(figures[0][0])]
+    return [Dancer(figure, colours_of(item, "light"), shown(item.part, 20)) for figure, item in figures]
+
+
+def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) -> Figure:
+    """Return the figure of a dance.
+
+    Parameters
+    ----------
+    dance
+        A motion, a clip of a dataset, of which the first window in window scope, or joint positions.
+    fps, body
+        Rate and body of joint positions; see `dancedata.evaluate`.
+    """
+    if isinstance(dance, Motion):
+        return Figure.of_joints(dance.joints(), dance.skeleton, dance.grid)
+    if isinstance(dance, ClipView):
+        store: Store = dance.store  # type: ignore[assignment]
+        scenes = Scenes(store)
+        items = scenes.items_of(dance.id)
+        scene = scenes.scene(items[0])
+        found = [s.figure for s in scene.dancers if s.item.clip.id == dance.id and s.figure is not None]
+        if not found:
+            raise UsageError("no field of this clip can be drawn", where=dance.id, found="; ".join(scene.notes))
+        return found[0]
+    joints = np.asarray(dance)
+    if joints.ndim != 3 or joints.shape[-1] != 3 or joints.dtype.kind not in "fiu":
+        raise UsageError(
+            "this is not a dance", found=f"shape {joints.shape}, {joints.dtype}",
+            allowed="a Motion, a clip of a dataset, or joint positions (T, J, 3) in metres",
+            fix="for columns: dancedata.decode(rows, NAME, fps=RATE)",
+        )  # fmt: skip
+    if fps is None:
+        raise UsageError("the frame rate of the joints is unknown", fix="give fps=")
+    clip = MemoryClip(id="joints", joints=joints.astype(np.float64), grid=FrameGrid.of(fps), body=body)
+    return figures_of(clip, SMPL24)[0]
+
+
+def seen(places: Float64Array, middle: Float64Array, turn_deg: float) -> Float64Array:
+    """Return places (..., 3) from the camera's side: `middle` at 0 to the right, height, and nearness."""
+    angle = np.radians(turn_deg)
+    x, z = places[..., 0] - middle[0], places[..., 2] - middle[2]
+    across = x * np.cos(angle) - z * np.sin(angle)
+    return np.stack([across, places[..., 1], x * np.sin(angle) + z * np.cos(angle)], axis=-1)
+
+
+def extent(figure: Figure, at: int, middle: Float64Array, turn_deg: float) -> tuple[float, float]:
+    """Return how far a body reaches to the left and to the right of `middle`, metres."""
+    across = seen(figure.joints[at], middle, turn_deg)[:, 0]
+    girth = float(np.max(figure.limbs.girths))
+    return float(across.min()) - girth, float(across.max()) + girth
+
+
+def draw_pose(
+    axes: Axes,
+    dancer: Dancer,
+    at: int,
+    middle: Float64Array,
+    turn_deg: float,
+    place: tuple[float, float],
+    *,
+    body: bool,
+) -> None:
+    """Draw a pose with `middle` at a place (right, floor), as a body or as sticks; feet in contact are ringed."""
+    figure = dancer.figure
+    shift = np.array([place[0], place[1] - figure.floor])
+    points = seen(figure.joints[at], middle, turn_deg)[:, :2] + shift
+    if body:
+        _draw_body(axes, dancer, at, middle, turn_deg, shift)
+    else:
+        _draw_sticks(axes, dancer, points)
+    for touches, joint in zip(figure.contacts[at], figure.contact_joints, strict=True):
+        if touches:
+            axes.plot(*points[joint], marker="o", markersize=7, markerfacecolor="none", markeredgecolor=_CONTACT)
+
+
+def _draw_sticks(axes: Axes, dancer: Dancer, points: Float64Array) -> None:
+    figure = dancer.figure
+    for parent, joint in figure.bones:
+        colour = dancer.sides[figure.sides[joint]]
+        axes.plot(*points[[parent, joint]].T, color=colour, linewidth=2.4, solid_capstyle="round")
+    if "head" in figure.skeleton.joints:
+        head = points[figure.skeleton.joints.index("head")]
+        axes.plot(*head, marker="o", markersize=9, color=dancer.sides[0])
+
+
+def _draw_body(
+    axes: Axes, dancer: Dancer, at: int, middle: Float64Array, turn_deg: float, shift: Float64Array
+) -> None:
+    """Draw the round cones of the viewer in strips, the farthest first."""
+    figure = dancer.figure
+    cones = figure.limbs.cones(figure.joints[at], None if figure.look is None else figure.look[at])
+    begin, end = seen(cones.begin, middle, turn_deg), seen(cones.end, middle, turn_deg)
+    # The strips are those of pictures, whose second axis points down.
+    down = np.array([1.0, -1.0])
+    outlines = [
+        cone_outlines(begin[:, :2] * down, end[:, :2] * down, cones.radii, *strip[:2]) * down + shift
+        for strip in STRIPS
+    ]
+    colours = [*dancer.sides, shade(dancer.sides[0], -0.65)]
+    order = np.argsort(begin[:, 2] + end[:, 2], kind="stable")
+    polygons = [outline[k] for k in order for outline in outlines]
+    fills = [shade(colours[cones.tones[k]], white) for k in order for *_, white in STRIPS]
+    collection = load("matplotlib.collections", "report", "a figure").PolyCollection
+    axes.add_collection(collection(polygons, facecolors=fills, edgecolors="none", zorder=2))
+    axes.autoscale_view()
+
+
+def moments(figure: Figure, poses: int, times: Sequence[float] | None = None) -> list[int]:
+    """Return the frames of times, seconds, or of poses evenly spaced; UsageError if they are not there."""
+    if times is None:
+        if poses < 1:
+            raise UsageError("there is no pose to draw", found=f"poses={poses}", allowed="at least 1")
+        evenly = np.linspace(0, figure.n_frames - 1, min(poses, figure.n_frames))
+        return [round(at) for at in evenly.tolist()]
+    frames = [round(time * float(figure.grid.rate)) for time in times]
+    if not frames or min(frames) < 0 or max(frames) >= figure.n_frames:
+        end = float(figure.grid.seconds(figure.n_frames - 1))
+        raise UsageError(
+            "a time is not within the motion", found=shown(list(times)), allowed=f"seconds from 0 to {end:.3f}"
+        )
+    return frames
+
+
+def bare(axes: Axes, *sides: str) -> None:
+    """Hide sides of the frame of axes."""
+    for side in sides:
+        axes.spines[side].set_visible(False)
