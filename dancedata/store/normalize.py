@@ -270,8 +270,8 @@ class MinMax(Scaler):
 class ZScore(Scaler):
     """Subtract the mean of each column in training, and divide by its standard deviation.
 
-    The scaling of text-to-motion (HumanML3D, Guo et al. 2022): ``store.zscore(FIELD, grouped=True)``, or of its files
-    ``ZScore(np.load("Mean.npy"), np.load("Std.npy"))``. A column that is constant in training is divided by 1.
+    The scaling of text-to-motion (HumanML3D, Guo et al. 2022): ``store.zscore(FIELD, grouped=True)``, or of the
+    arrays of its Mean.npy and Std.npy, ``ZScore(mean, std)``. A column that is constant in training is divided by 1.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 Without names, those that the pages show; with `all`, or the name of one that no page shows, into ./pictures. SHARED
 is the folder with the real recordings, which are not part of the project (`realdata`); the demo is built. It needs
 chromium and chromedriver, selenium and Pillow (`pip install -e ".[dev]"`). Pictures differ by the fonts of the
-machine, so tests do not compare them. PNGs get a palette of 256 colours, except those with the shades of a skin.
+machine, so tests do not compare them. PNGs get a palette of 256 colours.
 """
 
 from __future__ import annotations
@@ -291,17 +291,17 @@ LOOKS: dict[str, Shot] = {
 }
 
 
-#: Colours above which a picture keeps them all: a palette would draw steps on a skin.
+#: Colours above which a palette of even steps is better: the shades of a skin.
 _SHADES = 5_000
 
 
 def save(picture: Image.Image, path: Path) -> None:
-    """Write a PNG, with a palette if it has few colours."""
+    """Write a PNG with a palette."""
     colours, place, counts = np.unique(
         np.asarray(picture).reshape(-1, 3), axis=0, return_inverse=True, return_counts=True
     )
     if len(colours) > _SHADES:
-        picture.save(path, optimize=True)
+        picture.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(path, optimize=True)
         print(f"{path.name}: {picture.width} x {picture.height}, {path.stat().st_size / 1000:.0f} kB")
         return
     # The most frequent colours unchanged, then those farthest from them all: a ring has few pixels.
