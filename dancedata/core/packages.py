@@ -25,6 +25,7 @@ MODULES = {
     "dask": ("dask", "distributed"),
     "smpl": ("smplx", "torch"),
     "report": ("matplotlib",),
+    "pandas": ("pandas",),
     "video": ("imageio_ffmpeg", "PIL"),
 }
 

@@ -111,6 +111,20 @@ def field_beats(rows: npt.NDArray[Any], field: Field | FeatureJob) -> MusicBeats
     return MusicBeats.of_rows(rows, field.columns, field.grid, late=late)
 
 
+def clip_beats(store: Store, clip_id: str, field: str = "") -> npt.NDArray[np.float64]:
+    """Return the instants of a clip's stored beats, (M,) seconds from its first frame; see `ClipView.beats`."""
+    fields = {f.name: f for f in store.fields_with(BEAT)}
+    name = field or next(iter(fields), "")
+    if name not in fields:
+        raise UsageError(
+            "no beats are stored" if not field else f"field {field!r} has no beats", where=str(store.path),
+            allowed=", ".join(fields) or "a dataset with librosa35 or beats",
+        )  # fmt: skip
+    lead, rows = store.rows_within(clip_id, name)
+    seconds = field_beats(rows, fields[name]).seconds + lead / float(fields[name].rate)
+    return np.asarray(seconds.clip(min=0))
+
+
 def beats_after(beats: MusicBeats, start: int, grid: FrameGrid) -> MusicBeats:
     """Return the beats at or after frame `start` of `grid`, counted from there."""
     if grid.is_whole(start, of=beats.grid):

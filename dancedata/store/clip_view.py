@@ -9,10 +9,12 @@ from importlib import import_module
 from itertools import accumulate, groupby
 from typing import Any, Protocol, Self, overload
 
+import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.tables import Tables
@@ -83,6 +85,49 @@ class ClipView(ClipRecord):
             In window scope, where clips are not stored whole.
         """
         return self.store.read_song(self.id, field)
+
+    def __getitem__(self, field: str) -> npt.NDArray[Any]:
+        """Return `read(field)`."""
+        return self.read(field)
+
+    def motion(self, field: str = "") -> Motion:
+        """Return the clip's motion: root and rotations, metres, +Y up.
+
+        Parameters
+        ----------
+        field
+            Motion field whose columns are decoded; default: the first that has rotations.
+
+        Raises
+        ------
+        UsageError
+            For a field without rotations, or a dataset without such a field.
+        """
+        motion: Motion = import_module("dancedata.store.motion_fields").clip_motion(self.store, self.id, field)
+        return motion
+
+    def joints(self, field: str = "") -> npt.NDArray[np.float64]:
+        """Return the positions of the clip's joints, (T, J, 3) metres, +Y up; `field` as for `motion`.
+
+        A dataset without rotations gives the joints of its first field of positions.
+        """
+        pose = import_module("dancedata.store.motion_fields").clip_pose(self.store, self.id, field)
+        return np.asarray(pose.joints)
+
+    def beats(self, field: str = "") -> npt.NDArray[np.float64]:
+        """Return the instants of the stored beats, (M,) seconds from the clip's first frame.
+
+        Parameters
+        ----------
+        field
+            Audio field with a column "beat"; default: the first.
+
+        Raises
+        ------
+        UsageError
+            For a field without beats, or a dataset without such a field.
+        """
+        return np.asarray(import_module("dancedata.evaluation.music").clip_beats(self.store, self.id, field))
 
     def _repr_html_(self) -> str:
         """Show the clip in a notebook: the player of `dancedata view`, complete in itself."""

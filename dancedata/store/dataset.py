@@ -8,7 +8,7 @@ from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,9 @@ from dancedata.store.windowing import (
     whole_period,
     window_starts,
 )
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = ()) -> Store:
@@ -527,6 +530,46 @@ class Store(SegmentQueries):
         if self._description.format == 1:
             return self._side_files.quality
         return quality_rows(self)
+
+    def __len__(self) -> int:
+        """Return the number of clips."""
+        return len(self.clips)
+
+    def __bool__(self) -> bool:
+        """Return True, also without clips."""
+        return True
+
+    def __iter__(self) -> Iterator[ClipView]:
+        """Yield the clips, split by split, in stored order."""
+        return iter(self.clips)
+
+    def __getitem__(self, clip_id: str) -> ClipView:
+        """Return a clip by id: ``ds["clip"]["edge151"]`` are its rows of a field."""
+        return self.clip(clip_id)
+
+    def __contains__(self, clip_id: object) -> bool:
+        """Return whether there is a clip of this id."""
+        return any(self.tables(split).find(str(clip_id)) is not None for split in self.splits)
+
+    def to_pandas(self, table: str = "clips") -> DataFrame:
+        """Return a table as a pandas DataFrame, for filters, plots, CSV and parquet (``df.to_parquet``).
+
+        Parameters
+        ----------
+        table
+            "clips": a row a clip, with free columns as "x/NAME". "windows": clip, split, first frame and length.
+            "rejects": what the build left out, and why. "quality": quality flags.
+
+        Raises
+        ------
+        UsageError
+            For another table.
+        MissingPackageError
+            Without pandas.
+        """
+        # By name: a store is read without pandas.
+        frame: DataFrame = import_module("dancedata.store.tables_out").table(self, table)
+        return frame
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.

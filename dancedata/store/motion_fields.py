@@ -183,6 +183,39 @@ def _reader(store: Store, field: Field) -> ColumnsReader:
     return ColumnsReader(stored_representation(store.meta.get("recipe"), field.name, field.columns), field.grid)
 
 
+def clip_pose(store: Store, clip_id: str, field: str = "") -> Pose:
+    """Return the pose of a whole clip, by the field that is named, else by the first with rotations, else positions.
+
+    UsageError as `stored_representation`, and for a dataset without such a field.
+    """
+    if field:
+        reader = motion_reader(store, field)
+    else:
+        kept = {
+            name: r
+            for name, r in motion_readers(store).items()
+            if r.representation.decodes or _POSITION in r.representation.columns.names
+        }
+        if not kept:
+            raise UsageError(
+                "the dataset has no field of motion that can be decoded", where=str(store.path),
+                found=", ".join(store.fields),
+            )  # fmt: skip
+        field, reader = min(kept.items(), key=lambda item: not item[1].representation.decodes)
+    return reader.pose(store.read_clip(clip_id, field), where=clip_id)
+
+
+def clip_motion(store: Store, clip_id: str, field: str = "") -> Motion:
+    """Return the motion of a whole clip; UsageError as `clip_pose`, and for a field without rotations."""
+    motion = clip_pose(store, clip_id, field).motion
+    if motion is None:
+        raise UsageError(
+            "the field has no rotations", where=str(store.path), found=field or "fields of positions alone",
+            fix="take clip.joints()",
+        )  # fmt: skip
+    return motion
+
+
 def motion_readers(store: Store) -> dict[str, ColumnsReader]:
     """Return a reader of each motion field whose plug-in is installed, in the order of the dataset."""
     readers = {}

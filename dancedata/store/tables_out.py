@@ -1,0 +1,61 @@
+"""Tables of a store as pandas has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.packages import load
+from dancedata.store.clip_columns import FREE
+from dancedata.store.clip_view import ClipView
+from dancedata.store.dataset import Store
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+def table(store: Store, name: str) -> DataFrame:
+    """Return a table of `Store.to_pandas`; UsageError for an unknown one, or without pandas."""
+    if name not in _TABLES:
+        raise UsageError(f"no table named {name!r}", fix=did_you_mean(name, _TABLES))
+    pandas = load("pandas", "pandas", what="to_pandas")
+    frame: DataFrame = pandas.DataFrame.from_records(list(_TABLES[name](store)))
+    return frame
+
+
+def _clips(store: Store) -> Iterator[dict[str, Any]]:
+    free = dict.fromkeys(name for split in store.splits for name in store.tables(split).types)
+    for clip in store.clips:
+        row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
+        row |= {name: _plain(value) for name, value in asdict(clip.record).items() if name not in {*row, "columns"}}
+        row["licence"] = _licence(store, clip)
+        yield row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
+
+
+def _licence(store: Store, clip: ClipView) -> str:
+    return (store.licences[clip.licence].text if clip.licence >= 0 else "") or str(store.meta.get("licence") or "")
+
+
+def _windows(store: Store) -> Iterator[dict[str, Any]]:
+    for split in store.splits:
+        for window in store.windows(split):
+            seconds = float(store.grid.seconds(window.start)), float(store.grid.seconds(window.length))
+            yield {"clip": window.clip, "split": split, "start": window.start, "length": window.length,
+                   "start_s": seconds[0], "length_s": seconds[1]}  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as a cell: exact fractions as numbers, tuples as lists."""
+    if isinstance(value, tuple):
+        return list(value)
+    return float(value) if hasattr(value, "numerator") and not isinstance(value, int) else value
+
+
+_TABLES: Mapping[str, Callable[[Store], Iterator[dict[str, Any]]]] = {
+    "clips": _clips,
+    "windows": _windows,
+    "rejects": lambda store: iter(store.rejects),
+    "quality": lambda store: iter(store.quality),
+}
