@@ -111,6 +111,7 @@ def view(
 
 TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
 CLIPS_HELP = "Clips that the page plays: the most suspicious and others; above 12 in a folder next to the page."
+CARD_HELP = "Write a README.md for a hub instead, with three pictures: to --to, default README.md."
 REPORT_SHARE_HELP = "State that you may share the music although the dataset's licence forbids it."
 
 
@@ -125,6 +126,7 @@ def report(
     against: Annotated[
         Path | None, typer.Option(metavar="OTHER", help="Another built dataset to compare with.")
     ] = None,
+    card: Annotated[bool, typer.Option("--card", help=CARD_HELP)] = False,
     max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
     overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
     quiet: Quiet = False,
@@ -137,6 +139,14 @@ def report(
     from dancedata.report.document import findings
     from dancedata.report.write import default_path, write_report
 
+    if card:
+        from dancedata.card import write_card
+
+        if as_json or against is not None or audio != "none":
+            raise UsageError("--card goes with --to, --overwrite and --quiet alone", fix="call it for each")
+        path = write_card(store, to or "README.md", overwrite=overwrite, progress=not quiet)
+        say(f"{path}, and its pictures in {path.stem}_files")
+        return
     target = to if to is not None or as_json else default_path(store)
     chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
     how: Any = audio

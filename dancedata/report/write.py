@@ -1,8 +1,9 @@
 """write_report: a dataset as a page and as numbers, and the files of the page."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -201,8 +202,14 @@ def _report(
     chosen = _spread(numbers, _PATHS)
     heat_maps, stills = _heat_maps(store, numbers, reader), _stills(store, reader, chosen)
     parts = PageParts(chosen, store.fields, heat_maps, stills, texts, player)
-    options.target.write(page(Drawing(numbers, other, player.links, player.group_links), parts).encode(), player)
+    html = page(Drawing(numbers, other, player.links, player.group_links), parts)
+    side = {name: partial(_side_file, player, number) for name, number in player.side.items()}
+    options.target.write(html.encode(), side)
     return Report(numbers, other, differences, options.target.path)
+
+
+def _side_file(player: Player, number: int) -> bytes:
+    return player.side_file(number).encode()
 
 
 def _player(store: Store, numbers: Document, options: _PageOptions) -> Player:
@@ -327,8 +334,13 @@ class Target:
         """Folder with further clips: "report.html" has "report_files". Its export.json lists its files."""
         return self.path.with_name(f"{self.path.stem}_files")
 
-    def write(self, html: bytes, player: Player) -> None:
+    def write(self, html: bytes, side: Mapping[str, Callable[[], bytes]]) -> None:
         """Write the page last, so that it never names missing files.
+
+        Parameters
+        ----------
+        side
+            Files of the folder, made one at a time.
 
         Raises
         ------
@@ -341,9 +353,9 @@ class Target:
         try:
             with atomic.atomic_file(self.path) as page:
                 page.write_bytes(html)
-                if player.side:
-                    self._write_folder(player)
-            if not player.side and self._listing() is not None:
+                if side:
+                    self._write_folder(side)
+            if not side and self._listing() is not None:
                 remove_export(self.folder)  # of an earlier page
         except OSError as error:
             raise StoreError("the report cannot be written", where=self.path, found=str(error)) from error
@@ -358,11 +370,11 @@ class Target:
                 fix="show fewer clips: --clips 4, or --clips none; music takes most of it: --audio none",
             )
 
-    def _write_folder(self, player: Player) -> None:
+    def _write_folder(self, side: Mapping[str, Callable[[], bytes]]) -> None:
         with replaced_export(self.folder, overwrite=True) as new:
             folder = ExportFolder(new, self.folder)
-            for name, number in player.side.items():
-                folder.write_text(name, player.side_file(number))
+            for name, make in side.items():
+                folder.write_bytes(name, make())
             write_about(folder, {"dancedata": __version__, "report": self.path.name})
 
     def _listing(self) -> dict[str, Any] | None:

@@ -69,7 +69,7 @@ def test_the_commands_run(demo: Demo, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.chdir(demo.folder)
     commands = re.findall(r"^```sh\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
-    for command, file in zip(commands, ("demo-report.html", "dance.mp4"), strict=True):
+    for command, file in zip(commands, ("demo-report.html", "README.md", "dance.mp4"), strict=True):
         name, *words = shlex.split(command.replace(CLIP, demo.clip))
         assert name == "dancedata"
         done = CliRunner().invoke(app, words)

@@ -5,8 +5,6 @@ import re
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 from urllib.parse import unquote
 
 import pytest
@@ -14,7 +12,6 @@ import pytest
 from dancedata.core.errors import UsageError
 from dancedata.report import write_report
 from dancedata.report.markup import number
-from dancedata.report.player import Player
 from dancedata.report.write import Target
 from dancedata.store import open_store
 from dancedata.viewer.page import source_hash
@@ -278,17 +275,15 @@ def test_a_file_created_next_to_the_page_during_writing_stays(tmp_path: Path) ->
     target.folder.mkdir()
     for name in ("mine.txt", "clip-00007.js"):
         (target.folder / name).write_text("")
-    target.write(b"page", cast(Player, SimpleNamespace(side={})))
+    target.write(b"page", {})
     assert sorted(path.name for path in target.folder.iterdir()) == ["clip-00007.js", "mine.txt"]
 
 
 def _with_a_folder(page: Path, number: int = 12) -> Path:
     """Write a report with one clip next to its page; returns the folder."""
-    player = SimpleNamespace(
-        side={f"clip-{number:05d}.js": number}, side_file=lambda k: f"dancedataClip({k}, {{}});\n"
-    )
+    side = {f"clip-{number:05d}.js": lambda: f"dancedataClip({number}, {{}});\n".encode()}
     target = Target.of(page, [], max_mb=1, overwrite=True)
-    target.write(b"page", cast(Player, player))
+    target.write(b"page", side)
     return target.folder
 
 
@@ -322,7 +317,7 @@ def test_foreign_files_next_to_the_page_stay(tmp_path: Path, change: Callable[[P
     with raises_message(UsageError):
         _with_a_folder(page, 14)
     target = Target(page, 1)
-    target.write(b"page", cast(Player, SimpleNamespace(side={})))  # of a report that started before they were created
+    target.write(b"page", {})  # of a report that started before they were created
     assert theirs.read_bytes() == before
 
 

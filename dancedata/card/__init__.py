@@ -1,0 +1,14 @@
+"""The card of a dataset for a hub: a README.md with its head, pictures, terms, and how to build it again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dancedata.core.lazy import lazy_names
+
+__all__ = ["write_card"]
+
+if TYPE_CHECKING:
+    from dancedata.card.write import write_card
+else:
+    __getattr__, __dir__ = lazy_names(__name__, {"write_card": "dancedata.card.write"})

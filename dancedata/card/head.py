@@ -1,0 +1,85 @@
+"""The head of a card: what hubs read from the YAML at the top of a README.md."""
+
+import json
+import re
+from collections.abc import Sequence
+
+from dancedata.core.licence import Licence
+from dancedata.store import Store
+from dancedata.store.licence import clips_by_terms
+
+#: Licences of hubs by what they are written as, the strictest last; unknown ones are stricter than all of them.
+_LICENCES = (
+    ("cc0-1.0", r"cc[ -]?0|creative commons zero|public domain"),
+    ("mit", r"mit\b"),
+    ("apache-2.0", r"apache"),
+    ("cc-by-4.0", r"(?:cc[ -]by|creative commons attribution)[ -]4\.0"),
+    ("cc-by-sa-4.0", r"(?:cc[ -]by[ -]sa|creative commons attribution[ -]sharealike)[ -]4\.0"),
+    ("cc-by-nc-4.0", r"(?:cc[ -]by[ -]nc|creative commons attribution[ -]noncommercial)[ -]4\.0"),
+    (
+        "cc-by-nc-sa-4.0",
+        r"(?:cc[ -]by[ -]nc[ -]sa|creative commons attribution[ -]noncommercial[ -]sharealike)[ -]4\.0",
+    ),
+    ("cc-by-nd-4.0", r"(?:cc[ -]by[ -]nd|creative commons attribution[ -]noderivatives)[ -]4\.0"),
+    ("cc-by-nc-nd-4.0", r"cc[ -]by[ -]nc[ -]nd[ -]4\.0"),
+)
+OTHER = "other"
+#: Upper ends of the sizes of hubs, in thousands.
+_SIZES = ((1, "n<1K"), (10, "1K<n<10K"), (100, "10K<n<100K"), (1000, "100K<n<1M"), (10_000, "1M<n<10M"))
+
+
+def hub_licence(text: str) -> str:
+    """Return the name that hubs have for a licence; "other" for those that they do not know.
+
+    Examples
+    --------
+    >>> hub_licence("CC BY-NC 4.0"), hub_licence("for research only")
+    ('cc-by-nc-4.0', 'other')
+    """
+    named = text.strip().lower()
+    found = [name for name, pattern in _LICENCES if re.match(rf"(?:{pattern})(?![\w-]*[ -](?:sa|nc|nd)\b)", named)]
+    # Several terms in one text are as strict as those that are not known.
+    parts = re.split(r"[;,]\s|\band\b", named)
+    known = [part for part in parts if any(re.match(rf"\s*(?:{pattern})", part) for _, pattern in _LICENCES)]
+    return found[-1] if found and len(known) <= 1 else OTHER
+
+
+def strictest(store: Store) -> tuple[str, Licence]:
+    """Return the strictest licence of the clips of a dataset, as hubs name it and as it is written."""
+    of_dataset = Licence(str(store.meta.get("licence") or "unknown"), str(store.meta.get("citation") or ""))
+    terms = clips_by_terms(store) or {None: 1}
+    used = [of_dataset if k is None or not k.text else k for k in terms]
+    order = [name for name, _ in _LICENCES]
+    ranked = [(hub_licence(licence.text), licence) for licence in used]
+    return max(ranked, key=lambda entry: (order.index(entry[0]) if entry[0] in order else len(order), entry[1]))
+
+
+def size_category(n: int) -> str:
+    """Return the range that hubs have for a number of samples."""
+    return next((name for end, name in _SIZES if n < 1000 * end), "n>10M")
+
+
+def head(store: Store, splits: Sequence[str]) -> str:
+    """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup."""
+    name, licence = strictest(store)
+    n = sum(len(store.windows(split)) for split in splits) or len(store.clips)
+    kinds = {store.field(field).kind for field in store.fields}
+    tags = ["dance", "human-motion", "motion-capture", "dancedata"]
+    tags += ["music", "music-to-dance"] if "audio" in kinds else []
+    lines = [
+        f"pretty_name: {_quoted(str(store.meta.get('name', 'dataset')))}",
+        f"license: {name}",
+        *([f"license_name: {_quoted(licence.text[:120])}"] if name == OTHER else []),
+        "size_categories:", f"- {size_category(n)}",
+        "task_categories:", "- other",
+        "tags:", *(f"- {tag}" for tag in tags),
+        "viewer: false",
+        "configs:", "- config_name: default", "  data_files:",
+        *(f"  - split: {_quoted(split)}\n    path: {_quoted(f'{split}-*.h5')}" for split in splits),
+    ]  # fmt: skip
+    return "\n".join(["---", *lines, "---", ""])
+
+
+def _quoted(text: str) -> str:
+    """Return a text as YAML has it between double quotes."""
+    return json.dumps("".join(c for c in text if c.isprintable()))

@@ -1,0 +1,143 @@
+"""The text of a card: content, terms, and how to build the dataset again. No path and no user name is in it."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import yaml
+
+from dancedata.card.head import OTHER, head, strictest
+from dancedata.core.text import counted, shown
+from dancedata.store import Store
+from dancedata.store.licence import clips_by_terms, terms_text
+
+#: Found in files that this module wrote, and only there.
+MARK = "<!-- written by dancedata report --card; changes are lost when it is written again -->"
+#: Paths of a machine: absolute ones, and those of a home.
+_PATH = re.compile(r"(?<![\w:/.~<])(?:~|[A-Za-z]:)?[/\\](?:[^\s/\\:;,'\"()]+[/\\])+[^\s/\\:;,'\"()]*")
+_MARKDOWN = re.compile(r"([\\`*_\[\]<>|#])")
+
+
+def without_paths(text: str) -> str:
+    """Return a text with PATH in the place of the paths of a machine.
+
+    Examples
+    --------
+    >>> without_paths("Read from /home/ann/aist/x.pkl; see https://example.org/a/b")
+    'Read from PATH; see https://example.org/a/b'
+    """
+    return _PATH.sub("PATH", text)
+
+
+def card_text(store: Store, pictures: Mapping[str, str]) -> str:
+    """Return the README.md of a dataset.
+
+    Parameters
+    ----------
+    pictures
+        Address and description of each picture.
+    """
+    meta, splits = store.meta, tuple(store.splits)
+    name = _text(str(meta.get("name", "dataset")))
+    description = _text(str(meta.get("recipe", {}).get("description") or "Built by dancedata."))
+    images = "\n".join(f"![{_text(what)}]({address})\n" for address, what in pictures.items())
+    return "\n".join(
+        [head(store, splits), MARK, "", f"# {name}", "", description, "", images, _splits(store, splits),
+         _fields(store), _terms(store), _reading(splits, store), _again(store)]
+    )  # fmt: skip
+
+
+def _text(text: str) -> str:
+    """Return a text of a dataset for Markdown: one line, without markup and paths."""
+    return _MARKDOWN.sub(r"\\\1", shown(without_paths(" ".join(text.split())), 2000))
+
+
+def _table(head_row: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    lines = [head_row, ["---"] * len(head_row), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines) + "\n"
+
+
+def _splits(store: Store, splits: Sequence[str]) -> str:
+    rows = []
+    for split in splits:
+        clips = [clip for clip in store.clips if clip.split == split and not clip.source]
+        copies = sum(clip.split == split and bool(clip.source) for clip in store.clips)
+        minutes = float(store.grid.seconds(sum(clip.n_frames for clip in clips)) / 60)
+        songs = len({clip.music for clip in clips if clip.music})
+        rows.append((_text(split), len(clips), copies, len(store.windows(split)), songs, f"{minutes:.1f}"))
+    genres = sorted({clip.genre for clip in store.clips if clip.genre})
+    windows = store.meta["windows"]
+    about = (
+        f"Windows of {windows['length']} frames every {windows['stride']}, at {store.meta['fps']} frames per second; "
+        f"scope {store.scope}; skeleton {_text(store.skeleton.name)}, {counted(store.skeleton.n_joints, 'joint')}."
+    )
+    genre_line = f"\nGenres: {', '.join(map(_text, genres))}.\n" if genres else ""
+    table = _table(("split", "clips", "copies", "windows", "songs", "minutes"), rows)
+    left = sum(store.meta.get("rejects", {}).values())
+    return f"## Content\n\n{table}\n{about}\n{genre_line}\nLeft out: {left}.\n"
+
+
+def _fields(store: Store) -> str:
+    rows = []
+    for name in store.fields:
+        field = store.field(name)
+        groups = ", ".join(f"{_text(g.name)} ({g.width})" for g in field.columns.groups)
+        rows.append((f"`{name}`", field.kind, field.columns.width, str(field.rate), field.dtype, groups))
+    weights = "".join(f"- weights of `{name}`: {_text(text)}\n" for name, text in store.weights.items())
+    table = _table(("field", "kind", "columns", "rows per second", "type", "groups"), rows)
+    return f"## Features\n\n{table}\n{weights}"
+
+
+def _terms(store: Store) -> str:
+    name, licence = strictest(store)
+    hub = "not one that hubs have a name for" if name == OTHER else name
+    lines = [f"Strictest licence of its clips: {_text(licence.text)} ({hub})."]
+    lines += [f"- {_text(text)}" for text in terms_text(clips_by_terms(store))]
+    notes = [f"- {_text(note)}" for note in store.meta.get("source", {}).get("notes", [])]
+    cite = dict.fromkeys(
+        text for text in (str(store.meta.get("citation") or ""), *(k.citation for k in store.licences)) if text
+    )
+    parts = [
+        "## Licence and citation",
+        "",
+        *lines,
+        "",
+        f"Dataset: {_text(str(store.meta.get('licence') or 'unknown'))}",
+    ]
+    parts += ["", "Cite:", "", *(f"> {_text(text)}\n" for text in cite)] if cite else []
+    return "\n".join([*parts, *(["", "## Source", "", *notes] if notes else []), ""])
+
+
+def _reading(splits: Sequence[str], store: Store) -> str:
+    field = next(iter(store.fields))
+    return (
+        "## How to read it\n\n```python\nimport dancedata\n\nds = dancedata.open(\"FOLDER\")\n"
+        f"window = ds.windows({splits[0]!r})[0]\nds.read(window, {field!r}).shape\n```\n\n"
+        "The files are plain HDF5. `dancedata check FOLDER` verifies them, `dancedata view FOLDER` plays them.\n"
+    )  # fmt: skip
+
+
+def _again(store: Store) -> str:
+    meta = store.meta
+    recipe = yaml.safe_dump(_plain(meta.get("recipe", {})), sort_keys=False, allow_unicode=True, width=100)
+    hashes = [(key, meta.get(key)) for key in ("recipe_sha256", "source_sha256", "self_sha256")]
+    rows = [(key.removesuffix("_sha256"), f"`{value}`") for key, value in hashes if value]
+    rows += [(f"`{shard['file']}`", f"`{shard['sha256']}`") for shard in meta.get("shards", [])]
+    packages = ", ".join(f"{name} {version}" for name, version in meta.get("packages", {}).items())
+    fence = "`" * max(3, 1 + max((len(run) for run in re.findall(r"`+", recipe)), default=0))
+    used = f" ({_text(packages)})" if packages else ""
+    return (
+        f"## How to build it again\n\nWith dancedata {_text(str(meta.get('dancedata', '')))}{used}, and this recipe "
+        f"as recipe.yaml:\n\n{fence}yaml\n{recipe}{fence}\n\n"
+        "```sh\ndancedata build recipe.yaml --source FOLDER_OF_THE_SOURCE --out FOLDER\n```\n\n"
+        f"{_table(('', 'SHA-256'), rows)}"
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return a recipe without the paths of a machine."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return without_paths(value) if isinstance(value, str) else value
