@@ -27,7 +27,8 @@ _STATE = "state it: normalized=True or normalized=False, in a command --normaliz
 _UNIT, _BONE = 0.03, 0.15
 #: The stated choice is wrong if its distance is above this plus 3 times that of the other choice.
 _WORSE = 0.02
-#: A stated choice that is off by more than this, and by 3 times the other choice if there is one, gives a warning.
+#: A stated choice that is off by more than this, and by 3 times the other choice if there is one, gives a warning;
+#: so does one where both are off.
 _DOUBT = 0.1
 #: Mean distance from the usual range of motion in its own units, after normalising; and of values of no scaler.
 _INSIDE, _FAR = 0.05, 10.0
@@ -260,9 +261,11 @@ def _check(
     if normalized and not problem and ((narrows and again < _INSIDE) or outside > _FAR):
         problem = f"values from {np.nanmin(rows):.3g} to {np.nanmax(rows):.3g}, which are not of this scaler"
     words = ("normalised", "not normalised")
+    name = f"vectors or bones of {representation.name}, stated to be {words[not normalized]}"
     if not problem and stated > max(_DOUBT, 3 * other):
-        name = f"vectors or bones of {representation.name}, stated to be {words[not normalized]}"
         _warn_once(f"{name}, are far off their length, and nearer to it with the other choice")
+    elif not problem and stated > max(_DOUBT, 1.5 * least):  # bones may be those of another body
+        _warn_once(f"{name}, are far off their length with either choice: an untrained model, or another scaler")
     if problem:
         spelt = ("normalized=True, --normalized", "normalized=False, --not-normalized")
         raise UsageError(

@@ -100,6 +100,13 @@ def test_decoded_motion_is_the_dancers(store: Store) -> None:
         dancedata.decode(store.read(window, FIELD), FIELD, like=reader)
 
 
+def test_another_scaler_is_doubted(store: Store, caplog: pytest.LogCaptureFixture) -> None:
+    """Z-scores that are taken as min-max values are far from motion, and so they are as they stand."""
+    reader = WindowDataset(store, "val", fields=[FIELD], scaler=store.zscore(FIELD))
+    dancedata.decode(reader[0][FIELD].numpy(), FIELD, like=store, normalized=True)
+    assert "with either choice" in caplog.text
+
+
 def test_what_z_scores_cannot(store: Store) -> None:
     scaler = store.zscore(FIELD)
     with pytest.raises(UsageError, match="no range to cut"):
