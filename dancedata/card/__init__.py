@@ -1,4 +1,4 @@
-"""The card of a dataset for a hub: a README.md with its head, pictures, terms, and how to build it again."""
+"""Datasets as a README.md for a hub: head, pictures, terms, recipe."""
 
 from __future__ import annotations
 
