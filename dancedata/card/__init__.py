@@ -1,4 +1,4 @@
-"""Datasets as a README.md for a hub: head, pictures, terms, recipe."""
+"""A dataset as a README.md for a hub: pictures, terms, recipe."""
 
 from __future__ import annotations
 
