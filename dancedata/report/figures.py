@@ -1,7 +1,7 @@
 """The figures of a report, drawn from its document and nothing else, in the order of a reader's questions."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from dancedata.core.text import counted, listed
@@ -28,14 +28,15 @@ class Drawing:
     ----------
     numbers, other
         The document, and that of the dataset it is compared with.
-    links, group_links
-        Address of the clips and groups that the page plays, for HTML.
+    links, group_links, lists
+        Address of the clips and groups that the page plays, and of its lists of a genre, song or dancer, for HTML.
     """
 
     numbers: Document
     other: Document | None = None
     links: Mapping[str, Markup] | None = None
     group_links: Mapping[str, Markup] | None = None
+    lists: Mapping[str, Markup] = field(default_factory=dict)
 
     @property
     def other_names(self) -> tuple[str, ...]:
@@ -148,11 +149,11 @@ def bar_figure(
     drawn = {name: this.get(name, {}) for name in names[:_BARS]}
     n, n_other = sum(sum(values.values()) for values in this.values()), sum((totals or {}).values())
     if totals is None or n == n_other:
-        body = bars(drawn, title, other=totals)
+        body = bars(drawn, title, other=totals, links=d.lists)
     else:
         note = f"% of each dataset's sum, {n:,} and {n_other:,}; {note}".removesuffix("; ")
         shares = {name: shares_of(values, n) for name, values in drawn.items()}
-        body = bars(shares, title, other=shares_of(totals, n_other), unit=" %")
+        body = bars(shares, title, other=shares_of(totals, n_other), unit=" %", links=d.lists)
     return Figure(key, title, note, body, (first, *groups, *d.other_names), rows, groups if legend else (), d.outline)
 
 

@@ -30,6 +30,8 @@ class Player:
     ----------
     links, group_links
         Address of each clip and of each group, for HTML.
+    lists
+        Address of the list of clips of each genre, song and dancer, from the first of them.
     css, body, scripts
         Texts for the page: style, HTML after the report, and the scripts that its policy allows.
     side
@@ -38,6 +40,7 @@ class Player:
 
     links: Mapping[str, Markup] = field(default_factory=dict)
     group_links: Mapping[str, Markup] = field(default_factory=dict)
+    lists: Mapping[str, Markup] = field(default_factory=dict)
     css: str = ""
     body: str = ""
     scripts: tuple[str, ...] = ()
@@ -91,7 +94,16 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSoun
     dancers = [dancer for item in items for dancer in item.members or (item,)]
     links = {dancer.clip.id: Markup(escape(link(dancer), quote=True)) for dancer in dancers}
     groups = {item.name: Markup(escape(link(item), quote=True)) for item in items if item.members}
-    return Player(links, groups, parts.css, body, (script, parts.script), side, scenes, items)
+    return Player(links, groups, _lists(items), parts.css, body, (script, parts.script), side, scenes, items)
+
+
+def _lists(items: Sequence[Item]) -> dict[str, Markup]:
+    lists: dict[str, Markup] = {}
+    for item in items:
+        for name in (item.clip.genre, item.clip.music, item.clip.dancer):
+            if name and name not in lists:
+                lists[name] = Markup(escape(f"{link(item)}&list={quote(name, safe='')}", quote=True))
+    return lists
 
 
 def _entries(scenes: Scenes, clips: Sequence[str]) -> list[Item]:

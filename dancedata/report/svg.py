@@ -11,7 +11,7 @@ import numpy as np
 from dancedata.core.columns import Columns
 from dancedata.core.text import counted
 from dancedata.report.document import ColumnRange
-from dancedata.report.markup import escaped, number
+from dancedata.report.markup import Markup, escaped, number
 from dancedata.report.tally import Quantiles, nice_step
 
 #: Size of a chart in units of the page's text, and its margins.
@@ -128,11 +128,13 @@ def _bar(k: int, x: float, y: float, width: float, height: float, title: str, ki
 
 
 def bars(
-    rows: Mapping[str, Mapping[str, float]], label: str, *, other: Mapping[str, float] | None = None, unit: str = ""
-) -> str:
+    rows: Mapping[str, Mapping[str, float]], label: str, *, other: Mapping[str, float] | None = None, unit: str = "",
+    links: Mapping[str, Markup] | None = None,
+) -> str:  # fmt: skip
     """Return one horizontal bar per row, stacked by group; the outline of another total around it.
 
-    The total of a row is printed at the end of its bar, the other one in brackets at the end of its outline.
+    The total of a row is printed at the end of its bar, the other one in brackets at the end of its outline. Name and
+    bar of a row lead to its address in `links`.
     """
     totals = {name: sum(counts.values()) for name, counts in rows.items()}
     most = max([*totals.values(), *(other or {}).values(), 0]) or 1
@@ -140,6 +142,8 @@ def bars(
     body = ""
     for row, (name, counts) in enumerate(rows.items()):
         y, x = 4 + row * _ROW, float(_NAMES)
+        address = (links or {}).get(name)
+        body += "" if address is None else f'<a href="{address}">'
         body += f"<g><title>{escaped(name)}</title>{_text(_NAMES - 7, y + 11, _short(name), 'end')}</g>"
         for k, (group, value) in enumerate(counts.items()):
             width = value / most * room
@@ -149,6 +153,7 @@ def bars(
                 )
                 body += _bar(k, x, y, max(1.0, width - 1), 13, title)
             x += width
+        body += "" if address is None else "</a>"
         text = f"{number(round(totals[name], 1) if unit else totals[name])}{unit}"
         if other is not None and name in other:
             length = other[name] / most * room

@@ -202,7 +202,7 @@ def _report(
     chosen = _spread(numbers, _PATHS)
     heat_maps, stills = _heat_maps(store, numbers, reader), _stills(store, reader, chosen)
     parts = PageParts(chosen, store.fields, heat_maps, stills, texts, player)
-    html = page(Drawing(numbers, other, player.links, player.group_links), parts)
+    html = page(Drawing(numbers, other, player.links, player.group_links, player.lists), parts)
     side = {name: partial(_side_file, player, number) for name, number in player.side.items()}
     options.target.write(html.encode(), side)
     return Report(numbers, other, differences, options.target.path)

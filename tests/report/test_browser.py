@@ -3,6 +3,7 @@
 from pathlib import Path
 from urllib.parse import quote, unquote
 
+import dancedata
 from dancedata.report import write_report
 from tests.report.conftest import HOSTILE
 from tests.viewer.conftest import duets  # noqa: F401 (the duets of the tests of the viewer)
@@ -51,6 +52,24 @@ def test_a_link_opens_its_clip_at_once(browser: Browser, demo: Path, tmp_path: P
     browser.driver.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
     browser.wait(SHOWN, clip)
     assert abs(browser.driver.execute_script("return window.dancedataViewer.state.t") - 2.5) < 0.01
+
+
+def test_a_bar_leads_to_the_list_of_its_clips(browser: Browser, demo: Path, tmp_path: Path) -> None:
+    write_report(demo, tmp_path / "demo.html", clips=8)
+    browser.driver.get("about:blank")
+    browser.driver.get((tmp_path / "demo.html").as_uri())
+    bars = "[...document.querySelectorAll('#r-windows_by_genre svg a')]"
+    names = browser.js(f"return {bars}.map(a => a.querySelector('title').textContent)")
+    assert len(names) == len({clip.genre for clip in dancedata.open(demo).clips})
+    browser.js(f"{bars}[0].focus()")
+    browser.key("\ue007")  # Enter
+    browser.wait("return window.dancedataViewer && document.body.dataset.page === 'clips'")
+    browser.wait("return document.querySelector('[data-dd=root]').dataset.ready === '1'")
+    shown = browser.js("return window.dancedataViewer.shown.map(item => item.id)")
+    of_genre = [clip.id for clip in dancedata.open(demo).clips if clip.genre == names[0]]
+    assert set(shown) <= set(of_genre)
+    assert shown
+    assert browser.js("return window.dancedataViewer.state.clip.genre") == names[0]
 
 
 def test_a_group_is_opened_whole_and_a_dancer_alone(browser: Browser, duets: Path, tmp_path: Path) -> None:  # noqa: F811

@@ -143,12 +143,21 @@ async function measureSliding() {
   }
 }
 
-// `openItem` is called with the item that is chosen.
 // `signs` tells what stands beside an item in the list.
 export function showSigns(signs) {
   signsOf = signs;
 }
 
+// Shows the clips that a text is in, alone.
+export function showOnly(text) {
+  el('q').value = text;
+  for (const name of ['split', 'genre']) el(name).value = '';
+  el('flagged').checked = false;
+  listBox.scrollTop = 0;
+  filterItems();
+}
+
+// `openItem` is called with the item that is chosen.
 export function startList(openItem) {
   open = openItem;
   options('split', 'all splits', [...new Set(items.map(i => i.split).filter(Boolean))]);

@@ -10,7 +10,7 @@ import { canvas, conesNow, drawStage, far, placingNow, sizeCanvas } from './figu
 import { givesUp, skinPicture } from './gl.js';
 import { startLayout } from './layout.js';
 import { readLink, wholePage } from './link.js';
-import { shown, showSigns, startList } from './list.js';
+import { shown, showOnly, showSigns, startList } from './list.js';
 import { marksFile, marksOf, showMarks, signOf } from './marks.js';
 import { grow } from './skin.js';
 import { camera, failed, SKIN, state } from './state.js';
@@ -28,6 +28,7 @@ async function followLink() {
   if (h.theme) setTheme(h.theme, true);
   const item = mine.find(i => !h.window || i.start === +h.window) || mine[0] || shown[0] || items[0];
   if (!item) return;
+  if (h.list !== undefined) showOnly(h.list);
   setMode('mirror', h.mirror === '1');
   setMode('over', h.over === '1');
   if (/^[012]$/.test(h.body)) setBody(+h.body, true);
