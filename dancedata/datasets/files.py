@@ -11,7 +11,7 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.text import listed, quoted
 from dancedata.files.regular_file import read_regular
-from dancedata.formats.arrays import VALUE_SUFFIXES
+from dancedata.formats.arrays import VALUE_SUFFIXES, ArrayFile
 
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.
@@ -267,6 +267,26 @@ def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) 
     """Raise UsageError unless a parameter of a dataset has one of the allowed values."""
     if value not in allowed:
         raise UsageError(f"{dataset}: invalid value for {name}", found=repr(value), fix=did_you_mean(value, allowed))
+
+
+def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> None:
+    """Check that a motion file has its keys, of which `allowed` tells more than their names.
+
+    Raises
+    ------
+    DataError
+        ``missing_key``.
+    """
+    missing = [key for key in keys if key not in arrays.names]
+    if missing:
+        raise DataError(
+            f"the motion file has no {' and no '.join(missing)}",
+            reason="missing_key",
+            where=str(arrays.path),
+            found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
+            allowed=f"a dict with {allowed or ', '.join(keys)}",
+            fix="download the file again",
+        )
 
 
 def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str, *, columns: bool = False) -> None:

@@ -191,11 +191,7 @@ def clip_pose(store: Store, clip_id: str, field: str = "") -> Pose:
     if field:
         reader = motion_reader(store, field)
     else:
-        kept = {
-            name: r
-            for name, r in motion_readers(store).items()
-            if r.representation.decodes or _POSITION in r.representation.columns.names
-        }
+        kept = pose_readers(store)
         if not kept:
             raise UsageError(
                 "the dataset has no field of motion that can be decoded", where=str(store.path),
@@ -214,6 +210,15 @@ def clip_motion(store: Store, clip_id: str, field: str = "") -> Motion:
             fix="take clip.joints()",
         )  # fmt: skip
     return motion
+
+
+def pose_readers(store: Store) -> dict[str, ColumnsReader]:
+    """Return those of `motion_readers` that give positions of joints."""
+    return {
+        name: reader
+        for name, reader in motion_readers(store).items()
+        if reader.representation.decodes or _POSITION in reader.representation.columns.names
+    }
 
 
 def motion_readers(store: Store) -> dict[str, ColumnsReader]:

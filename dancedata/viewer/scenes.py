@@ -21,7 +21,7 @@ from dancedata.evaluation.music import BEAT, field_beats
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
-from dancedata.store.motion_fields import ColumnsReader, motion_reader, motion_readers
+from dancedata.store.motion_fields import ColumnsReader, motion_reader, pose_readers
 from dancedata.store.schema import DATASET_FILE, Field
 from dancedata.viewer.figure import Figure, Movement
 from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList, Word
@@ -37,11 +37,7 @@ def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
 
     Fields whose plug-ins are not installed are left out; `Scenes` gives the reason for a field by name.
     """
-    kept = {
-        name: reader
-        for name, reader in motion_readers(store).items()
-        if reader.representation.decodes or "position" in reader.representation.columns.names
-    }
+    kept = pose_readers(store)
     # First whole motions, then positions, then motions that `decode` fits to the columns.
     rank = {name: (r.representation.positions_only, not r.representation.decodes) for name, r in kept.items()}
     return dict(sorted(kept.items(), key=lambda item: rank[item[0]]))

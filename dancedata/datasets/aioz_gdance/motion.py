@@ -13,9 +13,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.text import listed, quoted
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.files import require_finite
+from dancedata.datasets.files import require_finite, require_keys
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
@@ -95,16 +94,7 @@ def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
 def _sizes(arrays: ArrayFile) -> Sizes:
     """Check which of the two forms a file has, and that its arrays agree."""
     path = arrays.path
-    missing = [key for key in (POSES, TRANS) if key not in arrays.names]
-    if missing:
-        raise DataError(
-            f"the motion file has no {' and no '.join(missing)}",
-            reason="missing_key",
-            where=str(path),
-            found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-            allowed=f"a dict with {POSES} and {TRANS}, and {ORIENTS} where {POSES} has no root",
-            fix=_DOWNLOAD_AGAIN,
-        )
+    require_keys(arrays, (POSES, TRANS), f"{POSES} and {TRANS}, and {ORIENTS} where {POSES} has no root")
     shape, has_orients = arrays.shape(POSES), ORIENTS in arrays.names
     width = shape[-1] if len(shape) == 3 else 0
     if has_orients and width == _ALL:

@@ -11,9 +11,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
-from dancedata.core.text import listed, quoted
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.files import require_finite
+from dancedata.datasets.files import require_finite, require_keys
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.formats.arrays import ValueArrays, load_object
 from dancedata.synthetic import synthesise_motion, synthesise_song
@@ -55,16 +54,7 @@ def load_dancer(path: Path, up: str = "z") -> Motion:
     """
     content = load_object(path)
     arrays = ValueArrays(path, content)
-    missing = [key for key in KEYS if key not in arrays.names]
-    if missing:
-        raise DataError(
-            f"the motion file has no {' and no '.join(missing)}",
-            reason="missing_key",
-            where=str(path),
-            found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-            allowed=f"a dict with {', '.join(KEYS)}",
-            fix=_DOWNLOAD_AGAIN,
-        )
+    require_keys(arrays, KEYS)
     poses, root, places = (arrays.read(key) for key in KEYS)
     if poses.shape[1:] not in ((3 * JOINTS,), (JOINTS, 3)):
         hint = " (SMPL-H has 156)" if poses.shape[1:] == (156,) else ""

@@ -14,11 +14,10 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.text import listed, quoted
 from dancedata.datasets._upright import up_axis
-from dancedata.datasets.files import require_finite
+from dancedata.datasets.files import require_finite, require_keys
 from dancedata.datasets.folder.facts import UPRIGHT
-from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.formats.arrays import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
 
@@ -36,7 +35,7 @@ Floats = NDArray[np.float64]
 def shape_of(path: Path) -> tuple[int, int]:
     """Return dancers and frames of a pickle; DataError if they cannot be read."""
     with open_arrays(path) as arrays:
-        _require_keys(path, arrays)
+        require_keys(arrays, KEYS)
         shape = arrays.shape("smpl_poses")
     _require_shape(path, shape)
     return shape[0], shape[1]
@@ -70,7 +69,7 @@ def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "
         with the dancer, ``bad_rotation`` with frame and joint, or ``bad_axes`` if no axis is clearly up.
     """
     with open_arrays(path) as arrays:
-        _require_keys(path, arrays)
+        require_keys(arrays, KEYS)
         matrices, places = (arrays.read(key) for key in KEYS)
     _require_shape(path, matrices.shape)
     dancers, frames = matrices.shape[:2]
@@ -129,19 +128,6 @@ def _require_rotations(path: Path, dancer: int, matrices: Floats) -> None:
             where=f"{path}, dancer {dancer}, frame {frame}, joint {SMPL24.joints[joint]}",
             found=f"deviation {off[frame, joint]:.3g}",
             allowed=f"orthonormal, determinant 1, within {_TOLERANCE:g}",
-            fix=_DOWNLOAD_AGAIN,
-        )
-
-
-def _require_keys(path: Path, arrays: ArrayFile) -> None:
-    missing = [key for key in KEYS if key not in arrays.names]
-    if missing:
-        raise DataError(
-            f"the motion file has no {' and no '.join(missing)}",
-            reason="missing_key",
-            where=str(path),
-            found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-            allowed=f"a dict with {', '.join(KEYS)}",
             fix=_DOWNLOAD_AGAIN,
         )
 

@@ -12,10 +12,9 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
-from dancedata.core.text import listed, quoted
 from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets._upright import up_axis
-from dancedata.datasets.files import require_finite
+from dancedata.datasets.files import require_finite, require_keys
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.datasets.infinitedance.reader import (
     COLUMNS_FOLDER,
@@ -66,16 +65,7 @@ def load_fit(path: Path, up: str = "auto") -> Motion:
         ``not_rotations``, or ``bad_axes`` if no axis is clearly up.
     """
     with open_arrays(path) as arrays:
-        missing = [key for key in KEYS if key not in arrays.names]
-        if missing:
-            raise DataError(
-                f"the motion file has no {' and no '.join(missing)}",
-                reason="missing_key",
-                where=str(path),
-                found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-                allowed=f"a dict with {', '.join(KEYS)}",
-                fix=_DOWNLOAD_AGAIN,
-            )
+        require_keys(arrays, KEYS)
         pose, root, places = (arrays.read(key) for key in KEYS)
     if pose.ndim < 2 or pose[:1].size not in (0, 3 * BODY, 3 * SMPL_BODY):
         raise _bad_shape(path, "body_pose", pose.shape, "(T, 63) or (T, 21, 3); of SMPL (T, 69) or (T, 23, 3)")

@@ -12,9 +12,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24_EDGE
-from dancedata.core.text import listed, quoted
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.files import require_finite
+from dancedata.datasets.files import require_finite, require_keys
 from dancedata.formats.arrays import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
@@ -59,16 +58,7 @@ def load_motion(path: Path, scale: Scale) -> Motion:
     """
     with open_arrays(path) as arrays:
         needed = KEYS if scale == "multiply" else KEYS[:2]
-        missing = [key for key in needed if key not in arrays.names]
-        if missing:
-            raise DataError(
-                f"the motion file has no {' and no '.join(missing)}",
-                reason="missing_key",
-                where=str(path),
-                found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-                allowed=f"a dict with {', '.join(needed)}",
-                fix=_DOWNLOAD_AGAIN,
-            )
+        require_keys(arrays, needed)
         places, thetas = arrays.read("transl"), arrays.read("pred_thetas")
         camera = arrays.read("pred_camera") if scale == "multiply" else None
     n = len(places) if places.ndim == 2 and places.shape[1] == 3 else -1
