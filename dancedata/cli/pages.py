@@ -112,32 +112,44 @@ def view(
 TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
 CLIPS_HELP = "Clips that the page plays: the most suspicious and others; above 12 in a folder next to the page."
 CARD_HELP = "Write a README.md for a hub instead, with three pictures: to --to, default README.md."
+REPORT_HELP = "A built dataset; with --against also a folder of a model's samples, or one file."
+OF_SAMPLES = "Of samples:"
+SPLIT_HELP = f"{OF_SAMPLES} splits of OTHER as ground truth; default test, or all."
 REPORT_SHARE_HELP = "State that you may share the music although the dataset's licence forbids it."
 
 
 @errors_to_exit_codes
 def report(
-    store: Annotated[Path, typer.Argument(metavar="OUT", help="A built dataset.")],
+    store: Annotated[Path, typer.Argument(metavar="OUT", help=REPORT_HELP)],
     to: Annotated[Path | None, typer.Option(metavar="FILE.html", help=TO_HELP)] = None,
     clips: Annotated[str, typer.Option(metavar="N|all|none", help=CLIPS_HELP)] = "12",
     audio: Annotated[str, typer.Option(help="none, or embed: the music of the clips inside the page.")] = "none",
     source: Annotated[Path | None, typer.Option(help="Folder with the music, for --audio embed.")] = None,
     may_share: Annotated[bool, typer.Option("--i-may-share-this-music", help=REPORT_SHARE_HELP)] = False,
     against: Annotated[
-        Path | None, typer.Option(metavar="OTHER", help="Another built dataset to compare with.")
+        Path | None, typer.Option(metavar="OTHER", help="A built dataset to compare with, or that samples are of.")
     ] = None,
     card: Annotated[bool, typer.Option("--card", help=CARD_HELP)] = False,
+    protocol: Annotated[str, typer.Option(help=f"{OF_SAMPLES} protocol of the scores.")] = "dancedata",
+    split: Annotated[str | None, typer.Option(help=SPLIT_HELP)] = None,
+    field: Annotated[str | None, typer.Option(help=f"{OF_SAMPLES} motion field of OTHER that columns are.")] = None,
+    normalized: Normalized = None,
+    scaler: ScalerFile = None,
+    clip_to_range: Clip = False,
+    fps: Annotated[str | None, typer.Option(help=f"{OF_SAMPLES} frame rate; default: OTHER's.")] = None,
+    music_of: Annotated[Path | None, typer.Option(help=f"{OF_SAMPLES} CSV file with their songs: clip,song.")] = None,
     max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
     overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
 ) -> None:
-    """Write a page that shows what a dataset holds.
+    """Write a page that shows what a dataset holds, or a model's samples beside it.
 
     dancedata report OUT --to FILE.html
     """
     from dancedata.report.document import findings
     from dancedata.report.write import default_path, write_report
+    from dancedata.store.schema import DATASET_FILE
 
     if card:
         from dancedata.card import write_card
@@ -147,6 +159,34 @@ def report(
         path = write_card(store, to or "README.md", overwrite=overwrite, progress=not quiet)
         say(f"{path}, and its pictures in {path.stem}_files")
         return
+    of_samples = {
+        "--split": split, "--field": field, "--normalized or --not-normalized": normalized, "--scaler": scaler,
+        "--clip-values": clip_to_range or None, "--fps": fps, "--music-of": music_of,
+    }  # fmt: skip
+    if against is not None and store.exists() and not (store / DATASET_FILE).exists():
+        if audio != "none" or not clips.isdecimal():
+            raise UsageError("the page of samples has no music, and --clips is a number", fix="leave --audio out")
+        from dancedata.report.samples import write_samples_report
+        from dancedata.report.samples_page import describe
+
+        page = to if to is not None or as_json else Path(f"{store.stem}-report.html")
+        samples = write_samples_report(
+            store, against, page, protocol=protocol, split=split, clips=int(clips), field=field,
+            normalized=normalized, scaler=scaler, clip_to_range=clip_to_range, fps=fps, source=source,
+            music_of=music_of, max_mb=max_mb, overwrite=overwrite, progress=not (quiet or as_json),
+        )  # fmt: skip
+        if as_json:
+            typer.echo(json_text(samples.to_json()))
+            return
+        for line in describe(samples):
+            say(line)
+        return
+    if stray := [name for name, value in of_samples.items() if value is not None]:
+        raise UsageError(
+            f"{' and '.join(stray)} goes with samples of a model, and this is a dataset",
+            where=store,
+            fix="leave it out",
+        )
     target = to if to is not None or as_json else default_path(store)
     chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
     how: Any = audio

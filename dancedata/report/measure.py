@@ -225,6 +225,12 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
     return measured
 
 
+def clip_numbers(piece: Piece) -> ClipNumbers:
+    """Measure a whole clip that is of no dataset."""
+    part = _Part.of(piece, piece.figure.grid, 0)
+    return _numbers([part], whole=True) if len(part.speed) else ClipNumbers()
+
+
 def _clip(measured: Measured, clip: ClipView, pieces: Sequence[Piece]) -> ClipNumbers:
     trim = measured.store.grid, clip.trim_start
     parts = [_Part.of(piece, *trim) for piece in pieces]

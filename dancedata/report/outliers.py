@@ -21,6 +21,8 @@ MEASURES = {
 }
 #: Smallest differences from the median that are a reason, whatever the spread: noise of equal clips is none.
 _LEAST = {"floor_drift_m": 0.02, "below_floor_m": 0.02, "sliding": 0.02, "bone_spread_m": 0.005}
+#: Largest z.
+_FARTHEST = 1e6
 
 
 @dataclass(frozen=True)
@@ -41,26 +43,33 @@ class Outlier:
     reasons: tuple[Reason, ...]
 
 
-def robust_z(values: Sequence[float]) -> list[float]:
-    """Return 0.6745 (x - median) / MAD of values.
+def robust_z(values: Sequence[float], among: Sequence[float] | None = None) -> list[float]:
+    """Return 0.6745 (x - median) / MAD of values, with the median and MAD of `among`, by default of the values.
 
-    Where the MAD is 0, the mean deviation over 0.7979 takes the place of MAD / 0.6745.
+    Where the MAD is 0, the mean deviation over 0.7979 takes the place of MAD / 0.6745. No z is above 1e6.
     """
     numbers = np.asarray(values, dtype=np.float64)
-    away = numbers - np.median(numbers)
-    spread = float(np.median(np.abs(away))) / 0.6745 or float(np.abs(away).mean()) * 1.2533
-    return (away / spread).tolist() if spread else [0.0] * len(numbers)
+    usual = numbers if among is None else np.asarray(among, dtype=np.float64)
+    middle = np.median(usual)
+    away = np.abs(usual - middle)
+    spread = float(np.median(away)) / 0.6745 or float(away.mean()) * 1.2533
+    if not spread:  # of equal numbers: any other is as far away as can be
+        return [_FARTHEST * float(np.sign(number - middle)) for number in numbers]
+    return [float(z) for z in np.clip((numbers - middle) / spread, -_FARTHEST, _FARTHEST)]
 
 
-def outliers(clips: Mapping[str, ClipNumbers]) -> tuple[Outlier, ...]:
-    """Return the clips with a number far above the median of all, the farthest first."""
+def outliers(clips: Mapping[str, ClipNumbers], among: Mapping[str, ClipNumbers] | None = None) -> tuple[Outlier, ...]:
+    """Return the clips with a number far above the median of `among`, by default of all, the farthest first."""
     reasons: dict[str, list[Reason]] = {}
     for measure in MEASURES:
         named = {clip: v for clip, numbers in clips.items() if (v := getattr(numbers, measure)) is not None}
         if not named:
             continue
-        median = float(np.median(list(named.values())))
-        for (clip, value), z in zip(named.items(), robust_z(list(named.values())), strict=True):
+        usual = [v for numbers in (among or clips).values() if (v := getattr(numbers, measure)) is not None]
+        if not usual:
+            continue
+        median = float(np.median(usual))
+        for (clip, value), z in zip(named.items(), robust_z(list(named.values()), usual), strict=True):
             if z > LIMIT and value - median >= _LEAST.get(measure, 0.0):
                 reasons.setdefault(clip, []).append(Reason(measure, float(value), median, round(z, 2)))
     found = [Outlier(clip, tuple(sorted(of_clip, key=lambda r: -r.z))) for clip, of_clip in reasons.items()]

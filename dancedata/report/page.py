@@ -52,23 +52,24 @@ def sections(
     """
     parts = [
         ("look", "Look at these first", _look(d)),
-        ("contents", "What is in it", _grid(contents_figures(d))),
+        ("contents", "What is in it", grid(contents_figures(d))),
         (
             "movement",
             "How it moves",
-            _grid([*movement_figures(d, chosen), *stage_figures(d), *pose_figures(d), *outlier_figures(d)]),
+            grid([*movement_figures(d, chosen), *stage_figures(d), *pose_figures(d), *outlier_figures(d)]),
         ),
-        ("groups", "Dancers together", _grid(group_figures(d))),
-        ("music", "Music and dance", _grid([*music_figures(d), *rhythm_figures(d)])),
-        ("segments", "Words and events", _grid(_segments(d))),
-        ("splits", "Splits", _grid([*split_figures(d), *split_space_figures(d)])),
-        ("columns", "Columns", _grid(column_figures(d, columns, heat_maps))),
-        ("left-out", "Left out and flagged", _grid(_left_out(d))),
+        ("groups", "Dancers together", grid(group_figures(d))),
+        ("music", "Music and dance", grid([*music_figures(d), *rhythm_figures(d)])),
+        ("segments", "Words and events", grid(_segments(d))),
+        ("splits", "Splits", grid([*split_figures(d), *split_space_figures(d)])),
+        ("columns", "Columns", grid(column_figures(d, columns, heat_maps))),
+        ("left-out", "Left out and flagged", grid(_left_out(d))),
     ]
     return [part for part in parts if part[2]]
 
 
-def _grid(figures: Sequence[Figure]) -> str:
+def grid(figures: Sequence[Figure]) -> str:
+    """Return figures in the columns of the page."""
     return f'<div class="grid">{"".join(f.to_html() for f in figures)}</div>' if figures else ""
 
 
@@ -91,14 +92,14 @@ def _look(d: Drawing) -> str:
     return Figure("look", "Clips in the order of suspicion", note, body, kind="wide").to_html()
 
 
-def outlier_figures(d: Drawing) -> list[Figure]:
-    """Return the table of clips whose movement is unlike that of the others."""
+def outlier_figures(d: Drawing, among: str = "all clips") -> list[Figure]:
+    """Return the table of clips whose movement is unlike that of the others; `among` names those."""
     found = d.numbers.outliers
     if not found:
         return []
     rows = [(d.link(outlier.clip), Markup("<br>".join(_reasons(outlier)))) for outlier in found[:_LOOK]]
     left = len(found) - len(rows)
-    note = f"robust z above {LIMIT:g}: a number far above the median of all clips" + (f"; {left:,} more" * (left > 0))
+    note = f"robust z above {LIMIT:g}: a number far above the median of {among}" + (f"; {left:,} more" * (left > 0))
     body = f'<div class="scroll">{table(("clip", "because of"), rows, "list texts")}</div>'
     return [Figure("outliers", "Clips unlike the others", note, body, kind="wide")]
 
@@ -223,13 +224,28 @@ def page(d: Drawing, parts: PageParts) -> str:
         lines = "".join(f"<li>{escaped(str(column), 2000)}</li>" for column in d.numbers.columns)
         chapters.append(("columns", "Columns of the clips", f'<ul class="terms">{lines}</ul>'))
     chapters.append(("about", "Source and terms", _terms(d.numbers)))
-    links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in chapters) + _play(parts.player)
-    body = "".join(
+    links = chapter_links(chapters, parts.player)
+    body = chapters_html(chapters)
+    main = (
+        f"{_header(d)}{tiles(d)}{_stills(d, parts.stills)}"
+        f'<nav aria-label="Sections">{links}</nav>'
+        f"{_findings(d.numbers)}{body}"
+    )
+    return whole_page(f"{d.numbers.about.name}: dataset report", main, parts.player)
+
+
+def chapters_html(chapters: Sequence[Section]) -> str:
+    """Return the HTML of sections."""
+    return "".join(
         f'<section><h2 id="r-s-{key}">{escaped(title)}</h2>{html}</section>' for key, title, html in chapters
     )
+
+
+def whole_page(title: str, main: str, player: Player) -> str:
+    """Return the HTML of a page with a player; `main` is HTML."""
     style = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
     sort = files("dancedata.report").joinpath("static", "tables.js").read_text(encoding="utf-8")
-    sources = f"'{source_hash(sort)}' {parts.player.script_sources}".removesuffix(" 'none'")
+    sources = f"'{source_hash(sort)}' {player.script_sources}".removesuffix(" 'none'")
     policy = (
         f"default-src 'none'; script-src {sources}; style-src 'unsafe-inline'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
@@ -239,20 +255,20 @@ def page(d: Drawing, parts: PageParts) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         '<meta name="referrer" content="no-referrer"><link rel="icon" href="data:,">'
-        f"<title>{escaped(d.numbers.about.name)}: dataset report</title>"
-        f'<style>{parts.player.css}{style}</style></head><body data-page="report">'
-        f'<main id="r-report">{_header(d)}{tiles(d)}{_stills(d, parts.stills)}'
-        f'<nav aria-label="Sections">{links}</nav>'
-        f"{_findings(d.numbers)}{body}</main>{parts.player.body}<script>{sort}</script></body></html>\n"
+        f"<title>{escaped(title)}</title>"
+        f'<style>{player.css}{style}</style></head><body data-page="report">'
+        f'<main id="r-report">{main}</main>{player.body}<script>{sort}</script></body></html>\n'
     )
 
 
-def _play(player: Player) -> str:
-    """Return the link that opens the first clip or group."""
+def chapter_links(chapters: Sequence[Section], player: Player) -> str:
+    """Return the links to the sections, and the one that opens the first clip or group."""
+    links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in chapters)
     if not player.items:
-        return ""
+        return links
     kind = "group" if all(item.members for item in player.items) else "clip"
-    return f'<a class="play" href="{escaped(link(player.items[0]), 2000)}">▶ {counted(len(player.items), kind)}</a>'
+    address, clips = escaped(link(player.items[0]), 2000), counted(len(player.items), kind)
+    return f'{links}<a class="play" href="{address}">▶ {clips}</a>'
 
 
 def _stills(d: Drawing, stills: Sequence[tuple[str, str]]) -> str:

@@ -61,6 +61,11 @@ class Piece:
         return None if self.beats is None else self.beats.seconds
 
 
+def figure_key_motion(figure: Figure) -> KeyMotion:
+    """Return the key motions of joints whose dataset stores none; Lodge's Gaussian is as wide in seconds."""
+    return key_motion(figure.joints, SIGMA_FRAMES * float(figure.grid.rate) / _SIGMA_RATE)
+
+
 @dataclass(frozen=True)
 class ClipReader:
     """Reads the clips of a store.
@@ -131,7 +136,7 @@ class ClipReader:
         if self.keymotion is not None and self.keymotion.grid == figure.grid:
             key = KeyMotion.from_rows(rows(self.keymotion))
         else:
-            key = key_motion(figure.joints, SIGMA_FRAMES * float(figure.grid.rate) / _SIGMA_RATE)
+            key = figure_key_motion(figure)
         beats, music_s = self._beats(clip, window)
         return Piece(0 if window is None else window.start, figure, key, beats, music_s)
 

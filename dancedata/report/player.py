@@ -1,7 +1,8 @@
 """The clips of a report: the viewer's page inside the report's, started when a link to a clip is opened."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -16,6 +17,7 @@ from dancedata.viewer import Item, Scenes
 from dancedata.viewer.opus import opus
 from dancedata.viewer.page import PageSound, data_script, page_data, page_parts, source_hash
 from dancedata.viewer.payload import link, page_json, scene_payload
+from dancedata.viewer.scene_list import SceneList
 from dancedata.viewer.source import ClipSource
 
 #: Clips inside the page; further clips are separate files.
@@ -45,7 +47,7 @@ class Player:
     body: str = ""
     scripts: tuple[str, ...] = ()
     side: Mapping[str, int] = field(default_factory=dict)
-    scenes: Scenes | None = None
+    scenes: SceneList | None = None
     items: Sequence[Item] = ()
 
     @property
@@ -54,11 +56,15 @@ class Player:
         hashes = " ".join(f"'{source_hash(script)}'" for script in self.scripts)
         return f"{hashes} 'self'" if self.side else hashes or "'none'"
 
-    def side_file(self, number: int) -> str:
-        """Return the script with the data of a clip."""
+    def side_files(self) -> dict[str, Callable[[], bytes]]:
+        """Return what writes each file next to the page, a script with the data of a clip."""
+        return {name: partial(self._side_file, number) for name, number in self.side.items()}
+
+    def _side_file(self, number: int) -> bytes:
         if self.scenes is None:
-            return ""
-        return f"dancedataClip({number}, {page_json(_payload(self.scenes, self.items[number], number))});\n"
+            return b""
+        script = f"dancedataClip({number}, {page_json(_payload(self.scenes, self.items[number], number))});\n"
+        return script.encode()
 
 
 #: A report without clips.
@@ -66,21 +72,30 @@ NO_PLAYER = Player()
 
 
 def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
-    """Return the player of clips, of whole groups for their dancers; in window scope of the first window of each.
+    """Return the player of clips of a dataset, of whole groups for their dancers; see `scene_player`.
 
-    Parameters
-    ----------
-    clips
-        Ids, one per group; the first INLINE of them are inside the page.
-    folder
-        Name of the folder with the others, next to the page.
-    sound
-        Music by the number of the clip in `clips`.
+    In window scope it plays the first window of each. `clips` has one id per group.
     """
     if not clips:
         return NO_PLAYER
     scenes = Scenes(store)
-    items = _entries(scenes, clips)
+    return scene_player(scenes, _entries(scenes, clips), folder, sound)
+
+
+def scene_player(scenes: SceneList, items: Sequence[Item], folder: str, sound: PageSound | None = None) -> Player:
+    """Return the player of items.
+
+    Parameters
+    ----------
+    items
+        The first INLINE of them are inside the page.
+    folder
+        Name of the folder with the others, next to the page.
+    sound
+        Music by the number of the item in `items`.
+    """
+    if not items:
+        return NO_PLAYER
     inline = {k: _payload(scenes, item, k) for k, item in enumerate(items[:INLINE])}
     side = {f"clip-{k:05d}.js": k for k in range(INLINE, len(items))}
     addresses = {k: f"{quote(folder)}/{name}" for name, k in side.items()}
@@ -111,7 +126,7 @@ def _entries(scenes: Scenes, clips: Sequence[str]) -> list[Item]:
     return [scenes.items[scenes.find(clip).number] for clip in clips]
 
 
-def _payload(scenes: Scenes, item: Item, number: int) -> dict[str, Any]:
+def _payload(scenes: SceneList, item: Item, number: int) -> dict[str, Any]:
     return {**scene_payload(scenes.scene(item)), "number": number}
 
 

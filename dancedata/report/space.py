@@ -20,7 +20,8 @@ from dancedata.core.rotations import Float64Array
 from dancedata.execution.arithmetic import one_thread
 from dancedata.metrics import frechet, geometric, kinetic
 from dancedata.report.pieces import ClipReader, Piece
-from dancedata.store import ClipView, Store
+from dancedata.store import Store
+from dancedata.store.clip_columns import ClipRecord
 
 #: Poses and windows that are compared, about and at most, and poses of a window.
 _POSES, _WINDOWS, _MOMENTS = 8000, 6000, 10
@@ -178,7 +179,7 @@ class Space:
         n_windows = sum(len(windows[clip.id]) for clip in originals)
         return cls(store.grid, max(1, -(-n_frames // _POSES)), max(1, -(-n_windows // _WINDOWS)))
 
-    def add(self, clip: ClipView, pieces: Sequence[Piece], windows: Sequence[Window]) -> None:
+    def add(self, clip: ClipRecord, pieces: Sequence[Piece], windows: Sequence[Window]) -> None:
         """Add a clip."""
         self.split_of[clip.id] = clip.split
         for piece in pieces:
@@ -204,7 +205,7 @@ class Space:
                     self.window_of.append((clip.id, clip.split, window.start / float(self.grid.rate)))
         self._measure(clip, pieces)
 
-    def _measure(self, clip: ClipView, pieces: Sequence[Piece]) -> None:
+    def _measure(self, clip: ClipRecord, pieces: Sequence[Piece]) -> None:
         if len(self.joints) != len(BODY_JOINTS) or not pieces:
             return
         piece = pieces[0]

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -203,13 +202,8 @@ def _report(
     heat_maps, stills = _heat_maps(store, numbers, reader), _stills(store, reader, chosen)
     parts = PageParts(chosen, store.fields, heat_maps, stills, texts, player)
     html = page(Drawing(numbers, other, player.links, player.group_links, player.lists), parts)
-    side = {name: partial(_side_file, player, number) for name, number in player.side.items()}
-    options.target.write(html.encode(), side)
+    options.target.write(html.encode(), player.side_files())
     return Report(numbers, other, differences, options.target.path)
-
-
-def _side_file(player: Player, number: int) -> bytes:
-    return player.side_file(number).encode()
 
 
 def _player(store: Store, numbers: Document, options: _PageOptions) -> Player:

@@ -9,10 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import member_id
 from dancedata.core.errors import DanceDataError, DataError, UsageError
+from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
@@ -108,6 +111,8 @@ class MotionScenes(SceneList):
         Their music; None without any.
     body
         Body of positions whose joints have no names.
+    beats
+        Instants of the beats of clips whose music is not at hand, seconds.
 
     Raises
     ------
@@ -118,11 +123,16 @@ class MotionScenes(SceneList):
     """
 
     def __init__(
-        self, clips: Sequence[ClipInput], name: str, music: MusicFiles | None = None, body: Skeleton = SMPL24
+        self,
+        clips: Sequence[ClipInput],
+        name: str,
+        music: MusicFiles | None = None,
+        body: Skeleton = SMPL24,
+        beats: Mapping[str, Float64Array] | None = None,
     ) -> None:
         if not clips:
             raise UsageError("there is no motion to show", where=name)
-        self.place, self.body, self.music = name, body, music
+        self.place, self.body, self.music, self.beats = name, body, music, beats or {}
         self._loaded, first = {}, None
         for clip in clips:
             try:
@@ -194,6 +204,8 @@ class MotionScenes(SceneList):
 
     def _rhythm(self, name: str, item: Item) -> tuple[Rhythm, list[str]]:
         """Return beats and onsets of a clip's music, and a note where there are none."""
+        if name in self.beats:
+            return Rhythm(self.beats[name], np.zeros(0), field="beats"), []
         if self.music is None:
             return Rhythm.none(), []
         from dancedata.core.registry import FEATURES

@@ -1,0 +1,316 @@
+"""write_samples_report: samples of a model against the dataset that it was trained on, as a page and as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.core.clip import Window
+from dancedata.core.grid import Number
+from dancedata.core.rotations import Float64Array
+from dancedata.core.text import shown
+from dancedata.evaluation.evaluate import evaluate_inputs
+from dancedata.evaluation.inputs.songs import read_songs
+from dancedata.evaluation.music import ClipMusic, Resources, clip_music, named_songs
+from dancedata.evaluation.protocol import Protocol, protocol_named
+from dancedata.evaluation.report import Report as Evaluation
+from dancedata.evaluation.request import Inputs, Request
+from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.executors.loky import LokyExecutor
+from dancedata.execution.progress import Progress
+from dancedata.report.document import Document
+from dancedata.report.measure import ClipNumbers, Measured, clip_numbers, measure
+from dancedata.report.numbers import Scales, document
+from dancedata.report.outliers import Outlier, outliers
+from dancedata.report.pieces import Piece, figure_key_motion
+from dancedata.report.player import scene_player
+from dancedata.report.samples_page import SAMPLES, of_sample, sample_of, samples_page
+from dancedata.report.space import Space, poses_of
+from dancedata.report.write import Target
+from dancedata.store import Store, open_store
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.viewer.figure import Figure
+from dancedata.viewer.motions import MotionScenes
+from dancedata.viewer.scene_list import Item
+
+SCHEMA = 1
+#: Poses at a time whose distances are computed.
+_BLOCK = 1000
+
+
+@dataclass(frozen=True)
+class NearestPose:
+    """The pose of a sample that is farthest from all poses of train, and the pose of train nearest to it.
+
+    Attributes
+    ----------
+    seconds, train_seconds
+        Times of both in their clips.
+    distance_m
+        Rms distance over joints.
+    pose, train_pose
+        (22, 3) joints relative to the root, turned to the front, metres.
+    """
+
+    clip: str
+    seconds: float
+    train_clip: str
+    train_seconds: float
+    distance_m: float
+    pose: tuple[tuple[float, ...], ...]
+    train_pose: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class SampleRow:
+    """A sample: its song, its numbers, and the median distance of its poses to the nearest of train, metres.
+
+    `sample` is its name among the scores: of a group's dancer that of the group.
+    """
+
+    clip: str
+    sample: str
+    song: str
+    numbers: ClipNumbers
+    to_train_m: float | None
+
+
+@dataclass(frozen=True)
+class SamplesReport:
+    """Samples of a model beside the dataset that it was trained on.
+
+    Attributes
+    ----------
+    scores, truth
+        The samples and the ground truth under one protocol.
+    split
+        Split of the ground truth; "" for all of it.
+    rows
+        The samples.
+    outliers
+        Samples with a number far above the median of the dataset's clips.
+    nearest
+        Of each sample the pose farthest from train, the farthest first.
+    dataset
+        The numbers of the dataset; its map of poses has the samples, too.
+    clips
+        Numbers of the clips of the dataset.
+    path
+        The page; None if none was written.
+    """
+
+    name: str
+    scores: Evaluation
+    truth: Evaluation
+    split: str
+    rows: tuple[SampleRow, ...]
+    outliers: tuple[Outlier, ...]
+    nearest: tuple[NearestPose, ...]
+    dataset: Document
+    clips: Mapping[str, ClipNumbers]
+    path: Path | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        rows = [
+            {"clip": r.clip, "song": r.song, "to_train_m": r.to_train_m, **asdict(replace(r.numbers, path=()))}
+            for r in self.rows
+        ]
+        poses = self.dataset.poses
+        return {
+            "schema": SCHEMA, "path": None if self.path is None else str(self.path), "samples": self.name,
+            "against": self.dataset.about.name, "split": self.split, "scores": self.scores.to_json(),
+            "truth": self.truth.to_json(), "clips": rows, "outliers": [asdict(outlier) for outlier in self.outliers],
+            "to_train_m": {name: asdict(near) for name, near in poses.to_train.items()},
+            "to_train_chance_m": None if poses.chance is None else asdict(poses.chance),
+            "frechet": {kind: {s: asdict(v) for s, v in of.items()} for kind, of in poses.frechet.items()},
+            "copies_of_train": [asdict(pair) for pair in poses.duplicates if SAMPLES in pair.splits],
+            "nearest": [
+                {k: v for k, v in asdict(near).items() if k not in ("pose", "train_pose")} for near in self.nearest
+            ],
+        }  # fmt: skip
+
+
+def write_samples_report(
+    samples: str | Path,
+    against: str | Path,
+    to: str | Path | None = None,
+    *,
+    protocol: str | Protocol = "dancedata",
+    split: str | None = None,
+    clips: int = 12,
+    field: str | None = None,
+    normalized: bool | None = None,
+    scaler: str | Path | None = None,
+    clip_to_range: bool = False,
+    fps: Number | None = None,
+    source: str | Path | None = None,
+    music_of: str | Path | None = None,
+    bootstrap: int = 200,
+    max_mb: float = 20,
+    overwrite: bool = False,
+    cache: str | Path | None = None,
+    progress: bool = False,
+) -> SamplesReport:
+    """Compare samples of a model with the dataset that it was trained on, as ``dancedata report S --against D`` does.
+
+    Parameters
+    ----------
+    samples
+        A folder of motion files, or one file, as `dancedata.evaluate` reads them.
+    against
+        The built dataset: its rate, columns, scaler, music and ground truth.
+    to
+        HTML file to write; None: numbers alone.
+    protocol
+        Name of the protocol of the scores.
+    split
+        Splits of the ground truth beside them. Default: "test" where the dataset has it, else all.
+    clips
+        Number of samples that the page plays, the most suspicious first.
+    field, normalized, scaler, clip_to_range, fps
+        What columns of arrays are, as in `dancedata.evaluate`.
+    source, music_of
+        Music files of the songs, and a CSV file with the columns clip and song.
+    bootstrap
+        As in `dancedata.evaluate`.
+    max_mb, overwrite, progress
+        As in `write_report`.
+
+    Raises
+    ------
+    UsageError
+        If the samples cannot be read as stated, or the page cannot be written.
+    DataError
+        If no sample can be measured.
+    """
+    path, reporter = Path(samples).expanduser(), Progress(quiet=not progress)
+    target = None
+    if to is not None:
+        target = Target.of(Path(to), [Path(against)], max_mb=max_mb, overwrite=overwrite)
+    root = (Path(cache).expanduser() if cache is not None else default_cache()).absolute()
+    with open_store(against) as store:
+        store.require_intact()
+        named = protocol_named(protocol)
+        files = None if source is None else Path(source).expanduser()
+        request = Request(
+            what=path, protocol=named, like=store, role="generated", field=field, normalized=normalized,
+            scaler=scaler, clip=clip_to_range, fps=fps, source=files, draws=bootstrap,
+            songs={} if music_of is None else read_songs(Path(music_of)),
+        )  # fmt: skip
+        inputs = request.inputs()
+        scores = evaluate_inputs(inputs, cache=root, progress=reporter)
+        of_truth = split if split is not None else "test" if "test" in store.splits else ""
+        truth_request = Request(
+            what=store, protocol=named, split=of_truth or None, field=field, source=files, draws=bootstrap
+        )
+        truth = evaluate_inputs(truth_request.inputs(), cache=root, progress=reporter)
+        music, _ = clip_music(Resources(Cache(root), LokyExecutor(1), reporter), named, inputs.clip_set, inputs.music)
+        beats = {clip: of_clip.beats.seconds for clip, of_clip in music.items()}
+        scenes = MotionScenes(inputs.clip_set.clips, path.name, None, store.skeleton, beats)
+        report, dancers = _compared(scenes, measure(store, reporter), inputs, music, (scores, truth, of_truth))
+    if target is None:
+        return report
+    suspects = {outlier.clip: number for number, outlier in enumerate(report.outliers)}
+    order = sorted(dancers, key=lambda clip: (suspects.get(clip, len(suspects)), clip))
+    items = {dancers[clip].number: dancers[clip] for clip in order[:clips]}
+    player = scene_player(scenes, list(items.values()), target.folder.name)
+    target.write(samples_page(report, player).encode(), player.side_files())
+    return replace(report, path=target.path)
+
+
+def _compared(
+    scenes: MotionScenes,
+    measured: Measured,
+    inputs: Inputs,
+    music: Mapping[str, ClipMusic],
+    scores: tuple[Evaluation, Evaluation, str],
+) -> tuple[SamplesReport, dict[str, Item]]:
+    """Measure the samples as the dataset was, and return the report and the item of each sample."""
+    store = measured.store
+    numbers = document(measured, Scales.of([measured]))
+    space = measured.space or Space.of(store, {})
+    # Copies of windows of train are looked for, not those that the splits share.
+    kept = [k for k, (_, split, _) in enumerate(space.window_of) if split == "train"]
+    space.windows, space.window_of = [space.windows[k] for k in kept], [space.window_of[k] for k in kept]
+    first = len(space.pose_of)
+    of_caller = {} if inputs.music is None else inputs.music.songs
+    named = {c.id: c.music for c in named_songs(inputs.clip_set.clips, of_caller, store) if c.id in music}
+    dancers, rows = {}, {}
+    for item in scenes.items:
+        for dancer in item.members or (item,):
+            figure = scenes.scene(dancer).figure
+            if figure is None:
+                continue  # the scores name it among those that are left out
+            clip, sample = dancer.clip.id, dancer.clip.group or dancer.clip.id
+            piece = _piece(figure, music.get(sample))
+            dancers[clip], rows[clip] = item, (sample, named.get(sample, ""), clip_numbers(piece))
+            record = replace(dancer.clip, id=of_sample(clip), split=SAMPLES, n_frames=_frames(store, figure))
+            space.add(record, [piece], _windows(store, record))
+    nearest, to_train = _nearest(space, first)
+    numbers = replace(numbers, poses=poses_of(space, [*store.splits, SAMPLES]))
+    sample_rows = tuple(SampleRow(clip, *of_clip, to_train.get(of_sample(clip))) for clip, of_clip in rows.items())
+    unlike = outliers({row.clip: row.numbers for row in sample_rows}, measured.clips)
+    clips = {clip: of_clip for clip, of_clip in measured.clips.items() if of_clip.seconds}
+    return SamplesReport(shown(scenes.place), *scores, sample_rows, unlike, nearest, numbers, clips), dancers
+
+
+def _piece(figure: Figure, music: ClipMusic | None) -> Piece:
+    beats, end_s = (None, None) if music is None else (music.beats, music.end_s)
+    return Piece(0, figure, figure_key_motion(figure), beats, end_s)
+
+
+def _frames(store: Store, figure: Figure) -> int:
+    return store.grid.frames_up(figure.grid.seconds(figure.n_frames))
+
+
+def _windows(store: Store, record: ClipRecord) -> list[Window]:
+    """Return the windows that the dataset would cut of a sample."""
+    length, stride = store.meta["windows"]["length"], store.meta["windows"]["stride"]
+    starts = range(0, record.n_frames - length + 1, stride)
+    return [Window(record.id, start, length) for start in starts]
+
+
+def _nearest(space: Space, first: int) -> tuple[tuple[NearestPose, ...], dict[str, float]]:
+    """Return of each sample the pose farthest from train, and the median distance of its poses.
+
+    Parameters
+    ----------
+    first
+        Number of the first pose of the samples.
+    """
+    poses = np.concatenate(space.poses).astype(np.float64) if space.poses else np.zeros((0, 1))
+    train = np.array([k for k, (_, split, _) in enumerate(space.pose_of) if split == "train"], dtype=np.int64)
+    ours = np.arange(first, len(poses))
+    if not len(train) or not len(ours):
+        return (), {}
+    numbers, away = np.zeros(len(ours), dtype=np.int64), np.zeros(len(ours))
+    squares = (poses[train] ** 2).sum(axis=1)
+    for k in range(0, len(ours), _BLOCK):
+        block = poses[ours[k : k + _BLOCK]]
+        numbers[k : k + _BLOCK] = (squares - 2 * block @ poses[train].T).argmin(axis=1)
+    pairs = train[numbers]
+    away = np.sqrt(((poses[ours] - poses[pairs]) ** 2).sum(axis=1) / len(space.joints))
+    of_clip: dict[str, list[int]] = {}
+    for k, number in enumerate(ours.tolist()):
+        of_clip.setdefault(space.pose_of[number][0], []).append(k)
+    found = []
+    for clip, places in of_clip.items():
+        k = max(places, key=lambda place: (round(float(away[place]), 6), -place))
+        train_clip, _, train_seconds = space.pose_of[int(pairs[k])]
+        seconds = space.pose_of[first + k][2]
+        both = (_as_pose(poses[ours[k]]), _as_pose(poses[pairs[k]]))
+        distance = round(float(away[k]), 4)
+        found.append(
+            NearestPose(sample_of(clip), round(seconds, 3), train_clip, round(train_seconds, 3), distance, *both)
+        )
+    medians = {clip: round(float(np.median(away[places])), 4) for clip, places in of_clip.items()}
+    return tuple(sorted(found, key=lambda near: (-near.distance_m, near.clip))), medians
+
+
+def _as_pose(row: Float64Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(round(v, 4) for v in joint) for joint in row.reshape(-1, 3).tolist())

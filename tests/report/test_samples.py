@@ -1,0 +1,120 @@
+"""Samples of a model against their dataset: planted faults, plain numpy, and the page."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core.errors import UsageError
+from dancedata.report.samples import SamplesReport, write_samples_report
+from dancedata.report.space import frontal
+from dancedata.store import open_store
+from tests.commands import run
+from tests.report.conftest import HOSTILE
+
+NAME = HOSTILE[2]
+
+
+@pytest.fixture(scope="module")
+def samples(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clip that drifts away from its floor, one of train again, an untouched one, and one that is broken."""
+    folder = tmp_path_factory.mktemp("model") / "samples"
+    folder.mkdir()
+    with open_store(demo) as store:
+        test = [clip for clip in store.clips if clip.split == "test"]
+        train = next(clip for clip in store.clips if clip.split == "train")
+        plain = test[0].read("edge151").astype(np.float32)
+        drifting = plain.copy()
+        drifting[:, 6] += np.linspace(0, 1, len(plain))  # the height of the root, as edge151 is +Z up
+        np.save(folder / f"{test[0].id}.npy", plain)
+        np.save(folder / f"{NAME}.npy", drifting)
+        np.save(folder / "again.npy", train.read("edge151").astype(np.float32))
+        np.save(folder / "broken.npy", np.full_like(plain, np.nan))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def report(demo: Path, samples: Path) -> SamplesReport:
+    return write_samples_report(samples, demo, normalized=False, bootstrap=0)
+
+
+def test_scores_are_those_of_evaluate(demo: Path, samples: Path, report: SamplesReport) -> None:
+    beside = dancedata.evaluate(samples, like=demo, normalized=False, bootstrap=0)
+    assert report.scores.to_json() == beside.to_json()
+    truth = dancedata.evaluate(demo, split="test", bootstrap=0)
+    assert report.split == "test"
+    assert report.truth.to_json() == truth.to_json()
+
+
+def test_distances_to_train_are_those_of_numpy(demo: Path, report: SamplesReport) -> None:
+    with open_store(demo) as store:
+        poses = {
+            clip.id: frontal(clip.joints(), store.skeleton.joints)[:, :22].astype(np.float32).astype(np.float64)
+            for clip in store.clips
+        }
+        split = {clip.id: clip.split for clip in store.clips}
+    train = np.concatenate([of for clip, of in poses.items() if split[clip] == "train"])
+    (row,) = [row for row in report.rows if row.clip in poses]
+    squared = [((train - pose) ** 2).sum(axis=2).mean(axis=1).min() for pose in poses[row.clip]]
+    away = np.sqrt(squared)
+    assert row.to_train_m == pytest.approx(np.median(away), abs=2e-4)  # edge151 is float32
+    (near,) = [near for near in report.nearest if near.clip == row.clip]
+    assert near.distance_m == pytest.approx(away.max(), abs=2e-4)
+    (x, y, z) = np.abs(np.array(near.train_pose) - poses[near.train_clip][round(near.train_seconds * 30)]).max(axis=0)
+    assert max(x, y, z) < 1e-3
+
+
+def test_planted_faults_are_named(report: SamplesReport) -> None:
+    rows = {row.clip: row for row in report.rows}
+    assert set(rows) == {*rows} - {"broken"}
+    assert [clip for clip, _ in report.scores.left_out] == ["broken"]
+    (drift,) = [outlier for outlier in report.outliers if outlier.clip == NAME]
+    assert "floor_drift_m" in {reason.measure for reason in drift.reasons}
+    assert rows[NAME].numbers.floor_drift_m == pytest.approx(1.0, abs=0.4)
+    assert not [outlier for outlier in report.outliers if outlier.clip not in (NAME, "broken")]
+    assert rows["again"].to_train_m == 0.0
+    copies = report.to_json()["copies_of_train"]
+    assert copies
+    assert {clip for pair in copies for clip in pair["clips"] if clip.startswith("samples/")} == {"samples/again"}
+
+
+def test_songs_are_those_of_the_clips_of_that_name(demo: Path, report: SamplesReport) -> None:
+    with open_store(demo) as store:
+        songs = {clip.id: clip.music for clip in store.clips}
+    for row in report.rows:
+        assert row.song == songs.get(row.clip, "")
+
+
+def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    written = write_samples_report(samples, demo, page, normalized=False, bootstrap=0, clips=2)
+    text = page.read_text()
+    assert written.path == page
+    for title in ("Scores", "How they move", "Map of the poses", "The strangest poses", "Numbers of each sample"):
+        assert title in text
+    assert text.count("dancedataClip") or '"clips":{"0"' in text
+    assert "a&amp;b=c#d%20%3Cscript%3E" in text.replace("<wbr>", "")
+    again = tmp_path / "again.html"
+    write_samples_report(samples, demo, again, normalized=False, bootstrap=0, clips=2)
+    assert again.read_bytes() == page.read_bytes()
+    with pytest.raises(UsageError, match="already there"):
+        write_samples_report(samples, demo, page, normalized=False)
+
+
+def test_the_command_prints_the_scores_and_refuses_options_of_samples_for_a_dataset(
+    demo: Path, samples: Path, tmp_path: Path
+) -> None:
+    page = tmp_path / "page.html"
+    out = run("report", samples, "--against", demo, "--not-normalized", "--to", page, "--quiet").stdout
+    assert "BAS" in out
+    assert "left out: 1 sample" in out
+    printed = json.loads(run("report", samples, "--against", demo, "--not-normalized", "--json").stdout)
+    assert printed["against"] == "demo"
+    failed = run("report", demo, "--fps", "30", code=2)
+    assert "--fps goes with samples of a model" in failed.stderr
+    failed = run("report", samples, "--against", demo, "--not-normalized", "--audio", "embed", code=2)
+    assert "has no music" in failed.stderr
+    failed = run("report", samples, "--against", demo, code=2)
+    assert "normalised" in failed.stderr
