@@ -445,3 +445,19 @@ def test_equal_bones_have_one_name(tmp_path: Path, danced: Motion, own: Path) ->
     names = [load(tmp_path / file, unit="cm").skeleton.name for file in ("own.bvh", "b.bvh", "c.bvh")]
     assert names[0] == names[1] != names[2]
     assert names[0].startswith("smpl24:bvh-")
+
+
+@pytest.mark.parametrize("joint", ["left_wrist", "right_wrist", "left_shoulder", "spine2", "spine3"])
+def test_a_bone_without_length_has_the_direction_of_the_next(tmp_path: Path, danced: Motion, joint: str) -> None:
+    """An elbow and a wrist at one place: the elbow points to the hand, and bends as it did."""
+    offsets = np.array(SMPL24.offsets)
+    offsets[SMPL24.index(joint)] = 0
+    bones = Skeleton("odd", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+    for name, skeleton in (("zero", bones), ("whole", odd_bones(1))):
+        wanted = write_as(tmp_path / f"{name}.bvh", danced, skeleton, Rotation.identity(24))
+        (tmp_path / f"{name}.wav").touch()
+        assert np.abs(load(tmp_path / f"{name}.bvh", unit="cm").joints() - wanted).max() < 1e-5
+    assert angles(load(tmp_path / "zero.bvh", unit="cm").rotations, danced.rotations).mean() < 6
+    clips = {clip.id: clip for clip in Folder(unit="cm").scan(tmp_path).clips}
+    assert [clips[name].revision for name in ("zero", "whole")] == [1, 0]
+    assert any(note.startswith("BVH bones without length: ") for note in clips["zero"].notes)

@@ -51,6 +51,7 @@ from dancedata.formats.bvh.producers import producers
 
 #: Most kinds of files that the notes distinguish.
 _MAX_KINDS = 12
+_NO_LENGTH = "BVH bones without length"
 _WITHOUT_MUSIC = "build motion alone: --set dataset.folder.music=optional --set 'audio={}'"
 
 
@@ -364,7 +365,9 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
         bvh = read_bvh_header(path)
         facts, rig = bvh_facts(bvh, reading)
         text = f"BVH: {facts}; joint names {rig.joints.producer or 'as given in joint_map'}"
-        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts))
+        beyond = [f"{SMPL24.joints[s]} (of {SMPL24.joints[below]})" for s, below in rig.beyond.items()]
+        without = (f"{_NO_LENGTH}: the direction of {', '.join(beyond)}",) if beyond else ()
+        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *without, *_drift(facts))
         return notes, SMPL24.name, facts.rate.value
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
@@ -396,7 +399,9 @@ def _file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading])
         counts.update(notes)
         for note in notes:
             first.setdefault(note, clip.motion_path.name)
-        described.append(replace(clip, notes=notes, body=body))
+        # Such bones had no direction before.
+        revision = int(any(note.startswith(_NO_LENGTH) for note in notes))
+        described.append(replace(clip, notes=notes, body=body, revision=revision))
     kinds = counts.most_common()
     summary = []
     for kind, n in sorted(kinds[:_MAX_KINDS], key=lambda item: item[0]):
