@@ -68,6 +68,8 @@ class ClipRef:
         Spans and instants of the clip that the source states.
     feature_paths
         File of each audio field whose rows come from files: (field, path). A build fills it in from the recipe.
+    revision
+        Raised for clips that their reader reads in another way than an earlier version did; part of the cache key.
     """
 
     id: str
@@ -97,6 +99,7 @@ class ClipRef:
     citation: str = ""
     segments: tuple[Segment, ...] = field(default=(), compare=False, repr=False)
     feature_paths: tuple[tuple[str, Path], ...] = ()
+    revision: int = 0
 
 
 def member_id(group: str, member: int) -> str:

@@ -164,7 +164,8 @@ class MotionKeys:
 def clip_identity(ref: ClipRef) -> list[Any]:
     """Return all of a clip that `load` reads, except its file."""
     part = (ref.source_start, ref.source_end)
-    return [ref.id, ref.declared, *([[str(second) for second in part]] if any(part) else [])]
+    revision = [{"revision": ref.revision}] if ref.revision else []
+    return [ref.id, ref.declared, *([[str(second) for second in part]] if any(part) else []), *revision]
 
 
 def encode_motion(

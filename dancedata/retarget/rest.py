@@ -78,6 +78,7 @@ class Aligner:
         self.level = level
         self.align = np.tile(np.eye(3), (24, 1, 1))
         self.child_of: dict[int, int] = {}
+        self.beyond: dict[int, int] = {}
         spine = [s for s in _SPINE if s in places]
         self._chest = spine[-1] if spine else PELVIS
 
@@ -120,17 +121,29 @@ class Aligner:
 
     def _limb(self, joint: int) -> Floats:
         above = anchor(joint, self.places)
-        below = _CHILD.get(joint)
-        if joint in _SPINE:
-            below = next(s for s in (*_SPINE, NECK, HEAD) if s > joint and s in self.places)
-        if below is None or below not in self.places or not self._apart(joint, below):
+        further = self._further(joint)
+        below = next((s for s in further if self._apart(joint, s)), None)
+        if below is None:
             start = self.align[PELVIS] if joint == HEAD else self.align[above]
             return self._untwisted(joint, above, start, None)
-        self.child_of[joint] = below
-        bone = SMPL_REST[below] - SMPL_REST[joint]
+        if below == further[0]:
+            self.child_of[joint] = below
+        else:  # the joint in between may bend
+            self.beyond[joint] = below
+        # Joints in between are at the place of this one: the bone is that of the last of them.
+        bone = SMPL_REST[below] - SMPL_REST[[joint, *further][further.index(below)]]
         start = self.align[above]
         aimed = shortest_rotation(start @ bone, self.places[below] - self.places[joint], start[:, 2]) @ start
         return self._untwisted(joint, above, aimed, bone / norm(bone))
+
+    def _further(self, joint: int) -> list[int]:
+        """Return the joints further along a limb or the spine, the nearest first."""
+        if joint in _SPINE:
+            return [s for s in (*_SPINE, NECK, HEAD) if s > joint and s in self.places]
+        chain = []
+        while (joint := _CHILD.get(joint, -1)) in self.places:
+            chain.append(joint)
+        return chain
 
     def _untwisted(self, joint: int, above: int, align: Floats, bone: Floats | None) -> Floats:
         """Remove the multiples of 90 degrees from a joint's mean rotation; about its bone if it has one."""

@@ -16,7 +16,7 @@ from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import COLUMNS, read_manifest
-from dancedata.formats.bvh.joint_names import STYLES
+from dancedata.formats.bvh.producers import producers
 from tests.messages import raises_message
 
 
@@ -389,8 +389,9 @@ def test_the_page_lists_every_column_and_every_name() -> None:
     text = PAGE.read_text(encoding="utf-8")
     for column in COLUMNS:
         assert f"`{column}`" in text
-    for table in STYLES.values():
-        for joint, names in table.items():
+    for producer in producers().values():
+        assert f"`{producer.name}`" in text
+        for joint, names in producer.joints.items():
             if not joint.startswith("right_"):
                 assert all(f"{name}" in text for name in names), (joint, names)
 

@@ -16,9 +16,10 @@ from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT
-from dancedata.formats.bvh.joint_names import REQUIRED, map_joints
+from dancedata.formats.bvh.joint_names import map_joints
 from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh
+from dancedata.formats.bvh.producers import REQUIRED
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message
@@ -151,20 +152,20 @@ def test_arms_hanging_at_rest(tmp_path: Path, danced: Motion) -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "style"),
+    ("names", "producer"),
     [
-        (MIXAMO, "UpLeg/ForeArm"),
-        (XSENS, "Xsens joints"),
-        (SEGMENTS, "Xsens segments"),
-        (SMPL_NAMES, "SMPL"),
-        (SMPL_SHORT, "SMPL"),
+        (MIXAMO, "mixamo (by mixamorig:)"),
+        (XSENS, "100style or xsens (by Chest2, Chest3)"),
+        (SEGMENTS, "xsens-segments (by L5, L3, T12)"),
+        (SMPL_NAMES, "smpl (by Spine1, Spine2, Spine3)"),
+        (SMPL_SHORT, "smpl (by Spine1, Spine2, Spine3)"),
     ],
 )
-def test_names_of_many_makers(tmp_path: Path, danced: Motion, names: str, style: str) -> None:
+def test_names_of_many_makers(tmp_path: Path, danced: Motion, names: str, producer: str) -> None:
     write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24), names=names.split())
     joints = read_bvh(tmp_path / "a.bvh").joints
     found = map_joints(tmp_path, joints, None)
-    assert style in found.style
+    assert found.producer == producer
     of = {SMPL24.joints[s]: joints[b].name for s, b in found.of.items()}
     right = dict(zip(SMPL24.joints, names.split(), strict=True))
     for name in set(right) - {"left_hand", "right_hand"}:
@@ -444,3 +445,19 @@ def test_equal_bones_have_one_name(tmp_path: Path, danced: Motion, own: Path) ->
     names = [load(tmp_path / file, unit="cm").skeleton.name for file in ("own.bvh", "b.bvh", "c.bvh")]
     assert names[0] == names[1] != names[2]
     assert names[0].startswith("smpl24:bvh-")
+
+
+@pytest.mark.parametrize("joint", ["left_wrist", "right_wrist", "left_shoulder", "spine2", "spine3"])
+def test_a_bone_without_length_has_the_direction_of_the_next(tmp_path: Path, danced: Motion, joint: str) -> None:
+    """An elbow and a wrist at one place: the elbow points to the hand, and bends as it did."""
+    offsets = np.array(SMPL24.offsets)
+    offsets[SMPL24.index(joint)] = 0
+    bones = Skeleton("odd", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+    for name, skeleton in (("zero", bones), ("whole", odd_bones(1))):
+        wanted = write_as(tmp_path / f"{name}.bvh", danced, skeleton, Rotation.identity(24))
+        (tmp_path / f"{name}.wav").touch()
+        assert np.abs(load(tmp_path / f"{name}.bvh", unit="cm").joints() - wanted).max() < 1e-5
+    assert angles(load(tmp_path / "zero.bvh", unit="cm").rotations, danced.rotations).mean() < 6
+    clips = {clip.id: clip for clip in Folder(unit="cm").scan(tmp_path).clips}
+    assert [clips[name].revision for name in ("zero", "whole")] == [1, 0]
+    assert any(note.startswith("BVH bones without length: ") for note in clips["zero"].notes)

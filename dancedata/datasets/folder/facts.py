@@ -135,7 +135,7 @@ class Declared:
     person
         The file's own name for one of its people.
     joint_map
-        SMPL joint -> name in the BVH, as JSON.
+        SMPL joint -> name in the BVH, or the name of a producer, as JSON.
     """
 
     fps: str | None = None

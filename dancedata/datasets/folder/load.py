@@ -57,7 +57,7 @@ class Reading:
     recipe
         Declarations for all files.
     joint_map
-        SMPL joint -> name in BVH files.
+        SMPL joint -> name in BVH files, or the name of a producer.
     body_model
         File or folder; None for the mean body.
     keys
@@ -66,7 +66,7 @@ class Reading:
 
     manifest: Declared
     recipe: Declared
-    joint_map: Mapping[str, str] | None = None
+    joint_map: Mapping[str, str] | str | None = None
     body_model: Path | None = None
     keys: Mapping[str, str] | None = None
 

@@ -13,6 +13,7 @@ from dancedata.core.grid import as_fraction
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import quoted, shown
 from dancedata.files.strict_json import parse_json, read_json
+from dancedata.formats.bvh.producers import producers
 
 #: Before the name of a free column.
 FREE = "x/"
@@ -65,19 +66,22 @@ def _bad_seconds(bad: Bad, column: str, found: str, why: str, allowed: str) -> S
 
 
 def joint_map(text: str, motion: str, file_of: Callable[[str], Path], bad: Bad) -> str:
-    """Return the joint map of a row as canonical JSON, SMPL joint -> name in the BVH.
+    """Return the joint map of a row as canonical JSON: SMPL joint -> name in the BVH, or the name of a producer.
 
     Parameters
     ----------
     text
-        A JSON object, or the path of a .json file below the source, which `file_of` returns.
+        A JSON object, the name of a producer, or the path of a .json file below the source, which `file_of` returns.
     motion
         The motion file of the row; only BVH files have names of joints.
     """
-    allowed = '{"left_hip": "LeftUpLeg", ...}, or the path of a .json file that has it'
+    producer = f"the name of a producer ({', '.join(producers())})"
+    allowed = f'{{"left_hip": "LeftUpLeg", ...}}, the path of a .json file that has it, or {producer}'
     if Path(motion).suffix.lower() != ".bvh":
         fix = "leave joint_map empty, or name a BVH file in motion"
         raise bad("joint_map is for BVH files", shown(motion, 80), "a row whose motion is a .bvh", fix)
+    if text in producers():
+        return json.dumps(text)
     try:
         found = parse_json(text) if text.startswith("{") else read_json(file_of(text), _MAX_MAP)
     except (OSError, ValueError) as error:

@@ -47,9 +47,11 @@ from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
+from dancedata.formats.bvh.producers import producers
 
 #: Most kinds of files that the notes distinguish.
 _MAX_KINDS = 12
+_NO_LENGTH = "BVH bones without length"
 _WITHOUT_MUSIC = "build motion alone: --set dataset.folder.music=optional --set 'audio={}'"
 
 
@@ -73,7 +75,8 @@ class Folder(Dataset):
         "auto", or the layout of arrays: "amass", "smpl", "smplh", "smplx", "finedance",
         "wham", "phalp", "gvhmr".
     joint_map
-        SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint.
+        SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint. Or the name of a producer, such
+        as "mixamo", whose names all BVH files have. Without it the producer of each file is found by its names.
     body_model
         SMPL-X, SMPL-H or SMPL model (.npz, .pkl), or a folder of them, for the bones of arrays, with the
         betas and the gender in the file. Without it they are those of the mean body.
@@ -105,7 +108,7 @@ class Folder(Dataset):
     up: Literal["y", "z", "-y"] | None = None
     unit: float | str | None = None
     layout: Literal["auto", "amass", "smpl", "smplh", "smplx", "finedance", "wham", "phalp", "gvhmr"] = "auto"
-    joint_map: Mapping[str, str] | None = None
+    joint_map: Mapping[str, str] | str | None = None
     body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
     gender: Literal["neutral", "male", "female"] | None = None
     split: str | Mapping[str, Any] = field(default="train", metadata={"scan": True})
@@ -136,7 +139,11 @@ class Folder(Dataset):
                 f"folder: invalid value for {name}", found=repr(value), allowed=allowed, fix=f"set {name}"
             )
         _check_keys(self.keys)
-        for joint in self.joint_map or {}:
+        if isinstance(self.joint_map, str) and self.joint_map not in producers():
+            problem_text = f"folder: joint_map is not a producer: {self.joint_map!r}"
+            allowed = f"{did_you_mean(self.joint_map, tuple(producers()))}; or a mapping {{left_hip: NAME, ...}}"
+            raise UsageError(problem_text, allowed=allowed)
+        for joint in self.joint_map if isinstance(self.joint_map, Mapping) else ():
             if joint not in SMPL24.joints:
                 problem_text = f"folder: joint_map has a key that is not a joint of SMPL: {joint!r}"
                 raise UsageError(problem_text, allowed=did_you_mean(joint, SMPL24.joints))
@@ -357,8 +364,10 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
     if path.suffix.lower() == ".bvh":
         bvh = read_bvh_header(path)
         facts, rig = bvh_facts(bvh, reading)
-        text = f"BVH: {facts}; joint names {rig.joints.style or 'as given in joint_map'}"
-        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *_drift(facts))
+        text = f"BVH: {facts}; joint names {rig.joints.producer or 'as given in joint_map'}"
+        beyond = [f"{SMPL24.joints[s]} (of {SMPL24.joints[below]})" for s, below in rig.beyond.items()]
+        without = (f"{_NO_LENGTH}: the direction of {', '.join(beyond)}",) if beyond else ()
+        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *without, *_drift(facts))
         return notes, SMPL24.name, facts.rate.value
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
@@ -390,7 +399,9 @@ def _file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading])
         counts.update(notes)
         for note in notes:
             first.setdefault(note, clip.motion_path.name)
-        described.append(replace(clip, notes=notes, body=body))
+        # Such bones had no direction before.
+        revision = int(any(note.startswith(_NO_LENGTH) for note in notes))
+        described.append(replace(clip, notes=notes, body=body, revision=revision))
     kinds = counts.most_common()
     summary = []
     for kind, n in sorted(kinds[:_MAX_KINDS], key=lambda item: item[0]):

@@ -1,6 +1,5 @@
-"""Maps the joints of a BVH file to SMPL's 24 by the names in common use."""
+"""Maps the joints of a BVH file to SMPL's 24."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -10,76 +9,11 @@ from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, shown
 from dancedata.formats.bvh.hierarchy import BvhJoint
+from dancedata.formats.bvh.producers import REQUIRED, Detected, detect
 
-#: SMPL's joints that a skeleton must have; neck or head is required as well.
-REQUIRED = tuple(
-    ["pelvis"]
-    + [f"{s}_{j}" for j in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for s in ("left", "right")]
-)
 #: Characters of a name that are compared, and the least likeness of one that is suggested.
 _COMPARED, _CLOSE = 60, 0.8
 SPINE = ("spine1", "spine2", "spine3")
-
-_UP_LEG = {
-    "pelvis": "Hips",
-    "{side}_hip": "{Side}UpLeg",
-    "{side}_knee": "{Side}Leg",
-    "{side}_ankle": "{Side}Foot",
-    "{side}_foot": "{Side}ToeBase {Side}Toe",
-    "{side}_collar": "{Side}Shoulder",
-    "{side}_shoulder": "{Side}Arm",
-    "{side}_elbow": "{Side}ForeArm",
-    "{side}_wrist": "{Side}Hand",
-    "{side}_hand": "{Side}HandMiddle1 {Side}InHandMiddle {S}Fingers {Side}HandIndex1 {Side}HandEnd",
-    "neck": "Neck1 Neck",
-    "head": "Head",
-}
-_LIMBS = ("Hip", "Knee", "Ankle", "Foot", "Collar", "Shoulder", "Elbow", "Wrist", "Hand")
-_SMPL = {
-    "pelvis": "Pelvis",
-    **{f"{{side}}_{limb.lower()}": f"{{Side}}{limb} {{S}}{limb}" for limb in _LIMBS},
-    "neck": "Neck",
-    "head": "Head",
-}
-_XSENS_JOINTS = {
-    "pelvis": "Hips",
-    **{f"{{side}}_{limb.lower()}": f"{{Side}}{limb}" for limb in _LIMBS},
-    "{side}_foot": "{Side}Toe",
-    "neck": "Neck",
-    "head": "Head",
-}
-_XSENS_SEGMENTS = {
-    "pelvis": "Pelvis Hips",
-    "{side}_hip": "{Side}UpperLeg",
-    "{side}_knee": "{Side}LowerLeg",
-    "{side}_ankle": "{Side}Foot",
-    "{side}_foot": "{Side}Toe",
-    "{side}_collar": "{Side}Shoulder",
-    "{side}_shoulder": "{Side}UpperArm",
-    "{side}_elbow": "{Side}ForeArm {Side}LowerArm",
-    "{side}_wrist": "{Side}Hand",
-    "neck": "Neck",
-    "head": "Head",
-}
-
-
-def _both_sides(table: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    """Expand a table for both sides: SMPL joint -> names, the preferred one first."""
-    expanded = {}
-    for joint, names in table.items():
-        for side in ("left", "right") if "{" in joint else ("",):
-            filled = names.format(Side=side.capitalize(), S=side[:1].upper())
-            expanded[joint.format(side=side)] = tuple(filled.split())
-    return expanded
-
-
-#: The known styles, SMPL joint -> names. Namespaces ("mixamorig:"), case, spaces and _ - . are ignored.
-STYLES: dict[str, dict[str, tuple[str, ...]]] = {
-    "UpLeg/ForeArm (CMU, Mixamo, Rokoko, LaFAN, FAIR)": _both_sides(_UP_LEG),
-    "Hip/Elbow (Xsens joints)": _both_sides(_XSENS_JOINTS),
-    "UpperLeg/LowerLeg (Xsens segments)": _both_sides(_XSENS_SEGMENTS),
-    "SMPL": _both_sides(_SMPL),
-}
 
 
 @dataclass(frozen=True)
@@ -88,13 +22,13 @@ class JointMap:
 
     Attributes
     ----------
-    style
-        Name of the matching style, "" if all names were given.
+    producer
+        The producers whose names match, with the evidence; "" if all names were given.
     of
         Index in SMPL24 -> index in the file.
     """
 
-    style: str
+    producer: str
     of: Mapping[int, int]
 
     def text(self, joints: Sequence[BvhJoint]) -> str:
@@ -104,30 +38,32 @@ class JointMap:
         return ", ".join(named) + (f"; none for {', '.join(missing)}" if missing else "")
 
 
-def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str] | None) -> JointMap:
+def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str] | str | None) -> JointMap:
     """Map SMPL's joints to a file's.
 
-    Names in `declared` take precedence ("" excludes a joint); the others follow the style that matches the most
-    joints. The spine follows from the tree: of the joints from the pelvis to the joint where neck and arms
-    branch, the first is spine1, the last spine3, the middle one spine2.
+    `declared` is the name of a producer, or names of joints that take precedence ("" excludes a joint); the others
+    follow the producer that `dancedata.formats.bvh.producers.detect` finds. The spine follows from the tree: of the
+    joints from the pelvis to the joint where neck and arms branch, the first is spine1, the last spine3, the middle
+    one spine2.
 
     Raises
     ------
     DataError
-        ``unknown_joints`` if required ones are missing or a declared name is not in the file;
+        ``unknown_joints`` if required ones are missing or a declared name is not in the file; as `detect`;
         ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip.
     """
-    declared = declared or {}
+    chosen, declared = (declared, {}) if isinstance(declared, str) else ("", declared or {})
     of = _declared(path, joints, declared)
-    style = _add_style(joints, of, declared)
+    detected = detect(path, [joint.name for joint in joints], declared, chosen)
+    of.update(detected.of)
     missing = [name for name in REQUIRED if SMPL24.index(name) not in of]
     if SMPL24.index("neck") not in of and SMPL24.index("head") not in of:
         missing.append("neck or head")
     if missing:
-        raise _unknown(path, joints, of, style, missing)
+        raise _unknown(path, joints, of, detected, missing)
     _add_spine(joints, of, declared)
     _check_tree(path, joints, of)
-    return JointMap(style, dict(sorted(of.items())))
+    return JointMap(str(detected), dict(sorted(of.items())))
 
 
 def _declared(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str]) -> dict[int, int]:
@@ -146,30 +82,6 @@ def _declared(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str
                 + "correct joint_map, or move files with other skeletons to a separate folder",
             )
     return {SMPL24.index(joint): names.index(name) for joint, name in declared.items() if name}
-
-
-def _add_style(joints: Sequence[BvhJoint], of: dict[int, int], declared: Mapping[str, str]) -> str:
-    """Add the joints of the best matching style; return its name."""
-    plain: dict[str, int] = {}
-    for k, joint in enumerate(joints):
-        plain.setdefault(_plain(joint.name), k)
-    best: dict[int, int] = {}
-    best_style = ""
-    for style, table in STYLES.items():
-        matches = {}
-        for smpl, usual in table.items():
-            index = next((plain[_plain(n)] for n in usual if _plain(n) in plain), None)
-            if index is not None and smpl not in declared and index not in of.values():
-                matches[SMPL24.index(smpl)] = index
-        if len(matches) > len(best):
-            best, best_style = matches, style
-    of.update(best)
-    return best_style
-
-
-def _plain(name: str) -> str:
-    """Return the name without namespace, case, spaces and separators."""
-    return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
 
 
 def _add_spine(joints: Sequence[BvhJoint], of: dict[int, int], declared: Mapping[str, str]) -> None:
@@ -227,20 +139,20 @@ def _bad_map(path: Path, problem: str, found: str, allowed: str) -> DataError:
 
 
 def _unknown(
-    path: Path, joints: Sequence[BvhJoint], of: Mapping[int, int], style: str, missing: Sequence[str]
+    path: Path, joints: Sequence[BvhJoint], of: Mapping[int, int], detected: Detected, missing: Sequence[str]
 ) -> DataError:
     names = [joint.name for joint in joints]
     free = [name for k, name in enumerate(names) if k not in of.values()]
-    table = STYLES.get(style, {})
+    table = detected.producers[0].joints if detected.producers else {}
     hints = []
     for joint in missing[:4]:
         usual = table.get(joint, (joint,))[0]
-        hints.append(f"{joint} is {usual} in that style, {did_you_mean(usual, free[:40])}")
+        hints.append(f"{joint} is {usual} there, {did_you_mean(usual, free[:40])}")
     return DataError(
         f"required joints are missing: {', '.join(missing)}",
         reason="unknown_joints",
         where=str(path),
-        found=f"{len(names)} joints; closest style {style or 'none'}",
+        found=f"{len(names)} joints; closest producer {detected if table else 'none'}",
         allowed="; ".join(hints),
         fix="map the joints: joint_map {left_hip: NAME, ...}",
     )

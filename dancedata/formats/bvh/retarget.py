@@ -4,7 +4,8 @@ Each mapped joint keeps the file's world rotation, up to a constant that rotates
 world rotation = file's world rotation @ align. `align` follows from the file's rest pose (all angles 0):
 
 - A joint of the back or of a limb: the shortest rotation, applied after its parent's `align`, that maps SMPL's rest
-  direction of its bone to the file's.
+  direction of its bone to the file's. A bone without length has the direction of the next joint along the limb or the
+  spine that is elsewhere.
 - The pelvis and the joint where neck and arms branch: the rotation that maps left to the file's line between the hips
   (the arms) and comes closest to up: the neck for the chest; for the pelvis the file's up axis, or the spine if that
   is more than 60 degrees away from it.
@@ -62,12 +63,15 @@ class Rig:
         The next mapped joint below each joint that has bending unmapped joints in between.
     offsets
         (24, 3) bones in SMPL's rest pose, in the file's unit; the root's is 0.
+    beyond
+        Joints whose bone has no length, and the joint that gives its direction.
     """
 
     joints: JointMap
     align: Floats
     child_of: Mapping[int, int]
     offsets: Floats
+    beyond: Mapping[int, int]
 
 
 def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
@@ -94,7 +98,7 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     maker = Aligner(places, size * POINT, up, turns, level=not _rests_as_smpl(places, size))
     align = maker.run()
     child_of = {s: c for s, c in maker.child_of.items() if _bends(bvh, joints, s, c)}
-    return Rig(joints, align, child_of, _bones(places, align, joints))
+    return Rig(joints, align, child_of, _bones(places, align, joints), maker.beyond)
 
 
 def skeleton_of(rig: Rig, metres: float) -> Skeleton:
