@@ -25,6 +25,7 @@ from dancedata.cli.options import (
     JobsOrCores,
     Normalized,
     Out,
+    Plugins,
     Quiet,
     RecipeName,
     ScalerFile,
@@ -40,6 +41,7 @@ from dancedata.cli.study import study, study_results
 from dancedata.cli.terminal import say
 from dancedata.cli.weights import hf, jukebox
 from dancedata.core.errors import UsageError
+from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import counted, json_text
 from dancedata.core.version import __version__
 
@@ -148,6 +150,7 @@ def build(
     backend: Backend = "loky",
     scheduler: Scheduler = None,
     part: Annotated[str | None, typer.Option(metavar="K/N", help=PART_HELP)] = None,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -155,6 +158,7 @@ def build(
 
     dancedata build aist++ --source DIR --out DIR
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import store_json
 
@@ -184,6 +188,7 @@ def plan(
     jobs: Jobs = 1,
     overrides: Set = None,
     cache: CacheFolder = None,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -191,6 +196,7 @@ def plan(
 
     Reads lengths only and writes nothing under OUT.
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
 
     planned = commands.plan(
@@ -214,6 +220,7 @@ def check(
     recipe: Annotated[str | None, typer.Option(help="Read a source folder as this recipe does.")] = None,
     overrides: Set = None,
     jobs: Jobs = 1,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -221,6 +228,7 @@ def check(
 
     Of several datasets, what they share. Exit code 1 if something is wrong.
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import describe_problems
 
@@ -256,12 +264,14 @@ def decode(
     betas: Betas = None,
     frames: Annotated[str | None, typer.Option(metavar="N|A:B:STEP", help=FRAMES_HELP)] = None,
     overwrite: Annotated[bool, typer.Option(help="Overwrite existing files.")] = False,
+    plugins: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Write generated motion as BVH, SMPL, npz or a mesh.
 
     dancedata decode FILE --as edge151 --to bvh --out DIR
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline.decode_file import decode_file
 
     kind: Any = to  # checked there
@@ -286,6 +296,7 @@ def export(
     link: Annotated[bool, typer.Option("--link", help="Hard links in place of files with equal bytes.")] = False,
     overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=TARGET_HELP)] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an export that was not changed.")] = False,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -293,6 +304,7 @@ def export(
 
     Or of a program: dancedata export STORE --to edge --out DIR
     """
+    load_plugins(*(plugins or ()))
     from dancedata.exports.base.run import export as run_export
     from dancedata.recipes.parse import apply_override
 

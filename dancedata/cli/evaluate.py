@@ -15,6 +15,7 @@ from dancedata.cli.options import (
     Clip,
     JobsOrCores,
     Normalized,
+    Plugins,
     Quiet,
     ScalerFile,
     Scheduler,
@@ -23,6 +24,7 @@ from dancedata.cli.options import (
 )  # fmt: skip
 from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
+from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import csv_cell, json_text, shown
 
 WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
@@ -67,6 +69,7 @@ def evaluate(
     cache: CacheFolder = None,
     backend: Backend = "loky",
     scheduler: Scheduler = None,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -74,6 +77,7 @@ def evaluate(
 
     dancedata evaluate WHAT --protocol NAME
     """
+    load_plugins(*(plugins or ()))
     from dancedata.evaluation import run as evaluation
     from dancedata.evaluation.report import TABLES
 
