@@ -123,6 +123,7 @@ app.command("study-results")(study_results)
 
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
+PACKAGE_HELP = "Add it to the package OUT/PACKAGE, which may hold plug-ins of several kinds."
 TARGET_HELP = "Set a parameter of the target; list shows them."
 FRAMES_HELP = "Frames of --to obj, from 0: one, or BEGIN:END:STEP; default: all."
 WEIGHTS_HELP = "Folder of a network's weights; FIELD=FOLDER, once for each, where several features need some."
@@ -370,6 +371,7 @@ def new(
     kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
     name: Annotated[str, typer.Argument(metavar="NAME", help="Its name in recipes, and of its Python module.")],
     out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
+    package: Annotated[str, typer.Option(metavar="PACKAGE", help=PACKAGE_HELP)] = "",
     as_json: AsJson = False,
 ) -> None:
     """Write a plug-in and its test from a template.
@@ -378,7 +380,7 @@ def new(
     """
     from dancedata.cli.plugins import write_plugin
 
-    plugin = write_plugin(kind, name, out)
+    plugin = write_plugin(kind, name, out, package)
     print_result(as_json, plugin.to_json, lambda: str(plugin))
 
 
