@@ -31,7 +31,7 @@ WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
 SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset's own files."
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
-METRIC_HELP = "Compute only this metric or score, such as pfc or fid_k; may be given several times."
+METRIC_HELP = "Compute only this: a metric, of the protocol or not, or a score such as fid_k; repeatable."
 BOOTSTRAP_HELP = "Most times that scores are computed again for intervals; 0: none."
 ROLE_HELP = "truth or generated; default: truth for datasets."
 

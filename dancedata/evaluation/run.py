@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.inputs.songs import read_songs, song_name
-from dancedata.evaluation.protocol import Protocol, protocol_named
+from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request
 from dancedata.evaluation.self_test import SelfTest
@@ -101,7 +101,8 @@ def evaluate(
     beats
         Beats of the music of clips, frames at the protocol's rate or `MusicBeats`; for those, nothing else is read.
     metrics
-        Compute only these of the protocol, by the names of metrics ("kinetic") or of scores ("fid_k"). Default: all.
+        Compute only these, by the names of metrics ("kinetic") or of scores ("fid_k"). Default: all of the protocol.
+        Every registered metric may be named: one that is not of the protocol has its default parameters.
     bootstrap
         How many times scores are computed again for intervals, at most; 0: no intervals.
     save_pool
@@ -136,7 +137,7 @@ def evaluate(
     named = None if like is None else opened(like)
     request = Request(
         what=what,
-        protocol=protocol_named(protocol),
+        protocol=with_metrics(protocol_named(protocol), metrics),
         pool=pool,
         split=split,
         pool_split=pool_split,
