@@ -39,7 +39,9 @@ ROLE_HELP = "truth or generated; default: truth for datasets."
 @errors_to_exit_codes
 def evaluate(
     what: Annotated[Path | None, typer.Argument(metavar="WHAT", help=WHAT_HELP)] = None,
-    protocol: Annotated[str | None, typer.Option(help="Name of a protocol; default dancedata.")] = None,
+    protocol: Annotated[
+        str | None, typer.Option(help="A protocol, or a YAML file of one; default dancedata.")
+    ] = None,
     pool: Annotated[Path | None, typer.Option(help=POOL_HELP)] = None,
     save_pool: Annotated[Path | None, typer.Option(help="Write the pool's features to this .npz file.")] = None,
     split: Annotated[str | None, typer.Option(help="Splits of the dataset: test, or val,test; default all.")] = None,

@@ -12,6 +12,7 @@ from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.inputs.songs import read_songs, song_name
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
+from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request
 from dancedata.evaluation.self_test import SelfTest
@@ -68,7 +69,7 @@ def evaluate(
         A built dataset, a folder of generated motion, one file of it, or positions (T, J, 3) and motions by the id of
         a clip, metres, +Y up.
     protocol
-        Name of a protocol, or an object of one.
+        Name of a protocol, a YAML file with one, or an object of one.
     pool
         What the set is compared with: a dataset, a folder, or a file of `save_pool`. Default: all of the dataset that
         is evaluated, or that `like` names.
@@ -137,7 +138,7 @@ def evaluate(
     named = None if like is None else opened(like)
     request = Request(
         what=what,
-        protocol=with_metrics(protocol_named(protocol), metrics),
+        protocol=with_metrics(_protocol(protocol), metrics),
         pool=pool,
         split=split,
         pool_split=pool_split,
@@ -165,6 +166,11 @@ def evaluate(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),
     )  # fmt: skip
+
+
+def _protocol(protocol: str | Protocol) -> Protocol:
+    file = isinstance(protocol, str) and Path(protocol).suffix in (".yaml", ".yml")
+    return read_protocol(Path(str(protocol)).expanduser()) if file else protocol_named(protocol)
 
 
 def self_test(
