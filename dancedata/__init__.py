@@ -32,6 +32,7 @@ __all__ = [
     "export",
     "extract",
     "keymotion",
+    "load_plugins",
     "metrics",
     "open",
     "plan",
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
+    from dancedata.core.plugin_files import load_plugins
     from dancedata.core.skeleton import Skeleton
     from dancedata.evaluation.evaluator import Evaluator
     from dancedata.evaluation.run import evaluate
@@ -78,6 +80,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "evaluate": "dancedata.evaluation.run",
             "export": "dancedata.exports.base.run",
             "extract": "dancedata.pipeline.arrays",
+            "load_plugins": "dancedata.core.plugin_files",
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.pipeline.commands",
         },

@@ -25,6 +25,7 @@ from dancedata.cli.options import (
     JobsOrCores,
     Normalized,
     Out,
+    Plugins,
     Quiet,
     RecipeName,
     ScalerFile,
@@ -40,6 +41,7 @@ from dancedata.cli.study import study, study_results
 from dancedata.cli.terminal import say
 from dancedata.cli.weights import hf, jukebox
 from dancedata.core.errors import UsageError
+from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import counted, json_text
 from dancedata.core.version import __version__
 
@@ -121,6 +123,7 @@ app.command("study-results")(study_results)
 
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
+PACKAGE_HELP = "Add it to the package OUT/PACKAGE, which may hold plug-ins of several kinds."
 TARGET_HELP = "Set a parameter of the target; list shows them."
 FRAMES_HELP = "Frames of --to obj, from 0: one, or BEGIN:END:STEP; default: all."
 WEIGHTS_HELP = "Folder of a network's weights; FIELD=FOLDER, once for each, where several features need some."
@@ -148,6 +151,7 @@ def build(
     backend: Backend = "loky",
     scheduler: Scheduler = None,
     part: Annotated[str | None, typer.Option(metavar="K/N", help=PART_HELP)] = None,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -155,6 +159,7 @@ def build(
 
     dancedata build aist++ --source DIR --out DIR
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import store_json
 
@@ -184,6 +189,7 @@ def plan(
     jobs: Jobs = 1,
     overrides: Set = None,
     cache: CacheFolder = None,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -191,6 +197,7 @@ def plan(
 
     Reads lengths only and writes nothing under OUT.
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
 
     planned = commands.plan(
@@ -214,6 +221,7 @@ def check(
     recipe: Annotated[str | None, typer.Option(help="Read a source folder as this recipe does.")] = None,
     overrides: Set = None,
     jobs: Jobs = 1,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -221,6 +229,7 @@ def check(
 
     Of several datasets, what they share. Exit code 1 if something is wrong.
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import describe_problems
 
@@ -256,12 +265,14 @@ def decode(
     betas: Betas = None,
     frames: Annotated[str | None, typer.Option(metavar="N|A:B:STEP", help=FRAMES_HELP)] = None,
     overwrite: Annotated[bool, typer.Option(help="Overwrite existing files.")] = False,
+    plugins: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Write generated motion as BVH, SMPL, npz or a mesh.
 
     dancedata decode FILE --as edge151 --to bvh --out DIR
     """
+    load_plugins(*(plugins or ()))
     from dancedata.pipeline.decode_file import decode_file
 
     kind: Any = to  # checked there
@@ -286,6 +297,7 @@ def export(
     link: Annotated[bool, typer.Option("--link", help="Hard links in place of files with equal bytes.")] = False,
     overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help=TARGET_HELP)] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an export that was not changed.")] = False,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -293,6 +305,7 @@ def export(
 
     Or of a program: dancedata export STORE --to edge --out DIR
     """
+    load_plugins(*(plugins or ()))
     from dancedata.exports.base.run import export as run_export
     from dancedata.recipes.parse import apply_override
 
@@ -358,6 +371,7 @@ def new(
     kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
     name: Annotated[str, typer.Argument(metavar="NAME", help="Its name in recipes, and of its Python module.")],
     out: Annotated[Path, typer.Option(help="Folder to write NAME.py and test_NAME.py to.")] = Path(),
+    package: Annotated[str, typer.Option(metavar="PACKAGE", help=PACKAGE_HELP)] = "",
     as_json: AsJson = False,
 ) -> None:
     """Write a plug-in and its test from a template.
@@ -366,7 +380,7 @@ def new(
     """
     from dancedata.cli.plugins import write_plugin
 
-    plugin = write_plugin(kind, name, out)
+    plugin = write_plugin(kind, name, out, package)
     print_result(as_json, plugin.to_json, lambda: str(plugin))
 
 

@@ -15,6 +15,7 @@ from dancedata.cli.options import (
     Clip,
     JobsOrCores,
     Normalized,
+    Plugins,
     Quiet,
     ScalerFile,
     Scheduler,
@@ -23,13 +24,14 @@ from dancedata.cli.options import (
 )  # fmt: skip
 from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
+from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import csv_cell, json_text, shown
 
 WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
 SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset's own files."
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
-METRIC_HELP = "Compute only this metric or score, such as pfc or fid_k; may be given several times."
+METRIC_HELP = "Compute only this: a metric, of the protocol or not, or a score such as fid_k; repeatable."
 BOOTSTRAP_HELP = "Most times that scores are computed again for intervals; 0: none."
 ROLE_HELP = "truth or generated; default: truth for datasets."
 
@@ -37,7 +39,9 @@ ROLE_HELP = "truth or generated; default: truth for datasets."
 @errors_to_exit_codes
 def evaluate(
     what: Annotated[Path | None, typer.Argument(metavar="WHAT", help=WHAT_HELP)] = None,
-    protocol: Annotated[str | None, typer.Option(help="Name of a protocol; default dancedata.")] = None,
+    protocol: Annotated[
+        str | None, typer.Option(help="A protocol, or a YAML file of one; default dancedata.")
+    ] = None,
     pool: Annotated[Path | None, typer.Option(help=POOL_HELP)] = None,
     save_pool: Annotated[Path | None, typer.Option(help="Write the pool's features to this .npz file.")] = None,
     split: Annotated[str | None, typer.Option(help="Splits of the dataset: test, or val,test; default all.")] = None,
@@ -67,6 +71,7 @@ def evaluate(
     cache: CacheFolder = None,
     backend: Backend = "loky",
     scheduler: Scheduler = None,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -74,6 +79,7 @@ def evaluate(
 
     dancedata evaluate WHAT --protocol NAME
     """
+    load_plugins(*(plugins or ()))
     from dancedata.evaluation import run as evaluation
     from dancedata.evaluation.report import TABLES
 

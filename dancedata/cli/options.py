@@ -20,6 +20,8 @@ JOBS_HELP = "Worker processes; the result does not depend on it."
 Jobs = Annotated[int, typer.Option(min=1, help=JOBS_HELP)]
 JobsOrCores = Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one per core.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the recipe.")]
+PLUGIN_HELP = "Python file with plug-ins; it is executed. May be given several times."
+Plugins = Annotated[list[Path] | None, typer.Option("--plugin", metavar="FILE", help=PLUGIN_HELP)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."

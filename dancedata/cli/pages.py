@@ -10,6 +10,7 @@ from dancedata.cli.options import (
     BodyModel,
     Clip,
     Normalized,
+    Plugins,
     Quiet,
     ScalerFile,
     betas_of,
@@ -17,6 +18,7 @@ from dancedata.cli.options import (
 )
 from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
+from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import json_text
 from dancedata.execution.progress import Progress
 
@@ -67,12 +69,14 @@ def view(
     audio: Annotated[str, typer.Option(help="With --export or --video: none, or embed the clip's music.")] = "none",
     share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
     overwrite: Annotated[bool, typer.Option(help="With --export or --video: replace the file.")] = False,
+    plugins: Plugins = None,
     quiet: Quiet = False,
 ) -> None:
     """Look at a dataset, or any motion, in the browser.
 
     dancedata view X [CLIP]; Ctrl-C ends it.
     """
+    load_plugins(*(plugins or ()))
     from dancedata.viewer.request import ViewRequest
     from dancedata.viewer.view import export_page, serve
 
@@ -140,6 +144,7 @@ def report(
     music_of: Annotated[Path | None, typer.Option(help=f"{OF_SAMPLES} CSV file with their songs: clip,song.")] = None,
     max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
     overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
+    plugins: Plugins = None,
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
 ) -> None:
@@ -147,6 +152,7 @@ def report(
 
     dancedata report OUT --to FILE.html
     """
+    load_plugins(*(plugins or ()))
     from dancedata.report.document import findings
     from dancedata.report.write import default_path, write_report
     from dancedata.store.schema import DATASET_FILE

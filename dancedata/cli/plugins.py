@@ -29,6 +29,7 @@ from dancedata.core.registry import (
 )
 from dancedata.core.resources import resource, resources
 from dancedata.exports.base.job import EXPORTS
+from dancedata.files.atomic import write_text
 from dancedata.recipes.yaml import read_yaml
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -37,7 +38,7 @@ _TEST = '''"""Conformance of the {kind} {name}."""
 
 from pathlib import Path
 
-from {name} import {cls}
+from {module} import {cls}
 
 from dancedata.testing.conformance import check
 
@@ -61,6 +62,28 @@ py-modules = ["{name}"]
 
 [project.entry-points."{group}"]
 {name} = "{name}\""""
+
+
+_NEXT_OF_PACKAGE = """wrote {module} and {test}
+next:
+  1. python -m pytest {out}: the template passes; change it, and run the test again
+  2. more of it: dancedata new KIND NAME --package {package}; the same command, another kind
+  3. pip install -e {out}; dancedata list shows it, and {use}"""
+_PROJECT = """[build-system]
+requires = ["setuptools"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "{package}"
+version = "0.1"
+dependencies = ["dancedata"]
+
+[tool.setuptools]
+packages = ["{package}"]
+
+[tool.pytest.ini_options]
+pythonpath = ["."]
+"""
 
 
 @dataclass(frozen=True)
@@ -104,24 +127,28 @@ KINDS = {
 
 @dataclass(frozen=True)
 class NewPlugin:
-    """A plug-in that was written: its module, and its test."""
+    """A plug-in that was written: its module, its test, and the package that they are in, if any."""
 
     kind: Kind
     name: str
     module: Path
     test: Path
+    package: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
         group = self.kind.registry.package
-        return {"name": self.name, "group": group, "module": str(self.module), "test": str(self.test)}
+        package = {"package": self.package} if self.package else {}
+        return {"name": self.name, "group": group, "module": str(self.module), "test": str(self.test)} | package
 
     def __str__(self) -> str:
         group = self.kind.registry.package
-        return _NEXT.format(
+        folder = self.module.parent.parent if self.package else self.module.parent
+        return (_NEXT_OF_PACKAGE if self.package else _NEXT).format(
             module=quote(str(self.module)),
             test=quote(str(self.test)),
-            out=quote(str(self.module.parent)),
+            out=quote(str(folder)),
+            package=self.package,
             folder=group.replace(".", "/"),
             name=self.name,
             group=group,
@@ -129,8 +156,10 @@ class NewPlugin:
         )
 
 
-def write_plugin(kind: str, name: str, out: Path) -> NewPlugin:
+def write_plugin(kind: str, name: str, out: Path, package: str = "") -> NewPlugin:
     """Write NAME.py and test_NAME.py from the template of a kind.
+
+    With `package`, they are added to a package of that name in `out`, which is begun if it does not exist.
 
     Parameters
     ----------
@@ -148,32 +177,54 @@ def write_plugin(kind: str, name: str, out: Path) -> NewPlugin:
     """
     if kind not in KINDS:
         raise UsageError(f"unknown kind of plug-in {kind!r}", fix=did_you_mean(kind, KINDS))
-    plugin = NewPlugin(KINDS[kind], name, out / f"{name}.py", out / f"test_{name}.py")
+    root = out / package
+    plugin = NewPlugin(KINDS[kind], name, root / package / f"{name}.py", root / f"test_{name}.py", package)
     _check_name(plugin)
+    project = _project(plugin, root) if package else ""
     template = (_TEMPLATES / plugin.kind.template).read_text(encoding="utf-8")
     cls = _class_name(name, template)
     text = template.replace("TemplateName", cls).replace("template_name", name)
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        plugin.module.parent.mkdir(parents=True, exist_ok=True)
+        module = f"{package}.{name}" if package else name
         for path, content in (
             (plugin.module, text),
-            (plugin.test, _TEST.format(kind=plugin.kind.registry.kind, name=name, cls=cls)),
+            (plugin.test, _TEST.format(kind=plugin.kind.registry.kind, name=name, cls=cls, module=module)),
         ):
             with path.open("x", encoding="utf-8") as file:
                 file.write(content)
+        if package:
+            (root / package / "__init__.py").touch()
+            write_text(root / "pyproject.toml", project)
     except OSError as error:
         raise UsageError("the plug-in cannot be written", where=out, found=error) from error
     return plugin
 
 
+def _project(plugin: NewPlugin, root: Path) -> str:
+    """Return the pyproject.toml of a package with one more entry point."""
+    path, group = root / "pyproject.toml", f'[project.entry-points."{plugin.kind.registry.package}"]'
+    entry = f'{plugin.name} = "{plugin.package}.{plugin.name}"'
+    if not path.exists():
+        return f"{_PROJECT.format(package=plugin.package)}\n{group}\n{entry}\n"
+    if not (root / plugin.package / "__init__.py").is_file():
+        raise UsageError(
+            "the folder is another project", where=root, fix="choose another --package name, or another --out"
+        )
+    text = path.read_text(encoding="utf-8")
+    head, found, tail = text.partition(f"{group}\n")
+    return f"{head}{found}{entry}\n{tail}" if found else f"{text.rstrip()}\n\n{group}\n{entry}\n"
+
+
 def _check_name(plugin: NewPlugin) -> None:
     name, registry = plugin.name, plugin.kind.registry
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
-        raise UsageError(
-            "not a valid name for a plug-in",
-            found=repr(name),
-            allowed="the name of a Python module: ASCII letters, digits and _, beginning with a letter",
-        )
+    for what, value in (("plug-in", name), ("package", plugin.package or "package")):
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", value) or keyword.iskeyword(value):
+            raise UsageError(
+                f"not a valid name for a {what}",
+                found=repr(value),
+                allowed="the name of a Python module: ASCII letters, digits and _, beginning with a letter",
+            )
     if name in registry.names():
         raise UsageError(
             f"the {registry.kind} {name!r} exists already",
@@ -182,10 +233,12 @@ def _check_name(plugin: NewPlugin) -> None:
     for path in (plugin.module, plugin.test):
         if path.exists() or path.is_symlink():
             raise UsageError("the file exists already", where=path, fix="choose another name, or another --out")
-    spec = find_spec(name)
-    if spec is not None:
+    top = plugin.package or name
+    spec = find_spec(top)
+    # A package that is installed from here, by pip install -e, may get more plug-ins.
+    if spec is not None and not (plugin.package and plugin.module.with_name("__init__.py").is_file()):
         raise UsageError(
-            f"{name} is the name of an installed Python module", found=spec.origin, fix="choose another name"
+            f"{top} is the name of an installed Python module", found=spec.origin, fix="choose another name"
         )
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.lazy import lazy_names
+from dancedata.core.plugin_files import is_local, note_registered, unknown_plugin, without_file_key
 from dancedata.core.plugins import (
     AudioFeature,
     Augmentation,
@@ -76,13 +77,15 @@ class Registry(Generic[P]):
         def decorate(cls: C) -> C:
             checked = self._checked(name, cls)
             old = self._classes.get(name, cls)
-            if (old.__module__, old.__qualname__) != (cls.__module__, cls.__qualname__):
+            same = (old.__module__, old.__qualname__) == (cls.__module__, cls.__qualname__)
+            if not same and not (is_local(old) and is_local(cls) and old.__module__ != cls.__module__):
                 raise UsageError(
                     f"two plug-ins are registered as the {self.kind} {name!r}",
                     found=f"{old.__module__}.{old.__qualname__} and {cls.__module__}.{cls.__qualname__}",
                 )
             cls.name = name
             self._classes[name] = checked
+            note_registered(cls, self.kind, name, lambda: decorate(cls))
             return cls
 
         return decorate
@@ -113,11 +116,14 @@ class Registry(Generic[P]):
     def __contains__(self, name: object) -> bool:
         return self._find(name) is not None
 
-    def get(self, name: str, also: Iterable[str] = ()) -> type[P]:
-        """Return a plug-in class; UsageError with the closest known name, or of `also`, see `did_you_mean`."""
+    def get(self, name: str, also: Iterable[str] = (), parameters: object = None) -> type[P]:
+        """Return a plug-in class; UsageError with the closest known name, or of `also`, see `did_you_mean`.
+
+        `parameters`, those of a stored recipe, tell whether it was a local plug-in.
+        """
         cls = self._find(name)
         if cls is None:
-            raise UsageError(f"unknown {self.kind} {name!r}", fix=did_you_mean(name, self.names(), also))
+            raise unknown_plugin(self.kind, name, parameters, self.names(), also)
         return cls
 
     def split(self, name: str) -> tuple[str, str | None]:
@@ -137,7 +143,8 @@ class Registry(Generic[P]):
         UsageError
             For an unknown name or parameter, and as the plug-in itself.
         """
-        cls: type[Any] = self.get(name)
+        cls: type[Any] = self.get(name, parameters=parameters)
+        parameters = without_file_key(cls, dict(parameters), f"{self.kind} {name}")
         keys = [field.name for field in dataclasses.fields(cls)]
         unknown = sorted(set(map(str, parameters)) - set(keys))
         if unknown:

@@ -3,7 +3,7 @@
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from dancedata.recipes.documents import document_of
 #: Layout of pool files. 2: with the hash of what numbers depend on.
 POOL_FORMAT = 2
 _AGAIN = "make a pool of this protocol: --pool STORE --save-pool FILE.npz"
-_HEADER, _IDS, _ROWS = "about", "clips", "rows_"
+_HEADER, _IDS, _ROWS, _CLIPS = "about", "clips", "rows_", "clip_of_rows_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +51,8 @@ class Pool:
         Pieces without features, by outcome.
     scaler
         Hash of the scaler that its columns were normalised by; "" if they were not.
+    clips
+        (M,) number of the clip of each row, by the number of the measure; files of earlier versions have none.
     """
 
     protocol: str
@@ -61,6 +63,7 @@ class Pool:
     source: str
     undefined: Mapping[str, int]
     scaler: str = ""
+    clips: Mapping[int, Float64Array] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -109,15 +112,17 @@ def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, s
     """Make the pool of measured clips; UsageError if clips have different rates, or there are none."""
     measured = sorted(measured, key=lambda m: m.id)  # sums do not depend on the order of files
     rows: dict[int, Float64Array] = {}
+    clips: dict[int, Float64Array] = {}
     undefined: dict[str, int] = {}
     for number, measure in enumerate(protocol.measures):
         if measure.metric.needs_pool:
             numbers = rows_of(measured, number, measure.metric)
-            rows[number] = numbers.rows
+            rows[number], clips[number] = numbers.rows, numbers.clips
             for outcome, ids in numbers.undefined.items():
                 undefined[outcome] = max(len(ids), undefined.get(outcome, 0))
     ids = tuple(m.id for m in measured)
-    return Pool(protocol.name, protocol.version, one_rate(measured, source), ids, rows, source, undefined, scaler)
+    fps = one_rate(measured, source)
+    return Pool(protocol.name, protocol.version, fps, ids, rows, source, undefined, scaler, clips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +224,7 @@ def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
         _IDS: _as_bytes("\n".join(json.dumps(i) for i in pool.ids)),
     }
     arrays |= {f"{_ROWS}{number}": rows for number, rows in pool.rows.items()}
+    arrays |= {f"{_CLIPS}{number}": clips for number, clips in pool.clips.items()}
     data = io.BytesIO()
     np.savez(data, allow_pickle=False, **arrays)
     try:
@@ -236,9 +242,12 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
             ids = [str(parse_json(line)) for line in _text(arrays.read(_IDS)).split("\n") if line]
             names = [name for name in arrays.names if name.startswith(_ROWS)]
             rows = {int(name.removeprefix(_ROWS)): checked_rows(arrays.read(name)) for name in names}
+            clips = {n: np.ravel(arrays.read(f"{_CLIPS}{n}")) for n in rows if f"{_CLIPS}{n}" in arrays.names}
+            if any(len(clips[n]) != len(rows[n]) for n in clips):
+                raise ValueError("not one clip for each row")
         pool = Pool(
             str(header["protocol"]), int(header["version"]), str(header["fps"]), tuple(ids), rows, str(path),
-            {str(k): int(v) for k, v in header["undefined"].items()}, str(header.get("scaler", "")),
+            {str(k): int(v) for k, v in header["undefined"].items()}, str(header.get("scaler", "")), clips,
         )  # fmt: skip
     except (DataError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(

@@ -4,7 +4,8 @@ A published number means something only together with all of these. A protocol d
 parameters and is registered under a name, in one file (docs/plug-ins.md).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Literal
@@ -12,7 +13,7 @@ from typing import ClassVar, Literal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric, Plugin
-from dancedata.core.registry import Registry
+from dancedata.core.registry import METRICS, Registry
 
 #: Clips are ground truth or come from a model: some protocols cut the two differently.
 Role = Literal["truth", "generated"]
@@ -287,6 +288,29 @@ class Protocol(Plugin):
 
 
 PROTOCOLS = Registry("protocol", "dancedata.evaluation.protocols", Protocol)
+
+
+def with_metrics(protocol: Protocol, names: Iterable[str]) -> Protocol:
+    """Return a protocol with further metrics after its own, by their names; UsageError for one that does not fit.
+
+    They get the joints, rate and pieces of the protocol and their default parameters. Names that the protocol has, of
+    metrics or scores, and unknown ones are skipped.
+    """
+    own = {name for measure in protocol.measures for name in (measure.metric.name, *measure.metric.better)}
+    metrics = [METRICS.make(name, {}) for name in dict.fromkeys(names) if name not in own and name in METRICS]
+    for metric in metrics:
+        if metric.of_groups and not protocol.of_groups:
+            raise UsageError(
+                f"the metric {metric.name} measures groups, and the protocol single dancers",
+                where=f"protocol {protocol.name}", fix="choose a protocol of groups, see --list-protocols",
+            )  # fmt: skip
+    if not metrics:
+        return protocol
+    extended = copy(protocol)
+    object.__setattr__(extended, "measures", (*protocol.measures, *map(Measure, metrics)))
+    if protocol.music is None and any(metric.needs_music for metric in metrics):
+        object.__setattr__(extended, "music", MusicRule())
+    return extended
 
 
 def protocol_named(protocol: str | Protocol) -> Protocol:

@@ -13,7 +13,7 @@ from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.evaluation.pool import Pool, one_rate, rows_of
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol
-from dancedata.evaluation.scores import Score, describe_outcome, scores_of
+from dancedata.evaluation.scores import Score, describe_outcome, halves_of, scores_of
 from dancedata.execution.cache import package_version
 from dancedata.recipes.documents import document_of
 
@@ -127,7 +127,8 @@ def _score_json(score: Score) -> dict[str, Any]:
     interval = None if score.interval is None else [score.interval.low, score.interval.high]
     return {
         "value": score.value, "interval_95": interval, "median": score.median, "chance": score.chance,
-        "pool": score.pool, "n": score.n, "undefined": {k: list(v) for k, v in score.undefined.items()},
+        "pool": score.pool, "halves": score.halves, "n": score.n,
+        "undefined": {k: list(v) for k, v in score.undefined.items()},
         "published": score.published, "better": score.better,
     }  # fmt: skip
 
@@ -154,12 +155,27 @@ def describe(report: Report) -> str:
     return "\n".join([*lines, f"  versions: {versions}"])
 
 
-_HEAD = ("score", "value", "95 % interval", "median", "chance", "pool", "published", "n", "undefined", "better")
+_HEAD = (
+    "score",
+    "value",
+    "95 % interval",
+    "median",
+    "chance",
+    "pool",
+    "halves",
+    "published",
+    "n",
+    "undefined",
+    "better",
+)
 
 
 def _cells(score: Score) -> tuple[Any, ...]:
     interval = "" if score.interval is None else f"{_number(score.interval.low)} .. {_number(score.interval.high)}"
-    beside = [_number(v) if v is not None else "" for v in (score.median, score.chance, score.pool, score.published)]
+    beside = [
+        _number(v) if v is not None else ""
+        for v in (score.median, score.chance, score.pool, score.halves, score.published)
+    ]
     name = LABELS.get(score.name, score.name)
     return (name, _number(score.value), interval, *beside, score.n, score.n_undefined or "", _ARROWS[score.better])
 
@@ -267,7 +283,12 @@ def report_of(
         metric = protocol.measures[number].metric
         rows = rows_of(ordered, number, metric)
         of_metric, messages = scores_of(metric, rows, None if pool is None else pool.rows.get(number), draws=draws)
-        scores += [replace(score, published=published.get(score.name)) for score in of_metric]
+        halves = {}
+        if pool is not None and number in pool.clips:
+            halves = halves_of(metric, pool.rows[number], pool.clips[number])
+        scores += [
+            replace(score, published=published.get(score.name), halves=halves.get(score.name)) for score in of_metric
+        ]
         of_scores += messages
     return Report(
         protocol=protocol,

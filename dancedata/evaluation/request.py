@@ -13,7 +13,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
-from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.registry import METRICS, REPRESENTATIONS
 from dancedata.core.text import listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, GroupClip, MemoryClip
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
@@ -113,7 +113,7 @@ class Request:
         for metric in sorted(chosen - allowed):
             raise UsageError(
                 f"the protocol has no metric {quoted(metric)}", where=f"protocol {self.protocol.name}",
-                fix=did_you_mean(metric, sorted(allowed)),
+                fix=did_you_mean(metric, sorted(allowed), METRICS.names()),
             )  # fmt: skip
         return [k for k, of_measure in enumerate(names) if not chosen or of_measure & chosen]
 

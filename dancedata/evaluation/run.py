@@ -11,7 +11,8 @@ import numpy.typing as npt
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.inputs.songs import read_songs, song_name
-from dancedata.evaluation.protocol import Protocol, protocol_named
+from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
+from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request
 from dancedata.evaluation.self_test import SelfTest
@@ -68,7 +69,7 @@ def evaluate(
         A built dataset, a folder of generated motion, one file of it, or positions (T, J, 3) and motions by the id of
         a clip, metres, +Y up.
     protocol
-        Name of a protocol, or an object of one.
+        Name of a protocol, a YAML file with one, or an object of one.
     pool
         What the set is compared with: a dataset, a folder, or a file of `save_pool`. Default: all of the dataset that
         is evaluated, or that `like` names.
@@ -101,7 +102,8 @@ def evaluate(
     beats
         Beats of the music of clips, frames at the protocol's rate or `MusicBeats`; for those, nothing else is read.
     metrics
-        Compute only these of the protocol, by the names of metrics ("kinetic") or of scores ("fid_k"). Default: all.
+        Compute only these, by the names of metrics ("kinetic") or of scores ("fid_k"). Default: all of the protocol.
+        Every registered metric may be named: one that is not of the protocol has its default parameters.
     bootstrap
         How many times scores are computed again for intervals, at most; 0: no intervals.
     save_pool
@@ -136,7 +138,7 @@ def evaluate(
     named = None if like is None else opened(like)
     request = Request(
         what=what,
-        protocol=protocol_named(protocol),
+        protocol=with_metrics(_protocol(protocol), metrics),
         pool=pool,
         split=split,
         pool_split=pool_split,
@@ -164,6 +166,11 @@ def evaluate(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),
     )  # fmt: skip
+
+
+def _protocol(protocol: str | Protocol) -> Protocol:
+    file = isinstance(protocol, str) and Path(protocol).suffix in (".yaml", ".yml")
+    return read_protocol(Path(str(protocol)).expanduser()) if file else protocol_named(protocol)
 
 
 def self_test(

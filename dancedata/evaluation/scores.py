@@ -15,6 +15,8 @@ from dancedata.metrics.intervals import MIN_CLIPS, Interval, jackknife
 HEAVY = 3
 #: Sets and pools with more vectors have no intervals: each draw compares all pairs of vectors.
 MAX_VECTORS = 4_000
+#: Random divisions of a pool into halves, and least clips of a pool that is divided.
+DIVISIONS, MIN_HALVES = 10, 4
 _CHANCE, _MEDIAN, _POOL, _VARYING = "_chance", "_median", "_pool", "_varying"
 #: Ends of the names of scores that are shown with others, or in warnings.
 _BESIDE = (_CHANCE, _MEDIAN, _POOL, _VARYING)
@@ -37,6 +39,9 @@ class Score:
     median, chance, pool
         Where the metric has them: median over pieces, score of beats shifted at random, the
         pool's own diversity.
+    halves
+        Of a distance to the pool: that between two random halves of the pool's clips, see `halves_of`. A distance
+        near it is as small as the pool can show.
     n
         Pieces that have a value.
     undefined
@@ -54,6 +59,7 @@ class Score:
     median: float | None = None
     chance: float | None = None
     pool: float | None = None
+    halves: float | None = None
     undefined: dict[str, tuple[str, ...]] = field(default_factory=dict)
     published: float | None = None
     better: str = "closer"
@@ -96,6 +102,35 @@ def scores_of(
         if not _is_beside(name)
     ]
     return scores, [*warnings, *_pool_warnings(metric, rows, pool, values)]
+
+
+def halves_of(metric: Metric, pool: Float64Array, clips: Float64Array) -> dict[str, float]:
+    """Return the distances between two halves of a pool, by the names of the scores for which lower is better.
+
+    Clips are divided at random, all pieces of one into the same half; the median over 10 divisions (of a pool of more
+    than MAX_VECTORS: one). Halves have fewer vectors than the pool, which makes the distance larger.
+
+    Parameters
+    ----------
+    pool
+        (M, C) numbers of the pool.
+    clips
+        (M,) number of the clip of each row.
+    """
+    ids = np.unique(clips)
+    if not metric.needs_pool or len(ids) < MIN_HALVES:
+        return {}
+    random = np.random.default_rng(0)
+    found: dict[str, list[float]] = {}
+    for _ in range(DIVISIONS if len(pool) <= MAX_VECTORS else 1):
+        first = np.isin(clips, random.permutation(ids)[: len(ids) // 2])
+        try:
+            values = _summary(metric, pool[first], pool[~first])
+        except Undefined:
+            return {}
+        for name in (name for name, better in metric.better.items() if better == "lower" and name in values):
+            found.setdefault(name, []).append(values[name])
+    return {name: float(np.median(values)) for name, values in found.items() if np.isfinite(values).all()}
 
 
 def _summary(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:

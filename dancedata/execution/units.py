@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.plugin_files import with_known_files
 from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
@@ -103,7 +104,9 @@ def run_units(
 
         if missing:
             executor = (LokyExecutor(jobs) if isinstance(jobs, int) else jobs).for_calls(len(missing))
-            _run(executor, partial(as_in_builds(exact), function), missing, label, keep)
+            # Local plug-ins among the arguments are unpickled after the function, here and in a reference process.
+            run = with_known_files(partial(as_in_builds(exact), with_known_files(function)))
+            _run(executor, run, missing, label, keep)
     return results
 
 

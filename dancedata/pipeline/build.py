@@ -222,9 +222,15 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
         "genre_ids": dict(sources.scan.genre_ids or recipe.dataset.genre_ids),
         "content": sources.content,
         "arithmetic": expected(),
+        **({"plugins": local} if (local := _local_plugins(recipe)) else {}),
         **({"encoders": networks} if (networks := _networks(recipe)) else {}),
         "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
     }
+
+
+def _local_plugins(recipe: Recipe) -> dict[str, Any]:
+    """Return name and hash of the file of each local plug-in; the folder of a file does not matter."""
+    return {name: {"file": file.path.name, "sha256": file.sha256} for name, file in recipe.plugin_files.items()}
 
 
 def _networks(recipe: Recipe) -> dict[str, Any]:

@@ -4,6 +4,8 @@ import dataclasses
 from functools import lru_cache
 from typing import Any
 
+from dancedata.core.plugin_files import FILE_KEY, plugin_file
+
 
 def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
@@ -12,12 +14,14 @@ def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     its place shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
     as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key. Fields
     marked ``{"added": True}`` came with a later version of the plug-in: at their default they are left out, so that
-    hashes and keys of earlier recipes hold.
+    hashes and keys of earlier recipes hold. A local plug-in has the hash of its file, too.
     """
     skipped = ("path", "scan") if loading else ("path",)
     fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
     fields = [f for f in fields if not (f.metadata.get("added") and getattr(plugin, f.name) == f.default)]
-    return {f.name: _anything().dump_python(getattr(plugin, f.name), mode="json") for f in fields}
+    document = {f.name: _anything().dump_python(getattr(plugin, f.name), mode="json") for f in fields}
+    file = plugin_file(type(plugin))
+    return document if file is None else document | {FILE_KEY: file.sha256}
 
 
 @lru_cache(maxsize=1)

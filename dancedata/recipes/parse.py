@@ -13,6 +13,7 @@ import yaml
 
 from dancedata.core.errors import RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, as_fraction
+from dancedata.core.plugin_files import load_plugins
 from dancedata.core.registry import DATASETS, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
@@ -53,7 +54,7 @@ def load_recipe(
     RecipeError
         Listing every problem at once.
     UsageError
-        If the recipe does not exist.
+        If the recipe, or a file of its `plugins`, does not exist; and for a file that cannot be loaded.
     """
     if isinstance(recipe, Recipe):
         if overrides:
@@ -63,7 +64,13 @@ def load_recipe(
                 fix="give its name, its file or its document instead",
             )
         return recipe
-    document = deepcopy(dict(recipe)) if isinstance(recipe, Mapping) else _read(_recipe_file(str(recipe)))
+    folder = Path()
+    if isinstance(recipe, Mapping):
+        document = deepcopy(dict(recipe))
+    else:
+        file = _recipe_file(str(recipe))
+        document, folder = _read(file), file.parent
+    where = "recipe" if isinstance(recipe, Mapping) else str(recipe)
     if isinstance(overrides, str):
         overrides = [overrides]
     if isinstance(overrides, Mapping):
@@ -72,7 +79,17 @@ def load_recipe(
     else:
         for override in overrides:
             apply_override(document, override)
-    return parse_recipe(document, where="recipe" if isinstance(recipe, Mapping) else str(recipe))
+    _load_plugins(document.pop("plugins", []), folder, where)
+    return parse_recipe(document, where=where)
+
+
+def _load_plugins(files: Any, folder: Path, where: str) -> None:
+    """Load the local plug-ins that a recipe names. `parse_recipe` does not: it also reads recipes of datasets."""
+    if not isinstance(files, list) or not all(isinstance(file, str) and file for file in files):
+        raise RecipeError(
+            "plugins: not a list of files", where=where, found=shown(repr(files)), allowed="such as [./loudness.py]"
+        )
+    load_plugins(*(folder / Path(file).expanduser() for file in files))
 
 
 def _recipe_file(name: str) -> Path:

@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugin_files import without_file_key
 from dancedata.core.plugins import CopyAugmentation, Dataset, Plugin, WindowFilter
 from dancedata.core.registry import (
     AUGMENTATIONS,
@@ -267,7 +268,9 @@ def make_plugin(
         )
         return None
     try:
-        cls = registry.get(plugin, _key_paths(registry, where, beside))
+        cls = registry.get(plugin, _key_paths(registry, where, beside), parameters)
+        if isinstance(parameters, dict):
+            parameters = without_file_key(cls, parameters, name)
     except DanceDataError as error:
         problems.append(f"{where}: {error}")
         return None

@@ -11,7 +11,8 @@ from typing import Any, Literal
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
-from dancedata.core.plugins import Dataset
+from dancedata.core.plugin_files import PluginFile, plugin_file
+from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.skeleton import Skeleton
 from dancedata.recipes.copies import CopySpec, augment_document
 from dancedata.recipes.documents import document_of
@@ -73,6 +74,19 @@ class Recipe:
     def without_audio(self) -> Recipe:
         """The recipe without audio fields: all that encoding depends on, so that workers load no feature for it."""
         return replace(self, audio=())
+
+    @property
+    def plugin_files(self) -> dict[str, PluginFile]:
+        """Files of its local plug-ins, by the kind and name of each, as "motion edge151"."""
+        used: dict[str, Plugin] = {f"dataset {self.dataset.name}": self.dataset}
+        used |= {f"motion {field.name}": field.representation for field in self.motion}
+        used |= {f"contacts {field.contacts.name}": field.contacts for field in self.motion if field.contacts}
+        used |= {f"audio {job.name}": job.feature for job in self.audio}
+        used |= {f"keymotion {field.name}": field.finder for field in self.keymotion}
+        used |= {f"augment {spec.name}": spec.augmentation for spec in self.augment}
+        used |= {} if self.windows.filter is None else {f"filter {self.windows.filter.name}": self.windows.filter}
+        files = {name: plugin_file(type(plugin)) for name, plugin in used.items()}
+        return {name: file for name, file in files.items() if file is not None}
 
     @property
     def fps(self) -> Fraction:

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -115,3 +116,29 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with raises_message(UsageError):
         write_plugin("filter", "shake", tmp_path / "file" / "out")
+
+
+def test_a_package_holds_several_kinds(tmp_path: Path) -> None:
+    done = run("new", "contact-rule", "toes", "--out", tmp_path, "--package", "my_dance")
+    assert f"python -m pytest {tmp_path}/my_dance" in done.stdout
+    run("new", "metric", "reach", "--out", tmp_path, "--package", "my_dance")
+    about = as_json("new", "contact-rule", "heels", "--out", tmp_path, "--package", "my_dance")
+    assert about["package"] == "my_dance"
+    root = tmp_path / "my_dance"
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    assert project["entry-points"] == {
+        "dancedata.contacts": {"toes": "my_dance.toes", "heels": "my_dance.heels"},
+        "dancedata.metrics": {"reach": "my_dance.reach"},
+    }
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    done_tests = subprocess.run(command, cwd=root, capture_output=True, text=True, env=os.environ, check=False)
+    assert "3 passed" in done_tests.stdout, done_tests.stdout
+
+
+@pytest.mark.parametrize(("name", "package"), [("toes", "a-b"), ("toes", "numpy"), ("toes", "theirs")])
+def test_packages_that_cannot_be_written(name: str, package: str, tmp_path: Path) -> None:
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs/pyproject.toml").write_text("[project]\n")
+    with raises_message(UsageError) if package != "numpy" else pytest.raises(UsageError, match="numpy is"):
+        write_plugin("contact-rule", name, tmp_path, package)
+    assert not list(tmp_path.rglob("*.py"))

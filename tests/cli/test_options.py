@@ -13,7 +13,7 @@ from dancedata.cli import options
 from dancedata.pipeline.commands import build_part
 
 #: Options of the command line alone: its output, and other functions of Python.
-OUTPUT = {"as_json", "quiet"}
+OUTPUT = {"as_json", "quiet", "plugins"}
 OTHER = {"build": {"part"}, "evaluate": {"per_clip", "table", "list_protocols", "self_test"}, "export": set()}
 #: Options with another name in Python, where several values are one argument there.
 RENAMED = {"evaluate": {"metric": "metrics"}, "decode": {"file": "path"}, "check": {"paths": "path"}}

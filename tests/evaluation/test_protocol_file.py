@@ -1,0 +1,83 @@
+"""Protocols as YAML files."""
+
+from pathlib import Path
+
+import pytest
+
+import dancedata
+from dancedata.core.errors import UsageError
+from dancedata.evaluation.protocol import protocol_named
+from dancedata.evaluation.protocol_file import read_protocol
+from dancedata.store import Store
+from tests.messages import raises_message
+
+TEXT = """
+protocol: 1
+name: ours
+version: 3
+citation: Doe 2031
+source: section 4
+motion: {body: body22, fps: null}
+truth: {seconds: [5, 2.5]}
+measures:
+  - kinetic: {variant: fixed, joints: 22, statistics: varying}
+    steady: true
+  - pfc: {variant: rescaled}
+    steady: true
+  - beat_alignment: {joints: 22}
+music: {features: [librosa35, bailando438]}
+published:
+  - {what: ground truth, values: {pfc: 1.25}, source: table 1}
+notes: [of a file]
+"""
+
+
+def write(folder: Path, text: str = TEXT) -> Path:
+    path = folder / "ours.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_file_gives_the_numbers_of_the_same_protocol_in_code(jobs: int, store: Store, tmp_path: Path) -> None:
+    file = str(write(tmp_path))
+    ours = dancedata.evaluate(
+        store, protocol=file, bootstrap=0, jobs=jobs, cache=tmp_path, save_pool=tmp_path / "p.npz"
+    )
+    theirs = dancedata.evaluate(store, bootstrap=0)
+    assert {s.name: s.value for s in ours.scores} == {name: theirs[name] for name in (s.name for s in ours.scores)}
+    assert {"fid_k", "pfc", "bas"} <= {s.name for s in ours.scores}
+    assert str(ours).startswith("ours, version 3: ")
+    assert ours.notes[-1] == "of a file"
+    assert next(s.published for s in ours.scores if s.name == "pfc") == 1.25
+    again = dancedata.evaluate(store, protocol=file, pool=tmp_path / "p.npz", bootstrap=0)
+    assert again["fid_k"] == ours["fid_k"]
+    changed = write(tmp_path, TEXT.replace("[5, 2.5]", "[4, 2]"))
+    with pytest.raises(UsageError, match="the pool was measured by other metrics"):
+        dancedata.evaluate(store, protocol=str(changed), pool=tmp_path / "p.npz", bootstrap=0)
+
+
+def test_members_are_those_of_the_file(tmp_path: Path) -> None:
+    read, coded = read_protocol(write(tmp_path)), protocol_named("dancedata")
+    assert (read.motion, read.truth, read.generated) == (coded.motion, coded.truth, coded.generated)
+    assert read.measures[0] == coded.measures[0]
+    assert read.label == "ours, version 3"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("name: ours", "name: dancedata"), ("version: 3", "version: three"), ("motion:", "motoin:"),
+        ("body22", "body23"), ("pfc:", "pcf:"), ("variant: rescaled", "variant: odd"), ("music:", "musik:"),
+        ("steady: true\n  - beat", "steady: 2\n  - beat"), ("notes: [of a file]", "notes: 3"),
+        ("protocol: 1", "protocol: 2"), (TEXT, "[]"), (TEXT, ""),
+    ],
+)  # fmt: skip
+def test_wrong_files(old: str, new: str, tmp_path: Path) -> None:
+    with raises_message(UsageError):
+        read_protocol(write(tmp_path, TEXT.replace(old, new)))
+
+
+def test_a_file_that_does_not_exist(store: Store) -> None:
+    with raises_message(UsageError):
+        dancedata.evaluate(store, protocol="nothing.yaml")
