@@ -73,6 +73,7 @@ def view(
 
     dancedata view X [CLIP]; Ctrl-C ends it.
     """
+    from dancedata.remote import local_folder
     from dancedata.viewer.request import ViewRequest
     from dancedata.viewer.view import export_page, serve
 
@@ -81,8 +82,9 @@ def view(
     if export is not None and video is not None:
         raise UsageError("--export and --video are two outputs", fix="call it for each")
     request = ViewRequest(
-        path=store, clip=clip, field=field, source=source, columns=columns, like=like, music=music,
-        compare=tuple(compare or ()), compare_as=compare_as, normalized=normalized, fps=fps, up=up, unit=unit, at=at,
+        path=local_folder(store), clip=clip, field=field, source=source, columns=columns, like=like, music=music,
+        compare=tuple(map(local_folder, compare or ())),
+        compare_as=compare_as, normalized=normalized, fps=fps, up=up, unit=unit, at=at,
         window=window, scaler=scaler, clip_to_range=clip_to_range, mirrored=mirrored, overlay=overlay, wall=wall,
         body_model=body_model, betas=betas_of(betas),
     )  # fmt: skip
