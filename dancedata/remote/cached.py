@@ -114,6 +114,8 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
     with suppress(OSError, ValueError, KeyError, TypeError):
         folder = root / DATASETS / str(read_json(remembered, 1 << 16)["self_sha256"])
         if _HASH.fullmatch(folder.name) and (folder / DATASET_FILE).is_file():
+            with suppress(OSError):  # another user's
+                os.utime(folder.with_name(f"{folder.name}.json"))  # the time of the last use, for `cache prune`
             return folder
     fix = f"fetch it where there is a network: dancedata pull {address}"
     raise refused("the dataset is not in the cache", str(address), "HF_HUB_OFFLINE is set", fix)

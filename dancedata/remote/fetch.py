@@ -14,7 +14,7 @@ from typing import Any
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.core.text import size_text
-from dancedata.execution.cache_files import DATASETS, LOCKS, locked_file
+from dancedata.execution.cache_files import DATASETS, LOCKS, locked_file, mark_in_use
 from dancedata.files.atomic import sync_folder
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import parse_json
@@ -178,6 +178,7 @@ def _append(source: Source, where: str, file: RemoteFile, part: Path, report: Re
         have = 0
     since, arrived = time.monotonic(), 0
     with open(part, "ab" if have else "wb") as out:
+        mark_in_use(out.fileno())  # `cache prune` keeps it
         for chunk in answer.chunks:
             have += len(chunk)
             arrived += len(chunk)

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import shown
+from dancedata.execution.cache_files import mark_in_use
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.remote import origin_of, require_file
 from dancedata.store.dataset_json import (
@@ -126,13 +127,16 @@ class FileId:
 class ListedFile:
     """A file that dataset.json lists, as it was when the dataset was opened.
 
-    Without `status` it is fetched when it is first opened: it belongs to a dataset of an address.
+    With `fetched` it belongs to a dataset of an address; without `status` it is fetched when it is first opened.
     """
 
-    def __init__(self, path: Path, size: int, sha256: str, status: os.stat_result | None) -> None:
+    def __init__(
+        self, path: Path, size: int, sha256: str, status: os.stat_result | None, *, fetched: bool = False
+    ) -> None:
         self.path = path
         self._size, self._sha256 = size, sha256
         self._id = None if status is None else FileId.of(status)
+        self._fetched = fetched
 
     def require(self, descriptor: int) -> None:
         """Raise StoreError unless an open file is the one listed.
@@ -167,6 +171,8 @@ class ListedFile:
             ) from error
         try:
             self.require(descriptor)
+            if self._fetched:
+                mark_in_use(descriptor)  # `cache prune` keeps it
         except BaseException:
             os.close(descriptor)
             raise
@@ -174,7 +180,8 @@ class ListedFile:
 
     def require_there(self) -> None:
         """Raise StoreError if the path does not exist any more or is not a file; fetch it if it is of an address."""
-        require_file(self.path)
+        if self._fetched:
+            require_file(self.path)
         try:
             mode = os.stat(self.path).st_mode
         except OSError:
@@ -186,7 +193,8 @@ class ListedFile:
 
     def require_bytes(self, sha256: FileHash) -> None:
         """Raise StoreError unless the file has the bytes that dataset.json lists, by `sha256` of a path."""
-        require_file(self.path)
+        if self._fetched:
+            require_file(self.path)
         try:
             actual = sha256(self.path)
         except OSError as error:
@@ -296,12 +304,12 @@ def _listed(path: Path, size: int, sha256: str, remote: bool) -> ListedFile:
     except OSError:
         status = None
     if remote and status is None:
-        return ListedFile(path, size, sha256, None)
+        return ListedFile(path, size, sha256, None, fetched=True)
     if status is None or not stat.S_ISREG(status.st_mode):
         raise _missing(path, size)
     if status.st_size != size:
         raise _another_size(path, status.st_size, size)
-    return ListedFile(path, size, sha256, status)
+    return ListedFile(path, size, sha256, status, fetched=remote)
 
 
 def _damaged(problem: str, path: Path, actual: str, expected: str) -> StoreError:

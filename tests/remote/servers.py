@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,6 +26,14 @@ class Server(ThreadingHTTPServer):
         self.sent: Counter[str] = Counter()
         self.headers: list[tuple[str, dict[str, str]]] = []
         self.ranges = True
+        self.answering = 0
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        self.answering += 1
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self.answering -= 1
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         pass  # clients that go away
@@ -123,6 +132,9 @@ def serving(server: Server) -> Iterator[Server]:
     finally:
         server.shutdown()
         server.server_close()
+        for _ in range(100):
+            if server.answering:
+                time.sleep(0.01)
 
 
 class Hub(Server):
