@@ -337,6 +337,25 @@ def info(
 
 @app.command()
 @errors_to_exit_codes
+def pull(
+    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="hf://datasets/ORG/NAME@REVISION, s3://, ...")],
+    split: Annotated[list[str] | None, typer.Option(help="Only this split; may be given several times.")] = None,
+    cache: CacheFolder = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fetch a dataset of a hub or bucket into the cache.
+
+    dancedata pull hf://datasets/ORG/NAME@REVISION --split train
+    """
+    from dancedata.remote import pull as run_pull
+
+    pulled = run_pull(address, split or None, cache=cache, progress=not (quiet or as_json))
+    print_result(as_json, pulled.to_json, lambda: str(pulled))
+
+
+@app.command()
+@errors_to_exit_codes
 def segments(
     path: Annotated[Path, typer.Argument(help="A built dataset.")],
     to: Annotated[Path | None, typer.Option(help="New .csv or .jsonl file for its segments.")] = None,

@@ -76,17 +76,20 @@ def view(
 
     dancedata view X [CLIP]; Ctrl-C ends it.
     """
-    load_plugins(*(plugins or ()))
+    from dancedata.remote import local_folder
     from dancedata.viewer.request import ViewRequest
     from dancedata.viewer.view import export_page, serve
+
+    load_plugins(*(plugins or ()))
 
     if audio not in ("none", "embed"):
         raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
     if export is not None and video is not None:
         raise UsageError("--export and --video are two outputs", fix="call it for each")
     request = ViewRequest(
-        path=store, clip=clip, field=field, source=source, columns=columns, like=like, music=music,
-        compare=tuple(compare or ()), compare_as=compare_as, normalized=normalized, fps=fps, up=up, unit=unit, at=at,
+        path=local_folder(store), clip=clip, field=field, source=source, columns=columns, like=like, music=music,
+        compare=tuple(map(local_folder, compare or ())),
+        compare_as=compare_as, normalized=normalized, fps=fps, up=up, unit=unit, at=at,
         window=window, scaler=scaler, clip_to_range=clip_to_range, mirrored=mirrored, overlay=overlay, wall=wall,
         body_model=body_model, betas=betas_of(betas),
     )  # fmt: skip
@@ -148,7 +151,7 @@ def report(
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
 ) -> None:
-    """Write a page that shows what a dataset holds, or a model's samples beside it.
+    """Write a page about a dataset, or a model's samples.
 
     dancedata report OUT --to FILE.html
     """

@@ -24,6 +24,7 @@ from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
+from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
 from dancedata.store.motion_fields import ColumnsReader, motion_readers
 from dancedata.store.normalize import Scaler
@@ -227,7 +228,7 @@ def _as_store(what: MotionInput) -> Store | None:
     if isinstance(what, Store):
         return what
     if isinstance(what, str | Path):
-        path = Path(what).expanduser()
+        path = local_folder(what)
         if (path / DATASET_FILE).exists():
             return open_store(path)
     return None

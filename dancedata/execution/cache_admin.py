@@ -5,6 +5,7 @@ import os
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from stat import S_ISREG
@@ -32,13 +33,16 @@ class Entry:
     size
         Bytes on disk, in whole blocks.
     used
-        Time of the last use, in seconds since 1970, to the hour.
+        Time of the last use, in seconds since 1970, to the hour; of a fetched file, when its dataset was opened.
+    modified
+        Time of its last change: an entry that was changed since is not removed.
     """
 
     path: Path
     stage: str
     size: int
     used: float
+    modified: float
 
 
 @dataclass
@@ -114,7 +118,22 @@ def entries(root: Path) -> Iterator[Entry]:
                 if not S_ISREG(stat.st_mode):
                     continue
                 size = max(stat.st_size, stat.st_blocks * 512)
-                yield Entry(Path(file.path), stage.name, size, stat.st_mtime)
+                yield Entry(Path(file.path), stage.name, size, stat.st_mtime, stat.st_mtime)
+    yield from _fetched(root / files.DATASETS)
+
+
+def _fetched(datasets: Path) -> Iterator[Entry]:
+    """List the files of datasets that were fetched from addresses, and unfinished parts of some."""
+    for folder in _folders(datasets):
+        match = files.FETCHED.fullmatch(folder.name)
+        for file in _scanned(folder) if match is not None else ():
+            with suppress(OSError):
+                stat = file.stat(follow_symlinks=False)
+                # dataset.json stays: with it the rest is fetched again when it is needed.
+                if S_ISREG(stat.st_mode) and file.name != "dataset.json":
+                    opened = os.stat(datasets / f"{match['sha256']}.json").st_mtime  # type: ignore[index]
+                    size = max(stat.st_size, stat.st_blocks * 512)
+                    yield Entry(Path(file.path), files.DATASETS, size, max(opened, stat.st_mtime), stat.st_mtime)
 
 
 def cache_json(root: Path) -> dict[str, Any]:
@@ -193,6 +212,8 @@ def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[P
     damaged: list[tuple[Path, str]] = []
     count = 0
     for entry in entries(root):
+        if entry.stage == files.DATASETS:
+            continue  # they have hashes of their own, which `dancedata check` compares
         count += 1
         try:
             files.read_array(entry.path) if entry.path.suffix == ".npy" else files.read_json(entry.path)
@@ -227,7 +248,7 @@ def _quantity(text: str, pattern: re.Pattern[str], units: Mapping[str, int], wha
 
 def _removed(entry: Entry) -> bool:
     try:
-        return files.remove_unused(entry.path, entry.used)
+        return files.remove_unused(entry.path, entry.modified)
     except OSError as error:
         raise StoreError(
             "an entry of the cache cannot be removed",

@@ -32,6 +32,9 @@ from dancedata.files.locks import file_lock, is_abandoned, lock_abandoned, lock_
 #: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
 STAGES = ("features", "motion", "clips", "signals", "files")
 TEMPORARY, LOCKS = "tmp", "locks"
+#: Folder of datasets that were fetched from addresses: <self_sha256>/ with the files of each.
+DATASETS = "datasets"
+FETCHED = re.compile(r"(?P<sha256>[0-9a-f]{64})(\.parts)?")
 #: File at the top of a folder that marks it as a cache.
 MARKER = "dancedata-cache.txt"
 _MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted when nothing runs.\n"
@@ -40,7 +43,7 @@ _MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted 
 ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
 _TWO_DIGITS = re.compile(r"[0-9a-f]{2}")
 _TEMPORARY_NAME = re.compile(r"dancedata-[0-9a-f]{32}(\.tmp|\.token|-[0-9]+\.unit)")
-_LOCK_NAME = re.compile(rf"({'|'.join(STAGES)})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
+_LOCK_NAME = re.compile(rf"({'|'.join((*STAGES, DATASETS))})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
 #: Prefix of the locks in LOCKS that builds hold as long as they run.
 RUNNING = "build-"
 #: Most files read per stage to find out whether a folder without a marker is a cache.

@@ -18,6 +18,7 @@ from dancedata.pipeline.part import build_part as _build_part
 from dancedata.pipeline.plan import Plan, make_plan
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
+from dancedata.remote import local_folder
 from dancedata.store import Problem
 
 __all__ = ["build", "build_part", "check", "plan"]
@@ -204,7 +205,7 @@ def check(
     Parameters
     ----------
     path
-        Folder that `build` wrote, or a folder to build from.
+        Folder that `build` wrote or the address of one, or a folder to build from.
     others
         Further folders that `build` wrote: each is checked, and then what any two of them share, such as a song that
         train of one and test of another have.
@@ -240,7 +241,7 @@ def check(
     if overrides and recipe is None:
         raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
     parsed = None if recipe is None else load_recipe(recipe, overrides)
-    paths, reporter = [Path(p).expanduser() for p in (path, *others)], Progress(quiet=not progress)
+    paths, reporter = [local_folder(p) for p in (path, *others)], Progress(quiet=not progress)
     if others and (parsed is not None or dataset is not None):
         raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
     if not others:

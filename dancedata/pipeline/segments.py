@@ -21,6 +21,7 @@ from dancedata.pipeline.copies import segments_of_copy
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
+from dancedata.remote import local_folder
 from dancedata.store import ClipView, Store, open_store
 from dancedata.store.schema import DATASET_FILE, segments_name
 from dancedata.store.segment_numbers import layer_numbers
@@ -95,7 +96,7 @@ def segments(
     StoreError
         If there is no dataset, or it cannot be written.
     """
-    folder = Path(path).expanduser().absolute()
+    folder = (local_folder(path) if set_file is None else Path(path).expanduser()).absolute()
     notes = () if set_file is None else _set(folder, Path(set_file).expanduser())
     with open_store(folder) as store:
         if layer is not None:

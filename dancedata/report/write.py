@@ -24,6 +24,7 @@ from dancedata.exports.base.place import (
 from dancedata.files import atomic, publish
 from dancedata.files.atomic import require_free
 from dancedata.pipeline.diff import Difference, diff, folded
+from dancedata.remote import local_folder
 from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing
 from dancedata.report.heat import Timeline, heat_map, joint_map
@@ -155,7 +156,7 @@ def write_report(
     """
     options = None
     if to is not None:
-        stores = [Path(path) for path in (store, against) if path is not None]
+        stores = [local_folder(path) for path in (store, against) if path is not None]
         target = Target.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
         folder = None if source is None else Path(source)
         options = _PageOptions(target, _checked(clips), _embeds(audio), folder, may_share)

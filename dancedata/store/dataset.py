@@ -20,6 +20,7 @@ from dancedata.core.grid import WindowGrid
 from dancedata.core.licence import Licence
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
+from dancedata.remote import local_folder
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
@@ -53,7 +54,8 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     Parameters
     ----------
     path
-        Folder that a build wrote.
+        Folder that a build wrote, or the address of one, such as ``hf://datasets/ORG/NAME@REVISION``: its files
+        are fetched into the cache when they are first read, see `dancedata.remote`.
     segments
         Files of segments, .csv or .jsonl, that are laid over those of the dataset: marks and corrections. A row
         replaces segments of the same layer, start and end.
@@ -78,7 +80,7 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     >>> ds.read(ds.windows("train")[3], "edge151").shape
     (150, 151)
     """
-    folder = Path(path).expanduser().absolute()
+    folder = local_folder(path).absolute()
     store = Store(folder, *open_listed(folder))
     files = [segments] if isinstance(segments, str | Path) else segments
     if files:

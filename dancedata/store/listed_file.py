@@ -14,7 +14,9 @@ from typing import Any, TypeVar
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import shown
+from dancedata.execution.cache_files import mark_in_use
 from dancedata.files.regular_file import read_regular, sha256_file
+from dancedata.remote import origin_of, require_file
 from dancedata.store.dataset_json import (
     MAX_BYTES,
     MAX_LINES_BYTES,
@@ -123,12 +125,18 @@ class FileId:
 
 
 class ListedFile:
-    """A file that dataset.json lists, as it was when the dataset was opened."""
+    """A file that dataset.json lists, as it was when the dataset was opened.
 
-    def __init__(self, path: Path, size: int, sha256: str, status: os.stat_result) -> None:
+    With `fetched` it belongs to a dataset of an address; without `status` it is fetched when it is first opened.
+    """
+
+    def __init__(
+        self, path: Path, size: int, sha256: str, status: os.stat_result | None, *, fetched: bool = False
+    ) -> None:
         self.path = path
         self._size, self._sha256 = size, sha256
-        self._id = FileId.of(status)
+        self._id = None if status is None else FileId.of(status)
+        self._fetched = fetched
 
     def require(self, descriptor: int) -> None:
         """Raise StoreError unless an open file is the one listed.
@@ -137,14 +145,17 @@ class ListedFile:
         SHA-256 for it; of one that was written to, the bytes are compared.
         """
         opened = FileId.of(os.fstat(descriptor))
+        if self._id is None and opened.size == self._size:
+            self._id = opened  # its bytes were compared when they arrived
         if opened == self._id:
             return
         if not self._is_still_listed() or _identity(self.path) != opened:
             raise self._rebuilt_error()
         # A file that was truncated in place is an error later, where bytes are missing.
-        if opened.size != self._size and not opened.same_file(self._id):
+        before = self._id
+        if opened.size != self._size and (before is None or not opened.same_file(before)):
             raise _another_size(self.path, opened.size, self._size)
-        if opened.same_file(self._id) and opened.modified_ns != self._id.modified_ns:
+        if before is not None and opened.same_file(before) and opened.modified_ns != before.modified_ns:
             self.require_bytes(sha256_file)  # touched, or overwritten in place
         self._id = opened
 
@@ -160,13 +171,17 @@ class ListedFile:
             ) from error
         try:
             self.require(descriptor)
+            if self._fetched:
+                mark_in_use(descriptor)  # `cache prune` keeps it
         except BaseException:
             os.close(descriptor)
             raise
         return descriptor
 
     def require_there(self) -> None:
-        """Raise StoreError if the path does not exist any more or is not a file."""
+        """Raise StoreError if the path does not exist any more or is not a file; fetch it if it is of an address."""
+        if self._fetched:
+            require_file(self.path)
         try:
             mode = os.stat(self.path).st_mode
         except OSError:
@@ -178,6 +193,8 @@ class ListedFile:
 
     def require_bytes(self, sha256: FileHash) -> None:
         """Raise StoreError unless the file has the bytes that dataset.json lists, by `sha256` of a path."""
+        if self._fetched:
+            require_file(self.path)
         try:
             actual = sha256(self.path)
         except OSError as error:
@@ -216,6 +233,7 @@ def read_listed(folder: Path, description: Description, name: str, limit: int) -
     belongs to another one. OSError or UnicodeDecodeError if it cannot be read.
     """
     entry = description.files.get(name)
+    require_file(folder / name)
     try:
         data: bytes | None = read_regular(folder / name, limit)
     except FileNotFoundError:
@@ -269,8 +287,8 @@ def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
 
 def listed_files(folder: Path, description: Description, split: str | None = None) -> dict[str, ListedFile]:
     """Find shards, tables and segments by name, of all splits or one; StoreError if one is missing or was changed."""
-    entries = hdf5_files(description, split)
-    return {entry.file: _listed(folder / entry.file, entry.size, entry.sha256) for entry in entries}
+    entries, remote = hdf5_files(description, split), origin_of(folder) is not None
+    return {entry.file: _listed(folder / entry.file, entry.size, entry.sha256, remote) for entry in entries}
 
 
 def _identity(path: Path) -> FileId | None:
@@ -280,16 +298,18 @@ def _identity(path: Path) -> FileId | None:
         return None
 
 
-def _listed(path: Path, size: int, sha256: str) -> ListedFile:
+def _listed(path: Path, size: int, sha256: str, remote: bool) -> ListedFile:
     try:
         status = os.stat(path)
     except OSError:
         status = None
+    if remote and status is None:
+        return ListedFile(path, size, sha256, None, fetched=True)
     if status is None or not stat.S_ISREG(status.st_mode):
         raise _missing(path, size)
     if status.st_size != size:
         raise _another_size(path, status.st_size, size)
-    return ListedFile(path, size, sha256, status)
+    return ListedFile(path, size, sha256, status, fetched=remote)
 
 
 def _damaged(problem: str, path: Path, actual: str, expected: str) -> StoreError:

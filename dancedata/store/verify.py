@@ -11,6 +11,7 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed, shown
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
+from dancedata.remote import local_folder, require_whole
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
@@ -48,7 +49,7 @@ def verify_store(path: str | Path) -> list[Problem]:
     Parameters
     ----------
     path
-        Folder of the dataset.
+        Folder of the dataset, or its address: then all its files are fetched first.
 
     Returns
     -------
@@ -62,9 +63,10 @@ def verify_store(path: str | Path) -> list[Problem]:
     >>> [problem for problem in verify_store("data/aistpp") if problem.severity == "error"]
     []
     """
-    folder = Path(path).expanduser()
+    folder = local_folder(path)
     try:
         description = load_description(folder)
+        require_whole(folder)
     except StoreError as error:
         return [Problem("error", str(folder / DATASET_FILE), str(error))]
     problems = [*_check_document(folder, description), *_check_side_files(folder, description)]

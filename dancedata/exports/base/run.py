@@ -16,6 +16,7 @@ from dancedata.exports.base.place import README, new_export, read_about, write_a
 from dancedata.pipeline.source_music import is_source
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.plugins import make_named
+from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
 from dancedata.store.licence import clips_by_terms, terms_text
 
@@ -164,7 +165,7 @@ def export(
     """
     target = make_named(EXPORTS, "export", to, parameters)
     return export_dataset(
-        Path(store).expanduser(),
+        local_folder(store),
         target,
         Path(out).expanduser(),
         source=None if source is None else Path(source).expanduser(),

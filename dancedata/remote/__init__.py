@@ -1,0 +1,10 @@
+"""Addresses of datasets on hubs, in buckets and on servers.
+
+One function, `local_folder`, turns an address into a folder of the cache, which everything else reads.
+"""
+
+from dancedata.remote.address import is_address
+from dancedata.remote.cached import Origin, local_folder, origin_of, require_file
+from dancedata.remote.pull import Pulled, pull, require_whole
+
+__all__ = ["Origin", "Pulled", "is_address", "local_folder", "origin_of", "pull", "require_file", "require_whole"]

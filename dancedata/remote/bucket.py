@@ -1,0 +1,67 @@
+"""Files of object stores: s3, gs and az, with obstore; credentials are those of its environment."""
+
+from collections.abc import Iterator
+from datetime import timedelta
+from typing import Any
+
+from dancedata.core.packages import require
+from dancedata.core.text import shown
+from dancedata.remote.address import Address
+from dancedata.remote.source import Answer, Interrupted, OutOfRange, refused
+
+_CHUNK = 1 << 20
+#: Seconds of obstore's own attempts; longer failures are the caller's.
+_RETRY = {"max_retries": 2, "retry_timeout": timedelta(seconds=20)}
+
+
+class BucketSource:
+    """A prefix of a bucket."""
+
+    def __init__(self, address: Address) -> None:
+        require("remote", ("obstore",), what=f"addresses of {address.scheme}://")
+        from obstore.store import from_url
+
+        self.address = address
+        retry: Any = _RETRY
+        self._store = from_url(str(address), retry_config=retry)
+
+    def resolve(self) -> Address:
+        """Return the address: a bucket has no commits."""
+        return self.address
+
+    def open(self, name: str, begin: int) -> Answer:
+        """Ask for an object from a byte on."""
+        import obstore
+        from obstore import exceptions
+
+        options: Any = {"range": {"offset": begin}} if begin else None
+        where = f"{self.address}/{name}"
+        try:
+            result = obstore.get(self._store, name, options=options)
+        except (FileNotFoundError, exceptions.NotFoundError):
+            fix = "check bucket and prefix: the address is that of the folder with dataset.json"
+            raise refused("there is no such object", where, fix=fix) from None
+        except (PermissionError, exceptions.PermissionDeniedError, exceptions.UnauthenticatedError):
+            fix = "set the client's own variables (AWS_ACCESS_KEY_ID, ...); public: AWS_SKIP_SIGNATURE=true"
+            raise refused("the object store does not give this object to you", where, fix=fix) from None
+        except (exceptions.BaseError, OSError) as error:
+            raise _failed(error, begin) from None
+        return Answer(begin, _chunks(result))
+
+
+def _chunks(result: Any) -> Iterator[bytes]:
+    from obstore import exceptions
+
+    try:
+        for chunk in result.stream(min_chunk_size=_CHUNK):
+            yield bytes(chunk)
+    except (exceptions.BaseError, OSError) as error:
+        raise _failed(error, 0) from None
+
+
+def _failed(error: Exception, begin: int) -> Exception:
+    """Return the failure; of obstore's long text the first line, which holds neither keys nor signatures."""
+    text = str(error)
+    if begin and ("416" in text or "range" in text.lower()):
+        return OutOfRange()
+    return Interrupted(shown(f"{type(error).__name__}: " + text.split("\n")[0].split("?")[0], 200))

@@ -1,0 +1,227 @@
+"""Datasets of addresses in the cache: CACHE/datasets/SELF_SHA256/, with the address in a file beside the folder.
+
+Such a folder is a dataset like any other, of which a file is fetched when it is first opened. It stays what it is
+when the address gets another dataset: that one has another self_sha256.
+"""
+
+import os
+import re
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.errors import StoreError
+from dancedata.core.hashing import sha256_bytes
+from dancedata.core.text import quoted
+from dancedata.execution.cache import default_cache
+from dancedata.execution.cache_files import DATASETS, mark
+from dancedata.execution.progress import Progress
+from dancedata.files.atomic import write_bytes, write_json
+from dancedata.files.strict_json import read_json
+from dancedata.remote.address import Address, is_address, parse_address
+from dancedata.remote.fetch import (
+    DATASET_FILE,
+    MAX_DESCRIPTION,
+    RemoteFile,
+    fetch_description,
+    fetch_file,
+    has_file,
+    source_of,
+    written,
+)
+from dancedata.remote.source import refused
+
+#: Folder of what addresses held last.
+ADDRESSES = "addresses"
+#: Files above this size are fetched with progress.
+_SHOWN_BYTES = 10_000_000
+#: Shards that are fetched while one is read.
+_AHEAD = 2
+_HASH = re.compile(r"[0-9a-f]{64}")
+_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,199}")
+_SHARD = re.compile(r"(?P<split>.+)-(?P<k>\d{5,})-of-(?P<n>\d{5,})\.h5")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a dataset of the cache comes from.
+
+    Attributes
+    ----------
+    address
+        Its address; that of a hub with the commit.
+    requested
+        The address as it was given, such as that of a branch.
+    """
+
+    address: str
+    requested: str
+
+
+def local_folder(path: str | Path, cache: Path | None = None) -> Path:
+    """Return the folder of a dataset: a local path as it is, with ~ expanded; for an address one in the cache.
+
+    Of an address, dataset.json is fetched and its self_sha256 compared; other files follow when they are opened. A
+    branch or tag is resolved to a commit here, once: the folder stays that of the commit. With HF_HUB_OFFLINE=1 it is
+    the folder of the last time.
+
+    Raises
+    ------
+    UsageError
+        For an address that is not valid, or if a package is missing.
+    StoreError
+        If the server has no finished dataset there, or does not answer.
+    """
+    if not is_address(path):
+        return Path(path).expanduser()
+    address = parse_address(path)
+    root = cache or default_cache()
+    remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
+    if _offline():
+        return _last(address, remembered, root)
+    if address.is_pinned and remembered.exists():
+        with suppress(StoreError):
+            return _last(address, remembered, root)
+    resolved = source_of(address).resolve()
+    data, document = fetch_description(source_of(resolved), resolved)
+    _check_names(document, f"{resolved}/{DATASET_FILE}")
+    if resolved != address:
+        Progress().write(f"{address} is now commit {resolved.revision}")
+    folder = root / DATASETS / str(document["self_sha256"])
+    with written(folder / DATASET_FILE, len(data)):
+        folder.mkdir(parents=True, exist_ok=True)
+        mark(root)
+        if not has_file(folder / DATASET_FILE, len(data)):
+            write_bytes(folder / DATASET_FILE, data)
+        write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(resolved), str(address))))
+        for name in {str(address), str(resolved)}:
+            remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(name.encode())}.json"
+            remembered.parent.mkdir(exist_ok=True)
+            write_json(remembered, {"address": name, "self_sha256": folder.name, "resolved": str(resolved)})
+    return folder
+
+
+def _offline() -> bool:
+    return os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "ON", "YES", "TRUE")
+
+
+def _last(address: Address, remembered: Path, root: Path) -> Path:
+    """Return the folder that an address had last."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        folder = root / DATASETS / str(read_json(remembered, 1 << 16)["self_sha256"])
+        if _HASH.fullmatch(folder.name) and (folder / DATASET_FILE).is_file():
+            with suppress(OSError):  # another user's
+                os.utime(folder.with_name(f"{folder.name}.json"))  # the time of the last use, for `cache prune`
+            return folder
+    fix = f"fetch it where there is a network: dancedata pull {address}"
+    raise refused("the dataset is not in the cache", str(address), "HF_HUB_OFFLINE is set", fix)
+
+
+def origin_of(folder: Path) -> Origin | None:
+    """Return where a dataset comes from; None for a folder that is not of the cache."""
+    if not _HASH.fullmatch(folder.name) or folder.parent.name != DATASETS:
+        return None
+    try:
+        return Origin(**read_json(folder.with_name(f"{folder.name}.json"), 1 << 16))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def remote_files(document: Mapping[str, Any], splits: tuple[str, ...] | None = None) -> Iterator[RemoteFile]:
+    """Yield the files that dataset.json lists, those of all splits first needed first: tables, then shards."""
+    for name, entry in document["files"].items():
+        yield RemoteFile(name, entry["size"], entry["sha256"])
+    chosen = [(s, e) for s, e in document.get("splits", {}).items() if splits is None or s in splits]
+    for entry in [entry[part] for _, entry in chosen for part in ("tables", "segments") if entry.get(part)]:
+        yield RemoteFile(entry["file"], entry["size"], entry["sha256"])
+    for entry in document["shards"]:
+        if splits is None or entry["split"] in splits:
+            yield RemoteFile(entry["file"], entry["size"], entry["sha256"])
+
+
+def _check_names(document: Mapping[str, Any], where: str) -> None:
+    """Raise StoreError for names that lead out of the folder, and sizes and hashes that are none."""
+    try:
+        for file in remote_files(document):
+            size = isinstance(file.size, int) and not isinstance(file.size, bool) and file.size >= 0
+            if not (_NAME.fullmatch(file.name) and size and _HASH.fullmatch(file.sha256)):
+                raise ValueError(f"file {quoted(file.name, 60)}, size {quoted(file.size, 30)}")
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise refused(
+            "dataset.json lists a file that no dataset has; nothing was fetched", where, quoted(str(error), 160)
+        ) from error
+
+
+@lru_cache(maxsize=4)
+def _listed(folder: Path) -> Mapping[str, RemoteFile]:
+    document = read_json(folder / DATASET_FILE, MAX_DESCRIPTION)
+    return {file.name: file for file in remote_files(document)}
+
+
+def require_file(path: Path) -> None:
+    """Fetch a file of a dataset of the cache if it is not there; nothing for other folders.
+
+    The first shard of a split, or one whose predecessor is there, brings the next two along, in the background.
+    """
+    if path.exists() or origin_of(path.parent) is None:
+        return
+    files = _listed(path.parent)
+    if path.name in files:
+        fetch_files(path.parent, [files[path.name]])
+        _fetch_ahead(path.parent, path.name, files)
+
+
+def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None = None, jobs: int = 1) -> int:
+    """Fetch files of a dataset of the cache, `jobs` at once; returns how many bytes were missing."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    origin = origin_of(folder)
+    assert origin is not None  # noqa: S101 (the callers asked)
+    if _offline():
+        where, names = origin.address, f"{len(files)} files"
+        fix = f"fetch it where there is a network: dancedata pull {origin.requested}"
+        found = f"HF_HUB_OFFLINE is set; {files[0].name if len(files) == 1 else names} missing"
+        raise refused("a file of the dataset is not in the cache", where, found, fix)
+    address = parse_address(origin.address)
+    source, total = source_of(address), sum(file.size for file in files)
+    reporter = progress or Progress(quiet=total < _SHOWN_BYTES)
+    lock, done = threading.Lock(), 0
+    with reporter.stage("fetching, MB", -(-total // 1_000_000) or 1) as advance:
+
+        def report(n: int) -> None:
+            nonlocal done
+            with lock:
+                before, done = done, done + n
+                advance(done // 1_000_000 - before // 1_000_000)
+
+        pool = ThreadPoolExecutor(jobs, thread_name_prefix="dancedata-fetch")
+        try:
+            waiting = [pool.submit(fetch_file, source, address, file, folder, report) for file in files]
+            for future in waiting:
+                future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+        advance(-(-total // 1_000_000) - done // 1_000_000)
+    return total
+
+
+def _fetch_ahead(folder: Path, name: str, files: Mapping[str, RemoteFile]) -> None:
+    match = _SHARD.fullmatch(name)
+    if match is None:
+        return
+    names = [f"{match['split']}-{int(match['k']) + i:05d}-of-{match['n']}.h5" for i in range(-1, _AHEAD + 1)]
+    if names[0] in files and not (folder / names[0]).exists():
+        return
+    ahead = [files[n] for n in names[2:] if n in files and not (folder / n).exists()]
+    if ahead:
+        # A daemon: what it has when the process ends is kept, and the next one goes on from there.
+        threading.Thread(target=_quietly, args=(folder, ahead), daemon=True, name="dancedata-ahead").start()
+
+
+def _quietly(folder: Path, files: list[RemoteFile]) -> None:
+    with suppress(StoreError):  # the reader gets the error when it needs the file
+        fetch_files(folder, files, Progress(quiet=True))

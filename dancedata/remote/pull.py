@@ -1,0 +1,90 @@
+"""dancedata pull: the files of a dataset at an address, before they are needed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.text import counted, size_text
+from dancedata.execution.progress import Progress
+from dancedata.files.strict_json import read_json
+from dancedata.remote.address import ALLOWED, is_address
+from dancedata.remote.cached import fetch_files, local_folder, origin_of, remote_files
+from dancedata.remote.fetch import DATASET_FILE, MAX_DESCRIPTION, has_file
+
+#: Files that are fetched at once.
+JOBS = 6
+
+
+@dataclass(frozen=True)
+class Pulled:
+    """Result of `pull`: the folder in the cache, the address with the commit, files and bytes, and those fetched."""
+
+    path: Path
+    address: str
+    files: int
+    bytes: int
+    fetched_files: int
+    fetched_bytes: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {**self.__dict__, "path": str(self.path)}
+
+    def __str__(self) -> str:
+        fetched = f"fetched {counted(self.fetched_files, 'file')}, {size_text(self.fetched_bytes)}"
+        return f"{self.address}: {counted(self.files, 'file')}, {size_text(self.bytes)}; {fetched}\n{self.path}"
+
+
+def pull(
+    address: str | Path,
+    split: str | Sequence[str] | None = None,
+    *,
+    cache: str | Path | None = None,
+    progress: bool = True,
+) -> Pulled:
+    """Fetch the files of a dataset into the cache, six at once, each compared with its hash.
+
+    Parameters
+    ----------
+    address
+        hf://datasets/ORG/NAME@REVISION, s3://BUCKET/PREFIX, gs://, az:// or https://HOST/FOLDER.
+    split
+        Only these splits; default: all.
+    cache
+        Folder of the cache; default: that of `dancedata.open`.
+    progress
+        Show progress on stderr.
+
+    Raises
+    ------
+    UsageError
+        For anything except an address, and for an unknown split.
+    StoreError
+        As `local_folder`; and if a file is missing there or has other bytes.
+    """
+    if not is_address(address):
+        raise UsageError("not an address of a dataset", found=str(address), allowed=ALLOWED)
+    folder = local_folder(address, None if cache is None else Path(cache).expanduser().absolute())
+    document = read_json(folder / DATASET_FILE, MAX_DESCRIPTION)
+    splits = None if split is None else (split,) if isinstance(split, str) else tuple(split)
+    known = list(dict.fromkeys(entry["split"] for entry in document["shards"]))
+    for name in splits or ():
+        if name not in known:
+            raise UsageError(f"no split named {name!r}", where=str(address), fix=did_you_mean(name, known))
+    files = list(remote_files(document, splits))
+    missing = [file for file in files if not has_file(folder / file.name, file.size)]
+    fetched = fetch_files(folder, missing, Progress(quiet=not progress), JOBS) if missing else 0
+    origin = origin_of(folder)
+    shown = str(address) if origin is None else origin.address
+    return Pulled(folder, shown, len(files), sum(file.size for file in files), len(missing), fetched)
+
+
+def require_whole(folder: Path) -> None:
+    """Fetch what is missing of a dataset of the cache; nothing for other folders."""
+    if origin_of(folder) is not None:
+        files = remote_files(read_json(folder / DATASET_FILE, MAX_DESCRIPTION))
+        missing = [file for file in files if not has_file(folder / file.name, file.size)]
+        if missing:
+            fetch_files(folder, missing, jobs=JOBS)

@@ -1,0 +1,175 @@
+"""A small HTTP server with ranges, whose answers to single files are replaced by faults; and a fake hub."""
+
+import json
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+#: An answer instead of the file: called with the handler and the file's bytes; True if it has answered.
+Fault = Callable[["Handler", bytes], bool]
+
+
+class Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.folder = folder
+        self.faults: dict[str, list[Fault]] = {}
+        self.requests: Counter[str] = Counter()
+        self.sent: Counter[str] = Counter()
+        self.headers: list[tuple[str, dict[str, str]]] = []
+        self.ranges = True
+        self.answering = 0
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        self.answering += 1
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self.answering -= 1
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        pass  # clients that go away
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}"
+
+    def fault(self, name: str, *answers: Fault) -> None:
+        """Answer the next requests for a file by these, in this order; then as usual."""
+        self.faults[name] = list(answers)
+
+    def file_of(self, path: str) -> Path | None:
+        file = self.folder / path.lstrip("/")
+        return file if file.is_file() else None
+
+    def answer(self, handler: "Handler", path: str) -> bool:
+        """Answer requests that are not for files."""
+        return False
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Server
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, format: str, *args: Any) -> None:
+        pass
+
+    def do_GET(self) -> None:
+        path = unquote(urlsplit(self.path).path)
+        name = path.rsplit("/", 1)[-1]
+        self.server.requests[name] += 1
+        self.server.headers.append((path, dict(self.headers)))
+        if self.server.answer(self, path):
+            return
+        file = self.server.file_of(path)
+        data = file.read_bytes() if file is not None else b""
+        faults = self.server.faults.get(name)
+        if faults and faults.pop(0)(self, data):
+            return
+        if file is None:
+            self.status(404)
+            return
+        self.give(data)
+
+    def status(self, code: int, **headers: str) -> None:
+        self.send_response(code)
+        for key, value in headers.items():
+            self.send_header(key.replace("_", "-"), value)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def give(self, data: bytes, *, only: int | None = None) -> None:
+        """Send the bytes that were asked for; `only` so many of them, and then cut the connection."""
+        begin = 0
+        asked = self.headers.get("Range", "")
+        if asked.startswith("bytes=") and self.server.ranges:
+            begin = int(asked[6:].split("-")[0])
+            if begin >= len(data):
+                self.status(416)
+                return
+            self.send_response(206)
+            self.send_header("Content-Range", f"bytes {begin}-{len(data) - 1}/{len(data)}")
+        else:
+            self.send_response(200)
+        self.send_header("Content-Length", str(len(data) - begin))
+        self.end_headers()
+        body = data[begin:] if only is None else data[begin : begin + only]
+        self.wfile.write(body)
+        self.server.sent[self.path.rsplit("/", 1)[-1]] += len(body)
+        if only is not None:
+            self.wfile.flush()
+            self.close_connection = True
+
+
+def status(code: int, **headers: str) -> Fault:
+    return lambda handler, data: (handler.status(code, **headers), True)[1]
+
+
+def cut(n: int) -> Fault:
+    """Send n bytes of the announced ones, and close."""
+    return lambda handler, data: (handler.give(data, only=n), True)[1]
+
+
+def other(data: Callable[[bytes], bytes]) -> Fault:
+    """Send other bytes."""
+    return lambda handler, original: (handler.give(data(original)), True)[1]
+
+
+@contextmanager
+def serving(server: Server) -> Iterator[Server]:
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
+        for _ in range(100):
+            if server.answering:
+                time.sleep(0.01)
+
+
+class Hub(Server):
+    """A fake hub with one dataset repository, ORG/NAME, whose folder is the content at the newest commit."""
+
+    def __init__(self, folder: Path, token: str = "") -> None:
+        super().__init__(folder)
+        self.token, self.gated = token, False
+        self.commits = {"a" * 40: folder}
+        self.branches = {"main": "a" * 40}
+
+    def answer(self, handler: Handler, path: str) -> bool:
+        parts = path.strip("/").split("/")
+        api = parts[0] == "api"
+        repository, rest = "/".join(parts[2:4] if api else parts[1:3]), parts[4:] if api else parts[3:]
+        if repository != "org/name":
+            handler.status(404 if self.token else 401, X_Error_Code="RepoNotFound")
+        elif self.token and handler.headers.get("Authorization") != f"Bearer {self.token}":
+            handler.status(401)
+        elif self.gated:
+            handler.status(403, X_Error_Code="GatedRepo")
+        elif len(rest) < 2 or (commit := self.branches.get(rest[1], rest[1])) not in self.commits:
+            handler.status(404, X_Error_Code="RevisionNotFound")
+        elif api:
+            body = json.dumps({"id": repository, "sha": commit}).encode()
+            handler.send_response(200)
+            handler.send_header("Content-Length", str(len(body)))
+            handler.end_headers()
+            handler.wfile.write(body)
+        elif not (self.commits[commit] / "/".join(rest[2:])).is_file():
+            handler.status(404, X_Error_Code="EntryNotFound")
+        else:
+            return False
+        return True
+
+    def file_of(self, path: str) -> Path | None:
+        parts = path.strip("/").split("/")
+        return self.commits[self.branches.get(parts[4], parts[4])] / "/".join(parts[5:])

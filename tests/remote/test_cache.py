@@ -1,0 +1,73 @@
+"""dancedata cache info and prune on datasets that were fetched, and dancedata pull."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import dancedata
+from dancedata.cli.app import app
+from dancedata.execution.cache_admin import prune
+from dancedata.remote import pull
+from tests.remote.servers import Hub, Server, cut
+
+
+def _run(*args: object, code: int = 0) -> Any:
+    result = CliRunner().invoke(app, [*map(str, args), "--json"])
+    assert result.exit_code == code, result.output
+    return json.loads(result.stdout)
+
+
+def test_info_counts_them(server: Server, own_cache: Path) -> None:
+    pulled = _run("pull", f"{server.url}/store", "--split", "val")
+    stage = _run("cache", "info")["stages"]["datasets"]
+    assert stage["entries"] == pulled["files"] == pulled["fetched_files"]
+    assert _run("cache", "verify")["damaged"] == []
+
+
+def test_prune_by_size_and_what_is_fetched_again(server: Server, own_cache: Path) -> None:
+    pulled = pull(f"{server.url}/store", progress=False)
+    store = dancedata.open(pulled.path)
+    window = store.windows("train")[0]
+    before = store.read(window, "pose")
+    result = prune(own_cache, max_bytes=0)
+    assert result.removed >= pulled.files - 2
+    assert result.in_use >= 1  # the shard that is open
+    np.testing.assert_array_equal(store.read(window, "pose"), before)
+    last = store.windows("train")[-1]
+    server.requests.clear()
+    assert store.read(last, "pose").shape == before.shape
+    assert sum(n for name, n in server.requests.items() if name.startswith("train-0")) >= 1
+
+
+def test_prune_by_age_is_by_the_last_opening(server: Server, own_cache: Path) -> None:
+    pulled = pull(f"{server.url}/store", progress=False)
+    for path in (*pulled.path.iterdir(), pulled.path.with_name(f"{pulled.path.name}.json")):
+        os.utime(path, (1e9, 1e9))
+    assert prune(own_cache, older_than_s=3600, dry=True).removed == pulled.files
+    dancedata.open(f"{server.url}/store")
+    assert prune(own_cache, older_than_s=3600).removed == 0
+
+
+def test_parts_are_pruned_too(server: Server, own_cache: Path, published: Path) -> None:
+    name = next(p.name for p in published.iterdir() if p.name.startswith("train-00000-of"))
+    server.fault(name, cut(500), *[lambda handler, data: (handler.status(400), True)[1]] * 2)
+    with pytest.raises(dancedata.core.errors.StoreError):
+        pull(f"{server.url}/store", progress=False)
+    assert [p.name for p in own_cache.rglob("*.part")] == [f"{name}.part"]
+    prune(own_cache, max_bytes=0)
+    assert not list(own_cache.rglob("*.part"))
+
+
+@pytest.mark.parametrize("command", ["info", "check"])
+def test_commands_take_an_address(hub: Hub, published: Path, command: str) -> None:
+    remote, local = _run(command, "hf://datasets/org/name"), _run(command, published)
+    for about in (remote, local):
+        about.pop("path")
+        for problem in about.get("problems", ()):
+            problem.pop("where")
+    assert remote == local

@@ -1,0 +1,388 @@
+"""Servers that fail, lie or stop: each a message, nothing half in the cache, and nothing of a token anywhere."""
+
+import errno
+import json
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import dancedata
+from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.core.hashing import json_sha256
+from dancedata.remote import fetch, http, pull
+from dancedata.remote.cached import local_folder
+from tests.messages import raises_message
+from tests.remote.servers import Hub, Server, cut, other, status
+
+SECRET = "hf_thisIsTheSecretToken"
+
+
+@pytest.fixture
+def address(server: Server) -> str:
+    return f"{server.url}/store"
+
+
+def _shard(published: Path) -> str:
+    return next(p.name for p in sorted(published.iterdir()) if p.name.startswith("train-00000-of"))
+
+
+def _whole(folder: Path, published: Path) -> bool:
+    return all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir())
+
+
+def _leftovers(folder: Path) -> list[str]:
+    parts = folder.with_name(f"{folder.name}.parts")
+    return sorted(p.name for p in parts.iterdir()) if parts.exists() else []
+
+
+@pytest.mark.parametrize("code", [400, 401, 403, 404, 410])
+def test_statuses_that_stay(server: Server, address: str, published: Path, code: int) -> None:
+    server.fault(_shard(published), *[status(code)] * 3)
+    with pytest.raises(StoreError, match=rf"{_shard(published)}: .*HTTP {code}"):
+        pull(address, progress=False)
+    assert server.requests[_shard(published)] == 1  # not asked for again
+    server.faults.clear()
+    assert _whole(pull(address, progress=False).path, published)
+
+
+@pytest.mark.parametrize("code", [408, 429, 500, 502, 503])
+def test_statuses_that_pass(server: Server, address: str, published: Path, code: int) -> None:
+    server.fault(_shard(published), *[status(code)] * 3)
+    assert _whole(pull(address, progress=False).path, published)
+
+
+def test_statuses_that_do_not_pass_for_long(server: Server, address: str, published: Path) -> None:
+    server.fault(_shard(published), *[status(503)] * 99)
+    with pytest.raises(StoreError, match=r"the server failed 6 times; found HTTP 503; 0 bytes fetched. Run the same"):
+        pull(address, progress=False)
+    server.faults.clear()
+    assert _whole(pull(address, progress=False).path, published)
+
+
+def test_retry_after(server: Server, address: str, published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(fetch.time, "sleep", waits.append)
+    date = "Wed, 21 Oct 2015 07:28:00 GMT"
+    answers = [status(429, Retry_After="7"), status(503, Retry_After=date), status(503, Retry_After="99999")]
+    server.fault(_shard(published), *answers, status(503, Retry_After="soon"))
+    pull(address, progress=False)
+    assert waits == [7.0, 0.0, 300.0, 0.0]
+
+
+def test_a_connection_that_is_cut_goes_on_from_there(server: Server, address: str, published: Path) -> None:
+    name = _shard(published)
+    size = (published / name).stat().st_size
+    server.fault(name, *[cut(1000)] * 8)  # more often than ATTEMPTS: each brought something
+    assert _whole(pull(address, progress=False).path, published)
+    assert server.sent[name] == size
+    ranges = [h.get("Range") for path, h in server.headers if path.endswith(name)]
+    assert ranges[:3] == [None, "bytes=1000-", "bytes=2000-"]
+
+
+def test_a_server_without_ranges(server: Server, address: str, published: Path) -> None:
+    server.ranges = False
+    server.fault(_shard(published), cut(1000))
+    assert _whole(pull(address, progress=False).path, published)
+
+
+def test_a_range_that_was_not_asked_for(server: Server, address: str, published: Path) -> None:
+    def lie(handler: Any, data: bytes) -> bool:
+        handler.send_response(206)
+        handler.send_header("Content-Range", f"bytes 0-{len(data) - 1}/{len(data)}")
+        handler.send_header("Content-Length", str(len(data)))
+        handler.end_headers()
+        handler.wfile.write(data)
+        return True
+
+    server.fault(_shard(published), cut(1000), lie)
+    assert _whole(pull(address, progress=False).path, published)
+
+
+def test_a_short_body(server: Server, address: str, published: Path) -> None:
+    server.fault(_shard(published), other(lambda data: data[:-10]))
+    assert _whole(pull(address, progress=False).path, published)
+    server.requests.clear()
+
+
+def test_a_part_that_is_longer_than_the_file_of_the_server(server: Server, address: str, published: Path) -> None:
+    server.fault(_shard(published), cut(1000), status(416))
+    assert _whole(pull(address, progress=False).path, published)
+
+
+def test_wrong_bytes_are_asked_for_once_more(server: Server, address: str, published: Path) -> None:
+    wrong = other(lambda data: bytes(len(data)))
+    server.fault(_shard(published), wrong)
+    assert _whole(pull(address, progress=False).path, published)
+    assert server.requests[_shard(published)] == 2
+
+
+def test_wrong_bytes_twice(server: Server, address: str, published: Path) -> None:
+    server.fault(_shard(published), *[other(lambda data: bytes(len(data)))] * 2)
+    with pytest.raises(StoreError, match=r"other bytes than those of the dataset, twice; found sha256 [0-9a-f]{12}"):
+        pull(address, progress=False)
+    folder = local_folder(address)
+    assert not (folder / _shard(published)).exists()
+    assert f"{_shard(published)}.part" not in _leftovers(folder)
+    assert _whole(pull(address, progress=False).path, published)
+
+
+def test_more_bytes_than_the_file_has(server: Server, address: str, published: Path) -> None:
+    server.fault(_shard(published), other(lambda data: data * 50))
+    with pytest.raises(StoreError, match="the server sends more bytes than the file has"):
+        pull(address, progress=False)
+    assert f"{_shard(published)}.part" not in _leftovers(local_folder(address))
+
+
+def test_an_answer_that_never_ends(server: Server, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fetch, "MAX_DESCRIPTION", 1 << 20)
+
+    def endless(handler: Any, data: bytes) -> bool:
+        handler.send_response(200)
+        handler.end_headers()
+        while True:
+            handler.wfile.write(b" " * 65536)
+
+    server.fault("dataset.json", endless)
+    with raises_message(StoreError):
+        local_folder(address)
+
+
+@pytest.mark.parametrize("to", ["ftp://example.org/x", "file:///etc/passwd", "http://example.org/x", "gopher://x/y"])
+def test_redirections_to_other_schemes(server: Server, address: str, to: str) -> None:
+    server.fault("dataset.json", status(302, Location=to))
+    with pytest.raises(StoreError, match="the server redirects to an address that is not https; found"):
+        local_folder(address)
+
+
+def test_a_circle_of_redirections(server: Server, address: str) -> None:
+    server.fault("dataset.json", *[status(302, Location=f"{address}/dataset.json")] * 99)
+    with pytest.raises(StoreError, match=r"dataset.json: the server does not give the file; found HTTP 302"):
+        local_folder(address)
+
+
+def test_a_slow_server(server: Server, address: str, published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http, "TIMEOUT_S", 0.1)
+    free = threading.Event()
+
+    def hang(handler: Any, data: bytes) -> bool:
+        free.wait(5)
+        return False
+
+    server.fault(_shard(published), *[hang] * 99)
+    with pytest.raises(StoreError, match=r"the server failed 6 times; found no .*timed out"):
+        pull(address, progress=False)
+    free.set()
+
+
+def test_a_server_that_sends_single_bytes(
+    server: Server, address: str, published: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fetch, "STALL_S", 0.02)
+
+    def drip(handler: Any, data: bytes) -> bool:
+        handler.send_response(200)
+        handler.send_header("Content-Length", str(len(data)))
+        handler.end_headers()
+        for byte in data[:40]:
+            handler.wfile.write(bytes([byte]))
+            handler.wfile.flush()
+            time.sleep(0.005)
+        return True
+
+    server.fault(_shard(published), drip)
+    assert _whole(pull(address, progress=False).path, published)
+    assert server.requests[_shard(published)] == 2
+
+
+def test_no_server(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match=r"the server failed 6 times; found no connection: .*Connection refused"):
+        local_folder("http://127.0.0.1:9/store")
+
+
+@pytest.mark.parametrize("text", ["<html>login</html>", "{}", "[1]", '{"self_sha256": "abc"}', "[" * 100_000])
+def test_a_description_that_is_none(server: Server, address: str, text: str) -> None:
+    server.fault("dataset.json", *[other(lambda data: text.encode())] * 2)
+    with pytest.raises(StoreError, match=r"this is not the dataset.json of a finished dataset; found"):
+        local_folder(address)
+    assert server.requests["dataset.json"] == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("../evil.h5", 1), ("/etc/evil", 1), ("a/b.h5", 1), (".hidden", 1), ("x\x00.h5", 1), ("x" * 300, 1),
+     ("a.h5", -1), ("a.h5", True), ("dataset.json\n", 1)],
+)  # fmt: skip
+def test_names_that_lead_out(server: Server, address: str, own_cache: Path, name: str, size: int) -> None:
+    def bend(data: bytes) -> bytes:
+        document = json.loads(data)
+        document["files"][name] = {"size": size, "sha256": "0" * 64}
+        document["self_sha256"] = json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
+        return json.dumps(document).encode()
+
+    server.fault("dataset.json", other(bend))
+    with pytest.raises(StoreError, match=r"dataset.json lists a file that no dataset has; nothing was fetched"):
+        local_folder(address)
+    assert not own_cache.exists()
+
+
+def test_a_hundred_thousand_shards(server: Server, address: str) -> None:
+    def bend(data: bytes) -> bytes:
+        document = json.loads(data)
+        shard = {k: v for k, v in document["shards"][0].items() if k != "fields"}
+        names = [f"train-{k:05d}-of-100000.h5" for k in range(100_000)]
+        document["shards"] = [{**shard, "file": name} for name in names]
+        document["self_sha256"] = json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
+        return json.dumps(document).encode()
+
+    server.fault("dataset.json", other(bend))
+    folder = local_folder(address)
+    assert server.requests == {"dataset.json": 1}
+    assert [p.name for p in folder.iterdir()] == ["dataset.json"]
+
+
+def test_replaced_while_it_is_read(server: Server, address: str, published: Path, tmp_path: Path) -> None:
+    server.folder = shutil.copytree(published.parent, tmp_path / "upstream")
+    store = dancedata.open(address)
+    store.tables("train")
+    for shard in (server.folder / "store").glob("*-of-*.h5"):
+        shard.write_bytes(shard.read_bytes()[::-1])
+    with pytest.raises(StoreError, match="The dataset may have been replaced or damaged there"):
+        store.read(store.windows("train")[0], "pose")
+
+
+def test_a_full_disk(server: Server, address: str, published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = local_folder(address)
+    with monkeypatch.context() as patched:
+        usage = shutil.disk_usage(folder)
+        patched.setattr(shutil, "disk_usage", lambda path: usage._replace(free=100))
+        with pytest.raises(
+            StoreError, match=r"there is no space for the file; found No space left .*; 100 B are free"
+        ):
+            pull(address, progress=False)
+    with monkeypatch.context() as patched:
+
+        def full(fd: int) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        patched.setattr(fetch.os, "fsync", full)
+        with pytest.raises(StoreError, match="there is no space for the file"):
+            pull(address, progress=False)
+    assert _whole(pull(address, progress=False).path, published)
+
+
+_PULL = "import sys; from dancedata.remote import pull; print(pull(sys.argv[1], progress=False).path)"
+
+
+def _start(address: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen([sys.executable, "-c", _PULL, address], stdout=subprocess.PIPE, text=True)
+
+
+def test_two_processes_fetch_once(server: Server, address: str, published: Path) -> None:
+    processes = [_start(address) for _ in range(3)]
+    folders = {p.communicate(timeout=60)[0].strip() for p in processes}
+    assert len(folders) == 1
+    assert _whole(Path(folders.pop()), published)
+    assert max(n for name, n in server.requests.items() if name != "dataset.json") == 1
+
+
+def test_killed_at_any_byte(server: Server, address: str, published: Path, own_cache: Path) -> None:
+    """A killed process leaves parts, which the next one goes on from; a file of the dataset is whole or missing."""
+    name = _shard(published)
+    size = (published / name).stat().st_size
+    for at in (0, 1, size // 2, size - 1):
+        hit = threading.Event()
+
+        gone = threading.Event()
+
+        def stop(
+            handler: Any, data: bytes, at: int = at, hit: threading.Event = hit, gone: threading.Event = gone
+        ) -> bool:
+            begin = int(handler.headers.get("Range", "bytes=0-")[6:].split("-")[0])
+            handler.send_response(206 if begin else 200)
+            if begin:
+                handler.send_header("Content-Range", f"bytes {begin}-{len(data) - 1}/{len(data)}")
+            handler.send_header("Content-Length", str(len(data) - begin))
+            handler.end_headers()
+            handler.wfile.write(data[begin:at])
+            handler.wfile.flush()
+            hit.set()
+            gone.wait(5)
+            return True
+
+        server.fault(name, stop)
+        process = _start(address)
+        assert hit.wait(30)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        gone.set()
+        folder = local_folder(address)
+        for file in folder.iterdir():
+            assert file.read_bytes() == (published / file.name).read_bytes()
+    assert _whole(pull(address, progress=False).path, published)
+    assert _leftovers(folder) == []
+
+
+def test_the_hub_by_status(hub: Hub) -> None:
+    with pytest.raises(StoreError, match=rf"no such repository, .*{hub.url}/datasets/org/other; if"):
+        local_folder("hf://datasets/org/other")
+    with pytest.raises(StoreError, match=r"has no such revision; found nosuchbranch\. Branches, tags and"):
+        local_folder("hf://datasets/org/name@nosuchbranch")
+    with pytest.raises(StoreError, match=r"a{40}/nosuchfolder/dataset.json: the repository has no such"):
+        local_folder("hf://datasets/org/name@main/nosuchfolder")
+
+
+def test_a_gated_repository(hub: Hub) -> None:
+    hub.gated = True
+    with pytest.raises(
+        StoreError, match=rf"Accept its terms at {hub.url}/datasets/org/name, then log in with: hf auth"
+    ):
+        local_folder("hf://datasets/org/name")
+
+
+def test_a_token_that_expires(
+    hub: Hub, published: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], own_cache: Path
+) -> None:
+    """A private repository: the token goes to the hub, and nowhere else; once it is refused, what is there stays."""
+    hub.token = SECRET
+    monkeypatch.setenv("HF_TOKEN", SECRET)
+    store = dancedata.open("hf://datasets/org/name")
+    store.tables("train")
+    hub.token = "another"
+    with pytest.raises(StoreError, match="the hub does not accept the token") as caught:
+        store.read(store.windows("train")[0], "pose")
+    texts = [str(caught.value), repr(caught.value), *capfd.readouterr()]
+    assert not any(SECRET in text for text in texts)
+    assert not any(SECRET.encode() in p.read_bytes() for p in own_cache.rglob("*") if p.is_file())
+    monkeypatch.setenv("HF_TOKEN", "another")
+    assert _whole(pull("hf://datasets/org/name", progress=False).path, published)
+
+
+def test_the_token_stays_with_the_hub(
+    hub: Hub, server: Server, published: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub.token = SECRET
+    monkeypatch.setenv("HF_TOKEN", SECRET)
+    name = _shard(published)
+    # As large files of the hub, with an address that expires.
+    hub.fault(name, *[status(302, Location=f"{server.url}/store/{name}")] * 2)
+    server.fault(name, status(403))
+    assert _whole(pull("hf://datasets/org/name", progress=False).path, published)
+    assert server.requests[name] == 2
+    assert all("Authorization" not in headers for _, headers in server.headers)
+
+
+def test_an_error_survives_pickling(server: Server, address: str) -> None:
+    server.fault("dataset.json", status(404))
+    with pytest.raises(DanceDataError) as caught:
+        local_folder(address)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

@@ -1,0 +1,157 @@
+"""A dataset of an address reads as its copy on the disk does, and fetches only what is read."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import dancedata
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.readers import BatchLoader, WindowDataset
+from dancedata.remote import is_address, origin_of, pull
+from tests.messages import raises_message
+from tests.remote.servers import Hub, Server
+
+
+def _shards(counter: object, split: str = "") -> list[str]:
+    return sorted(name for name in counter if "-of-" in name and name.startswith(split))  # type: ignore[attr-defined]
+
+
+def _errors(address: str) -> list[str]:
+    return [p.message for p in dancedata.check(address, progress=False) if p.severity == "error"]
+
+
+def test_a_store_of_an_address_is_that_of_the_disk(server: Server, published: Path) -> None:
+    with dancedata.open(f"{server.url}/store") as remote, dancedata.open(published) as local:
+        assert server.requests == {"dataset.json": 1}
+        assert len(remote.shards("train")) > 2
+        for window in local.windows("train"):
+            for field in local.fields:
+                np.testing.assert_array_equal(remote.read(window, field), local.read(window, field))
+        assert remote.stats == local.stats
+    assert not _shards(server.requests, "val") + _shards(server.requests, "test")
+    assert max(server.requests.values()) == 1
+
+
+def test_a_reader_begins_after_the_first_shard(server: Server) -> None:
+    store = dancedata.open(f"{server.url}/store")
+    store.read(store.windows("train")[0], "pose")
+    assert len(_shards(server.requests, "train")) <= 3  # two ahead
+    last = store.windows("test")[-1]
+    store.read(last, "pose")
+    assert len(_shards(server.requests, "test")) == 1
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_readers_and_workers(server: Server, published: Path, context: str) -> None:
+    address = f"{server.url}/store"
+    remote, local = (WindowDataset(where, "train", normalize=False) for where in (address, published))
+    assert len(remote) == len(local)
+    loaders = [
+        torch.utils.data.DataLoader(
+            d,
+            batch_size=4,
+            num_workers=2 if d is remote else 0,
+            multiprocessing_context=context if d is remote else None,
+        )
+        for d in (remote, local)
+    ]
+    for a, b in zip(*loaders, strict=True):
+        assert torch.equal(a["pose"], b["pose"])
+    assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}  # workers fetch once
+
+
+def test_batch_loader(server: Server, published: Path) -> None:
+    batches = [
+        list(BatchLoader(WindowDataset(where, "val", normalize=False), 2, shuffle=False))
+        for where in (f"{server.url}/store", published)
+    ]
+    assert len(batches[0]) == len(batches[1])
+    assert all(torch.equal(a["pose"], b["pose"]) for a, b in zip(*batches, strict=True))
+
+
+def test_pull_then_offline(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    address = f"{server.url}/store"
+    pulled = pull(address, "train", progress=False)
+    assert pulled.fetched_files == pulled.files
+    assert pull(address, "train", progress=False).fetched_files == 0
+    assert not _shards(server.requests, "val")
+    whole = pull(address, progress=False)
+    assert whole.path == pulled.path
+    assert max(n for name, n in server.requests.items() if name != "dataset.json") == 1
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    server.requests.clear()
+    assert _errors(address) == []
+    with raises_message(StoreError):
+        dancedata.open("https://example.org/not/fetched")
+    assert not server.requests
+
+
+def test_offline_with_a_part_of_it(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = dancedata.open("hf://datasets/org/name")
+    store.tables("val")
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    again = dancedata.open("hf://datasets/org/name@main")
+    with raises_message(StoreError):
+        again.read(again.windows("val")[0], "pose")
+
+
+def test_unknown_split(hub: Hub) -> None:
+    with raises_message(UsageError):
+        pull("hf://datasets/org/name", "tran", progress=False)
+
+
+def test_check_of_an_address_reads_all(server: Server) -> None:
+    assert _errors(f"{server.url}/store") == []
+    assert "leaves.bin" in server.requests
+
+
+def test_a_branch_is_resolved_once(hub: Hub, published: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = dancedata.open("hf://datasets/org/name@main")
+    commit = "a" * 40
+    assert f"hf://datasets/org/name@main is now commit {commit}" in capsys.readouterr().err
+    origin = origin_of(store.path)
+    assert origin is not None
+    assert (origin.address, origin.requested) == (f"hf://datasets/org/name@{commit}", "hf://datasets/org/name@main")
+    # The branch moves on to something else; what is open, and its copies in workers, stay with the commit.
+    hub.branches["main"] = "b" * 40
+    copy = pickle.loads(pickle.dumps(store))
+    window = copy.windows("val")[0]
+    with dancedata.open(published) as local:
+        np.testing.assert_array_equal(copy.read(window, "pose"), local.read(window, "pose"))
+    hub.requests.clear()
+    assert dancedata.open(f"hf://datasets/org/name@{commit}").path == store.path
+    assert not hub.requests  # a commit that is known asks for nothing
+
+
+def test_a_folder_of_a_repository(hub: Hub, published: Path) -> None:
+    hub.commits["a" * 40] = published.parent
+    assert len(dancedata.open("hf://datasets/org/name@main/store")) == len(dancedata.open(published))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "hf://models/org/name",
+        "hf://datasets/name",
+        "hf://datasets/org/name/../other",
+        "http://example.org/store",
+        "https://user:secret@example.org/store",
+        "https://example.org/store?sig=secret",
+        "s3://bucket/../other",
+        "ftp://example.org/store",
+    ],
+)
+def test_addresses_that_are_refused(text: str) -> None:
+    with raises_message(UsageError) as caught:
+        dancedata.open(text)
+    assert "secret" not in str(caught.value)
+
+
+def test_what_is_an_address(tmp_path: Path) -> None:
+    assert all(map(is_address, ("s3://bucket/prefix", Path("hf://datasets/org/name"))))
+    assert not any(map(is_address, ("data/demo", tmp_path, "C:/demo")))
+    with raises_message(UsageError):
+        pull("data/demo")
