@@ -47,7 +47,7 @@ from dancedata.core.version import __version__
 
 #: Groups of commands in the help; most characters of a sentence there.
 _ORDER = {
-    "Make a dataset": ("build", "plan", "check", "align"),
+    "Make a dataset": ("manifest", "build", "plan", "check", "align"),
     "Look at it": ("view", "report", "info", "study", "study-results"),
     "Use it": ("export", "evaluate", "decode"),
 }
@@ -135,6 +135,22 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
     if version:
         typer.echo(f"dancedata {__version__}")
         raise typer.Exit
+
+
+@app.command()
+@errors_to_exit_codes
+def manifest(
+    source: Annotated[Path, typer.Argument(metavar="SRC", help="A folder of motion files and music.")],
+    as_json: AsJson = False,
+) -> None:
+    """Propose a manifest of your own motion and music.
+
+    dancedata manifest SRC > manifest.csv: pairs by name or length, with the evidence. Guesses are marked; check them.
+    """
+    from dancedata.datasets.folder.propose import propose
+
+    proposed = propose(source.expanduser())
+    typer.echo(json_text(proposed.to_json()) if as_json else proposed.to_csv(), nl=as_json)
 
 
 @app.command()

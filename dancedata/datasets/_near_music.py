@@ -56,7 +56,7 @@ class NearMusic:
             return ""
         self._names_left -= len(expected)
         misspelt = len(self._files) <= _MAX_MISSPELT
-        names = {target: _Name.of(PurePath(target).name) for target in expected}
+        names = {target: Name.of(PurePath(target).name) for target in expected}
         matches = [
             (path.suffix.lower() not in AUDIO_SUFFIXES, -have.likeness(name), path, target)
             for target, name in names.items()
@@ -73,7 +73,7 @@ class NearMusic:
         return f"{do} {quote(relative(path, self.source))} {quote(target + suffix)}"
 
     @cached_property
-    def _files(self) -> list[tuple[Path, _Name, bool]]:
+    def _files(self) -> list[tuple[Path, Name, bool]]:
         places = list(dict.fromkeys(self.folders))
         below = [entry for place in places for entry in _entries(place) if entry.is_dir() and not entry.is_symlink()]
         files: list[Path] = []
@@ -83,7 +83,7 @@ class NearMusic:
             if len(files) > _MAX_FILES:
                 break
         existing = (path for path in files[:_MAX_FILES] if path.is_file())
-        return [(path, _Name.of(path.stem), self.is_other(path.stem)) for path in existing]
+        return [(path, Name.of(path.stem), self.is_other(path.stem)) for path in existing]
 
 
 def _entries(folder: Path) -> list[Path]:
@@ -94,7 +94,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 @dataclass(frozen=True)
-class _Name:
+class Name:
     """A file name, split into letters and numbers; "001" is "1"."""
 
     text: str
@@ -105,14 +105,14 @@ class _Name:
     row: str
 
     @classmethod
-    def of(cls, text: str) -> _Name:
+    def of(cls, text: str) -> Name:
         words = _PARTS.findall(text.lower())
         parts = tuple(part.lstrip("0") or "0" if part.isdigit() else part for part in words)
         numbers = tuple(part for part in parts if part.isdigit())
         letters = "".join(part for part in parts if not part.isdigit())
         return cls(text, parts, numbers, letters, f" {' '.join(parts)} ")
 
-    def near(self, other: _Name, misspelt: bool) -> bool:
+    def near(self, other: Name, misspelt: bool) -> bool:
         """Return whether the other name may be this one, written differently or, if `misspelt`, misspelt."""
         if self.parts == other.parts:
             return bool(self.parts)
@@ -120,11 +120,11 @@ class _Name:
             return True
         return misspelt and self.numbers == other.numbers and self.likeness(other) >= _ALIKE
 
-    def _has(self, part: _Name) -> bool:
+    def _has(self, part: Name) -> bool:
         # "mBR0 (1)" and "mBR0_48k" contain "mBR0".
         return len(part.text) >= _MIN_PART and part.row in self.row
 
-    def likeness(self, other: _Name) -> float:
+    def likeness(self, other: Name) -> float:
         """Return the similarity of the letters, 0 to 1."""
         if not self.letters or not other.letters:
             return 0.0

@@ -4,12 +4,14 @@ import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, SourceError
 from dancedata.core.plugins import Dataset
@@ -17,16 +19,21 @@ from dancedata.core.quality import implausible_flags, implausible_sides
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import counted, listed
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
-from dancedata.pipeline.feature_files import check_files, with_feature_paths
-from dancedata.pipeline.rejects import NOTED, attempt, implausible_problems
+from dancedata.pipeline.build import workers_for
+from dancedata.pipeline.clips import compute_clips
+from dancedata.pipeline.encode import encode_clips
+from dancedata.pipeline.rejects import NOTED, attempt, implausible_problems, relative_to
+from dancedata.pipeline.sources import identify, scan_source
+from dancedata.pipeline.windows import cut_windows
 from dancedata.pipeline.word_check import word_notes
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
-from dancedata.recipes.recipe import Recipe
+from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Problem, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.schema import DATASET_FILE, is_shard_name
@@ -43,21 +50,56 @@ def check(
 ) -> list[Problem]:
     """Check a built dataset or a source folder, as `pipeline.commands.check`.
 
-    With a recipe, a source is read as it does, with the files of its features.
+    With a recipe, a source is examined as its build does: with the same clips left out, for the same reasons.
     """
     if dataset is None and recipe is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
         return _check_built(path)
     if not path.is_dir():
         problem = "this is not a folder" if path.exists() else "the folder does not exist"
         raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
-    reader, scan = scan_folder(path, dataset if recipe is None else recipe.dataset)
+    reporter = progress or Progress(quiet=True)
+    if recipe is not None:
+        return _check_as_built(recipe, path.absolute(), jobs, reporter)
+    reader, scan = scan_folder(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
-    with_files = recipe if recipe is not None and recipe.file_jobs else None
-    refs = scan.clips if with_files is None else [with_feature_paths(with_files, ref, path) for ref in scan.clips]
-    calls = [(reader, ref, with_files) for ref in refs]
-    checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress or Progress(quiet=True))
+    calls = [(reader, ref) for ref in scan.clips]
+    checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=reporter)
     return problems + [_problem(reject) for rejects in checked for reject in rejects]
+
+
+def _check_as_built(recipe: Recipe, source: Path, jobs: int, progress: Progress) -> list[Problem]:
+    """Run the stages of a build up to what would be stored, in the cache; features of networks are not computed."""
+    _require_files(recipe.dataset, source)
+    store_cache = Cache(default_cache().absolute())
+    recipe = resolve(recipe, store_cache.file_sha256)
+    scan = scan_source(recipe, source)
+    networks = [job.name for job in recipe.audio if isinstance(job.feature, NetworkFeature)]
+
+    def examined(cache: Cache) -> tuple[Sequence[Reject], Sequence[dict[str, Any]]]:
+        sources = identify(cache, recipe, scan, jobs=workers, progress=progress)
+        if not networks:
+            computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
+            return computed.rejects, computed.quality
+        encoded, unreadable = encode_clips(cache, recipe, sources, jobs=workers, progress=progress)
+        _, without_windows = cut_windows(recipe, encoded)
+        quality = [{"clip": clip.source.ref.id, **flag} for clip in encoded for flag in clip.motion.flags]
+        return [*sources.rejects, *unreadable, *without_windows], quality
+
+    with workers_for(recipe, source, store_cache, jobs) as workers:
+        rejects, quality = with_lost_entries(store_cache, examined, progress)
+    notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
+    problems = [Problem("note", str(source), note) for note in notes]
+    by_reason: dict[tuple[str, str, str], list[Reject]] = {}
+    for reject in rejects:
+        key = (reject.reason, reject.clip, reject.file) if reject.window is None else (reject.reason, reject.clip, "")
+        by_reason.setdefault(key, []).append(relative_to(reject, source))
+    for alike in by_reason.values():
+        windows = sum(reject.window is not None for reject in alike)
+        of_clip = next((reject for reject in alike if reject.window is None), alike[0])
+        more = f" ({counted(windows, 'window')})" if windows else ""
+        problems.append(_problem(replace(of_clip, detail=(of_clip.detail or of_clip.file) + more)))
+    return problems + [_problem(reject) for reject in implausible_problems(quality)]
 
 
 def check_several(paths: Sequence[Path]) -> list[Problem]:
@@ -206,9 +248,7 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
     """Return a reader and its scan of a folder; by default the first that recognises it, else SourceError."""
     if dataset is not None:
         reader = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
-        if reader.generates and not (path.is_dir() and any(path.iterdir())):
-            # Its scan would fill the folder.
-            raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")
+        _require_files(reader, path)
         return reader, reader.scan(path)
     failures = []
     for name in DATASETS.names():
@@ -228,7 +268,13 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
     raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
 
 
-def _check_clip(reader: Dataset, ref: ClipRef, recipe: Recipe | None) -> list[Reject]:
+def _require_files(reader: Dataset, path: Path) -> None:
+    """Raise SourceError for a folder that a reader's scan would fill."""
+    if reader.generates and not (path.is_dir() and any(path.iterdir())):
+        raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")
+
+
+def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
     from dancedata.audio.signal import load_audio
 
     motion = attempt(lambda: reader.load(ref), ref.motion_path, ref.id)
@@ -239,9 +285,6 @@ def _check_clip(reader: Dataset, ref: ClipRef, recipe: Recipe | None) -> list[Re
     song = ref.audio_path
     music = None if song is None else attempt(lambda: load_audio(song), song, ref.id)
     problems += [music] if isinstance(music, Reject) else []
-    if recipe is not None:
-        length = None if isinstance(motion, Reject) else (motion.n_frames, motion.grid.rate)
-        problems += check_files(recipe, ref, length)
     return problems
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -151,30 +151,6 @@ def starts_within(
         return (), [Reject("short_feature", ref.id, detail=f"{detail}: no window of the clip lies within")]
     left = [start for start in starts if start not in kept]
     return kept, [Reject("no_audio", ref.id, "", start, f"the window at frame {start}: {detail}") for start in left]
-
-
-def check_files(recipe: Recipe, ref: ClipRef, motion: tuple[int, Fraction] | None) -> list[Reject]:
-    """Read a clip's files of all fields; returns what a build would reject, except windows that they do not reach.
-
-    `motion` is the length and rate of the clip's motion; None if it cannot be read.
-    """
-    rejects, files = [], {}
-    for job in recipe.file_jobs:
-        file = length_of(job, ref)
-        if isinstance(file, Reject):
-            rejects.append(file)
-            continue
-        files[job.name] = file
-        rows = attempt(_reading(job, ref, file), file.path, ref.id)
-        rejects += [rows] if isinstance(rows, Reject) else []
-    if not rejects and motion is not None:
-        within = frames_within(recipe, ref, files, *motion)
-        rejects += [within] if isinstance(within, Reject) else []
-    return rejects
-
-
-def _reading(job: FeatureJob, ref: ClipRef, file: FeatureFile) -> Callable[[], npt.NDArray[Any]]:
-    return lambda: feature_of(job).rows(file.path, place(job, ref, file.n_rows))
 
 
 def file_key(job: FeatureJob, sha256: str, placed: Placed) -> str:

@@ -5,6 +5,7 @@ import io
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -14,7 +15,7 @@ from typing import Any
 
 from dancedata.core.clip import ColumnValue
 from dancedata.core.errors import SourceError, StoreError, closest, did_you_mean
-from dancedata.core.text import csv_text, quoted, shown
+from dancedata.core.text import counted, csv_text, quoted, shown
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.manifest_values import (
@@ -32,7 +33,9 @@ from dancedata.files.strict_json import parse_json
 MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "genre_id", "music", "dancer", "tempo_bpm")
 _DECLARED = ("fps", "up", "unit", "layout", "gender", "person", "joint_map")
-COLUMNS = (*_ABOUT, *_DECLARED, *SECONDS, "licence", "citation")
+#: Of a manifest that was proposed: columns that are guesses, and how the row's values were found.
+_PROPOSED = ("guessed", "evidence")
+COLUMNS = (*_ABOUT, *_DECLARED, *SECONDS, "licence", "citation", *_PROPOSED)
 #: Enough for a hundred thousand clips.
 MAX_BYTES = 1 << 24
 MAX_LINE = 1 << 16
@@ -107,6 +110,18 @@ def read_manifest(path: Path) -> list[Row]:
 def genre_ids_of(path: Path, rows: Sequence[Row]) -> dict[str, int]:
     """Return the number of each genre that a manifest states; empty if it states none. SourceError for a mistake."""
     return genre_numbers([(row.get("genre"), row.get("genre_id"), partial(_bad, path, row.line)) for row in rows])
+
+
+def guess_notes(rows: Sequence[Row]) -> list[str]:
+    """Return the note on guesses that nobody has confirmed, see `dancedata.datasets.folder.propose`."""
+    guessed = [row for row in rows if row.get("guessed")]
+    if not guessed:
+        return []
+    columns = Counter(column for row in guessed for column in row.get("guessed").split())
+    counts = ", ".join(f"{column} of {n}" for column, n in sorted(columns.items()))
+    first = f"the first in line {guessed[0].line}"
+    fix = "check these rows, and empty their column guessed"
+    return [f"UNCONFIRMED GUESSES in {counted(len(guessed), 'row')} of the manifest ({counts}; {first}): {fix}."]
 
 
 def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> Path:

@@ -39,6 +39,7 @@ from dancedata.datasets.folder.manifest import (
     check_row,
     clip_id,
     genre_ids_of,
+    guess_notes,
     id_problem,
     inside,
     read_manifest,
@@ -252,7 +253,7 @@ class Folder(Dataset):
         read = [self._clip(source, manifest, row, stems, near) for row in rows]
         clips = [clip for clip in read if isinstance(clip, ClipRef)]
         rejects = [clip for clip in read if isinstance(clip, Reject)]
-        notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}.", *part_notes(clips)]
+        notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}.", *guess_notes(rows), *part_notes(clips)]
         return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
 
     def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str], near: NearMusic) -> ClipRef | Reject:

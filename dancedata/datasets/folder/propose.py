@@ -1,0 +1,226 @@
+"""Proposes a manifest of a folder: which music belongs to which motion, and facts that the files do not state.
+
+What is not certain is a guess: its column is named in the row's ``guessed``, with the reason in ``evidence``. Whoever
+has checked a row empties its ``guessed``; until then readers of the manifest name it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from dancedata.core.errors import DataError, SourceError
+from dancedata.core.text import counted, csv_cell, listed, shown
+from dancedata.datasets._near_music import Name
+from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, best_audio, relative, require_folder
+from dancedata.datasets.folder.facts import GUESS, UPRIGHT, Declared
+from dancedata.datasets.folder.load import Reading, bvh_facts, load_motion
+from dancedata.datasets.folder.manifest import id_problem
+from dancedata.formats.bvh.parse import read_bvh_header
+
+#: Lengths of motion and music that count as equal, seconds; a guessed rate has to give such a length, too.
+_SAME_S = 0.5
+#: Rates that are tried against the length of the music, the usual one first.
+_RATES = (30, 60, 120, 24, 25, 50, 100)
+_COLUMNS = ("id", "motion", "audio", "fps", "up", "unit", "guessed", "evidence")
+_HEAD = "# Proposed by dancedata manifest: check the rows whose column guessed is not empty and then empty that cell."
+_ASKED = re.compile(r"declare (fps|up|unit):(?: (\S+))?")
+
+
+@dataclass(frozen=True)
+class ProposedRow:
+    """A row of a proposed manifest.
+
+    Attributes
+    ----------
+    id, motion, audio
+        As in a manifest; paths below the source, "" without music.
+    fps, up, unit
+        What the file does not state.
+    guessed
+        Columns that are guesses.
+    evidence
+        How each was found.
+    motion_s, audio_s
+        Lengths, seconds; None if unknown.
+    """
+
+    id: str
+    motion: str
+    audio: str = ""
+    fps: str = ""
+    up: str = ""
+    unit: str = ""
+    guessed: tuple[str, ...] = ()
+    evidence: tuple[str, ...] = ()
+    motion_s: float | None = None
+    audio_s: float | None = None
+
+    def with_guess(self, column: str, value: str, why: str) -> ProposedRow:
+        """Return the row with a guess."""
+        stated: dict[str, Any] = {column: value, "guessed": (*self.guessed, column)}
+        return replace(self, **stated).told(f"{column}: {why}")
+
+    def told(self, why: str) -> ProposedRow:
+        """Return the row with a further sentence of evidence."""
+        return replace(self, evidence=(*self.evidence, why))
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A proposed manifest.
+
+    Attributes
+    ----------
+    rows
+        A clip each.
+    unused
+        Music that no clip has.
+    """
+
+    rows: tuple[ProposedRow, ...]
+    unused: tuple[str, ...] = field(default=())
+
+    def to_csv(self) -> str:
+        """Return the text of manifest.csv."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([_HEAD])
+        if self.unused:
+            writer.writerow([f"# Music that no motion has: {listed(self.unused)}"])
+        writer.writerow(_COLUMNS)
+        for row in self.rows:
+            cells = {**asdict(row), "guessed": " ".join(row.guessed), "evidence": "; ".join(row.evidence)}
+            writer.writerow([csv_cell(cells[column]) for column in _COLUMNS])
+        return text.getvalue()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {"rows": [asdict(row) for row in self.rows], "unused_music": list(self.unused)}
+
+
+def propose(source: Path) -> Proposal:
+    """Propose a manifest; reads every motion file, and the lengths of music.
+
+    Raises
+    ------
+    SourceError
+        If the folder does not exist or has no motion files.
+    """
+    source = Path(source)
+    require_folder("folder", source, "motion files and music")
+    motions, songs = _files(source, MOTION_SUFFIXES), _files(source, AUDIO_SUFFIXES)
+    if not motions:
+        raise SourceError("folder: no motion found", where=str(source), allowed=", ".join(MOTION_SUFFIXES))
+    lengths = {song: _seconds(song) for song in songs}
+    stems = Counter(path.stem for path in motions)
+    rows = [_paired(path, source, lengths, stems) for path in motions]
+    rows = _by_length(rows, source, lengths)
+    used = {row.audio for row in rows}
+    unused = tuple(name for song in songs if (name := relative(song, source)) not in used)
+    return Proposal(tuple(rows), unused)
+
+
+def _files(source: Path, suffixes: Sequence[str]) -> list[Path]:
+    """Return the files of a folder and its folders, without hidden ones and links to folders."""
+    found = (path for path in source.rglob("*") if path.suffix.lower() in suffixes)
+    return sorted(p for p in found if p.is_file() and not any(n.startswith(".") for n in p.relative_to(source).parts))
+
+
+def _seconds(song: Path) -> float | None:
+    from dancedata.audio.signal import audio_length
+
+    try:
+        samples, rate = audio_length(song)
+    except DataError:
+        return None
+    return samples / rate
+
+
+def _paired(path: Path, source: Path, lengths: dict[Path, float | None], stems: Counter[str]) -> ProposedRow:
+    """Return the row of a motion file, with the music that its name tells."""
+    name = path.stem if stems[path.stem] == 1 and id_problem(path.stem) is None else ""
+    row = ProposedRow(name or re.sub(r"[^\w.+-]+", "_", relative(path, source)).lstrip("."), relative(path, source))
+    equal = best_audio([song for song in lengths if song.stem == path.stem])
+    own = Name.of(path.stem)
+    near = [] if equal else [song for song in lengths if Name.of(song.stem).near(own, misspelt=True)]
+    song = equal[0] if equal else near[0] if len(near) == 1 else None
+    row = _measured(path, row, None if song is None else lengths[song])
+    if equal:
+        row = replace(row, audio=relative(equal[0], source)).told("audio: equal name")
+    elif song is not None:
+        row = row.with_guess("audio", relative(song, source), "similar name, the only one")
+    elif near:
+        row = row.told(f"audio: several similar names, {listed([relative(n, source) for n in near])}")
+    return _side_by_side(row, None if song is None else lengths[song])
+
+
+def _side_by_side(row: ProposedRow, audio_s: float | None) -> ProposedRow:
+    if audio_s is None or row.motion_s is None:
+        return replace(row, audio_s=audio_s)
+    lengths = f"motion {row.motion_s:.2f} s, music {audio_s:.2f} s"
+    return replace(row, audio_s=audio_s).told(lengths)
+
+
+def _by_length(rows: list[ProposedRow], source: Path, lengths: dict[Path, float | None]) -> list[ProposedRow]:
+    """Pair what has no music by name: a motion and an unused song, each the other's only one of its length."""
+    used = {row.audio for row in rows}
+    free = {relative(s, source): n for s, n in lengths.items() if n is not None and relative(s, source) not in used}
+    alone = [row for row in rows if not row.audio and row.motion_s is not None and "fps" not in row.guessed]
+    fits = {
+        row.id: [s for s, n in free.items() if row.motion_s is not None and abs(n - row.motion_s) <= _SAME_S]
+        for row in alone
+    }
+    wanted = Counter(song for songs in fits.values() for song in songs)
+    paired = []
+    for row in rows:
+        songs = fits.get(row.id, [])
+        if len(songs) == 1 and wanted[songs[0]] == 1:
+            row = row.with_guess("audio", songs[0], "the only music of this length, of another name")
+            row = _side_by_side(row, free[songs[0]])
+        elif not row.audio:
+            row = row.told(f"audio: {'several of this length' if songs else 'no music of its name or length'}")
+        paired.append(row)
+    return paired
+
+
+def _measured(path: Path, row: ProposedRow, audio_s: float | None) -> ProposedRow:
+    """Read a motion file, and guess what it does not state until it can be read."""
+    guess: dict[str, str] = {}
+    for _ in range(8):
+        try:
+            motion = load_motion(path, Reading(Declared(), Declared(**guess)))
+        except DataError as error:
+            asked = _ASKED.search(error.fix or "")
+            key, value = asked.groups() if asked else ("", "")
+            usual = {"fps": "30", "up": "y", "unit": GUESS if path.suffix.lower() == ".bvh" else "m"}
+            if not key or (key in guess and value not in UPRIGHT) or guess.get(key) == value:
+                return row.told(f"the motion cannot be read: {error.reason}: {shown(error.problem, 200)}")
+            guess[key] = value if value in UPRIGHT else usual[key]
+            continue
+        seconds, rate = motion.n_frames / float(motion.grid.rate), str(motion.grid)
+        if "fps" in guess:
+            fitting = [r for r in _RATES if audio_s is not None and abs(motion.n_frames / r - audio_s) <= _SAME_S]
+            why = "its length is then the music's" if fitting else "nothing states it; 30 is usual"
+            rate = str(fitting[0] if fitting else 30)
+            row, seconds = row.with_guess("fps", rate, why), motion.n_frames / float(rate)
+        if "unit" in guess:
+            row = _unit(path, row, guess)
+        if "up" in guess:
+            row = row.with_guess("up", guess["up"], "along it the body stands")
+        return replace(row, motion_s=seconds).told(f"{counted(motion.n_frames, 'frame')} at {rate} FPS")
+    return row.told("the motion cannot be read")
+
+
+def _unit(path: Path, row: ProposedRow, guess: dict[str, str]) -> ProposedRow:
+    if guess["unit"] != GUESS:
+        return row.with_guess("unit", guess["unit"], "nothing states it; metres are usual")
+    facts, _ = bvh_facts(read_bvh_header(path), Reading(Declared(), Declared(**guess)))
+    why = facts.unit.where.partition(": ")[2]
+    return row.with_guess("unit", facts.unit.value or f"{facts.metres:.6g}", why)

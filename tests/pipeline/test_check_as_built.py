@@ -1,0 +1,74 @@
+"""check with a recipe finds what a build leaves out: the same clips, for the same reasons."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+from scipy.spatial.transform import Rotation
+
+import dancedata
+from dancedata.core.skeleton import SMPL24
+from dancedata.synthetic import synthesise_motion
+from tests.formats.test_bvh_retarget import MIXAMO, SEGMENTS, SMPL_SHORT, XSENS, write_as
+
+RECIPE: dict[str, Any] = {
+    "recipe": 1, "name": "mixed", "dataset": {"folder": {"unit": "cm"}}, "windows": {"length_s": 2, "stride_s": 1},
+    "motion": {"joints": {}}, "audio": {"librosa35": {}},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Captures of several producers, and what may be wrong with them."""
+    folder = tmp_path_factory.mktemp("mixed")
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
+    bones = {"mixamo": MIXAMO, "xsens": XSENS, "segments": SEGMENTS, "smpl": SMPL_SHORT}
+    for name, names in {
+        **bones,
+        "short": MIXAMO,
+        "silent": XSENS,
+        "brief_song": SMPL_SHORT,
+        "no_song": XSENS,
+    }.items():
+        part = motion.part(0, 60) if name == "short" else motion
+        write_as(folder / f"{name}.bvh", part, SMPL24, Rotation.identity(24), names=names.split())
+    swapped = MIXAMO.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
+    write_as(folder / "swapped.bvh", motion, SMPL24, Rotation.identity(24), names=swapped.split())
+    bones_only = [f"Bone{k}" for k in range(24)]
+    write_as(folder / "unknown.bvh", motion, SMPL24, Rotation.identity(24), names=bones_only)
+    (folder / "broken.bvh").write_text("HIERARCHY\n")
+    part = motion.part(0, 120)
+    np.savez(folder / "no_rate.npz", poses=part.rotations.reshape(120, 72), trans=part.translation)
+    for path in sorted(folder.iterdir()):
+        seconds = 1 if path.stem == "brief_song" else 4
+        if path.stem != "no_song":
+            noise = np.random.default_rng(0).normal(0, 0.1, seconds * 16000)
+            soundfile.write(folder / f"{path.stem}.wav", noise, 16000)
+    (folder / "silent.wav").write_bytes(b"RIFF")
+    (folder / "notes.txt").write_text("")
+    return folder
+
+
+def test_check_finds_what_a_build_leaves_out(mixed: Path, tmp_path: Path) -> None:
+    result = dancedata.build(RECIPE, mixed, tmp_path / "out", cache=tmp_path / "cache", progress=False, jobs=1)
+    with result.open() as store:
+        built = {(row.get("clip") or row["file"], row["reason"]) for row in store.rejects}
+        assert {clip.id for clip in store.clips} == {"mixamo", "xsens", "segments", "smpl"}
+    problems = dancedata.check(mixed, recipe=RECIPE, progress=False)
+    found = {(p.where, p.message.partition(":")[0]) for p in problems if p.where != str(mixed)}
+    assert found == built
+    reasons = {"too_short", "short_audio", "missing_music", "swapped_sides", "unknown_joints", "undeclared"}
+    assert reasons <= {reason for _, reason in built}
+    assert {p.where for p in problems if p.severity == "error"} == {
+        "short", "silent", "brief_song", "no_song", "swapped", "unknown", "broken", "no_rate",
+    }  # fmt: skip
+
+
+def test_a_mixed_folder_names_its_producers(mixed: Path) -> None:
+    notes = " ".join(
+        p.message for p in dancedata.check(mixed, recipe=RECIPE, progress=False) if p.where == str(mixed)
+    )
+    for producer in ("mixamo (by mixamorig:)", "100style or xsens (by", "xsens-segments (by", "smpl (by"):
+        assert f"joint names {producer}" in notes
