@@ -71,3 +71,16 @@ def test_commands_take_an_address(hub: Hub, published: Path, command: str) -> No
         for problem in about.get("problems", ()):
             problem.pop("where")
     assert remote == local
+
+
+def test_exports_and_evaluations_name_the_commit(
+    hub: Hub, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub.commits = {"a" * 40: built}
+    address = f"hf://datasets/org/name@{'a' * 40}"
+    exported = dancedata.export("hf://datasets/org/name", "npz", tmp_path / "npz", progress=False)
+    assert exported.about["address"] == address
+    report = dancedata.evaluate("hf://datasets/org/name", metrics=("pfc",), bootstrap=0, jobs=1, progress=False)
+    assert address in str(report.to_json())
+    written = dancedata.report.write_report("hf://datasets/org/name", None, clips=0, progress=False)
+    assert written.to_json() == dancedata.report.write_report(built, None, clips=0, progress=False).to_json()
