@@ -157,7 +157,8 @@ class Request:
         if store is not None:
             role = role or "truth"
             clips = store_clips(store, self.protocol, split=split, field=self.field, role=role)
-            return ClipSet(clips, f"{store.path}" + (f", split {split}" if split else ""), role, store)
+            place = store.path if store.origin is None else store.origin.address
+            return ClipSet(clips, f"{place}" + (f", split {split}" if split else ""), role, store)
         if split is not None:
             raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
         role = role or "generated"

@@ -18,6 +18,8 @@ _HUB = re.compile(
     r"datasets/(?P<name>[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)(@(?P<revision>[^/@]+))?(?P<folder>(/[^/]+)*)/?"
 )
 _COMMIT = re.compile(r"[0-9a-f]{40}")
+#: Schemes of object stores.
+BUCKETS = ("s3", "gs", "az")
 #: Hosts of this machine, for which http is allowed.
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
@@ -87,7 +89,7 @@ def parse_address(text: str | Path) -> Address:
         return Address("hf", hub["name"], hub["folder"].strip("/"), unquote(hub["revision"] or "main"))
     if scheme == "http" and parts.hostname not in LOOPBACK:
         raise UsageError("an address of another machine is encrypted", where=shown(whole), fix="use https://")
-    if scheme not in ("s3", "gs", "az", "https", "http") or ".." in rest.split("/"):
+    if scheme not in (*BUCKETS, "https", "http") or ".." in rest.split("/"):
         raise _invalid(whole)
     return Address(scheme, rest.rstrip("/"))
 

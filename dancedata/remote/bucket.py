@@ -1,6 +1,7 @@
 """Files of object stores: s3, gs and az, with obstore; credentials are those of its environment."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Generator
 from datetime import timedelta
 from typing import Any
 
@@ -14,6 +15,15 @@ _CHUNK = 1 << 20
 _RETRY = {"max_retries": 2, "retry_timeout": timedelta(seconds=20)}
 
 
+#: The process that has used obstore first: its threads do not exist in forked children, where obstore would hang.
+_first_used_in: int | None = None
+
+
+def crossed_a_fork() -> bool:
+    """Return whether obstore was used before this process was forked, so that it cannot be used here."""
+    return _first_used_in not in (None, os.getpid())
+
+
 class BucketSource:
     """A prefix of a bucket."""
 
@@ -21,6 +31,14 @@ class BucketSource:
         require("remote", ("obstore",), what=f"addresses of {address.scheme}://")
         from obstore.store import from_url
 
+        global _first_used_in
+        if crossed_a_fork():
+            raise refused(
+                "obstore was used before this process was forked, and would hang here",
+                str(address),
+                fix="open the address before the fork, or start workers with spawn",
+            )
+        _first_used_in = os.getpid()
         self.address = address
         retry: Any = _RETRY
         self._store = from_url(str(address), retry_config=retry)
@@ -49,7 +67,7 @@ class BucketSource:
         return Answer(begin, _chunks(result))
 
 
-def _chunks(result: Any) -> Iterator[bytes]:
+def _chunks(result: Any) -> Generator[bytes, None, None]:
     from obstore import exceptions
 
     try:

@@ -6,6 +6,8 @@ when the address gets another dataset: that one has another self_sha256.
 
 import os
 import re
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -22,7 +24,8 @@ from dancedata.execution.cache_files import DATASETS, mark
 from dancedata.execution.progress import Progress
 from dancedata.files.atomic import write_bytes, write_json
 from dancedata.files.strict_json import read_json
-from dancedata.remote.address import Address, is_address, parse_address
+from dancedata.remote.address import BUCKETS, Address, is_address, parse_address
+from dancedata.remote.bucket import crossed_a_fork
 from dancedata.remote.fetch import (
     DATASET_FILE,
     MAX_DESCRIPTION,
@@ -187,6 +190,9 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
         found = f"HF_HUB_OFFLINE is set; {files[0].name if len(files) == 1 else names} missing"
         raise refused("a file of the dataset is not in the cache", where, found, fix)
     address = parse_address(origin.address)
+    if address.scheme in BUCKETS and crossed_a_fork():
+        _fetch_in_new_process(folder, files)
+        return sum(file.size for file in files)
     source, total = source_of(address), sum(file.size for file in files)
     reporter = progress or Progress(quiet=total < _SHOWN_BYTES)
     lock, done = threading.Lock(), 0
@@ -207,6 +213,27 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
             pool.shutdown(cancel_futures=True)
         advance(-(-total // 1_000_000) - done // 1_000_000)
     return total
+
+
+_FETCH = """
+import sys
+from pathlib import Path
+from dancedata.core.errors import DanceDataError
+from dancedata.remote import require_file
+try:
+    for path in sys.stdin.read().split("\\n"):
+        require_file(Path(path))
+except DanceDataError as error:
+    sys.exit(str(error))
+"""
+
+
+def _fetch_in_new_process(folder: Path, files: list[RemoteFile]) -> None:
+    """Fetch files of a bucket from a forked child, such as a worker of a loader: obstore would hang in it."""
+    paths = "\n".join(str(folder / file.name) for file in files)
+    done = subprocess.run([sys.executable, "-c", _FETCH], input=paths, capture_output=True, text=True)  # noqa: S603
+    if done.returncode:
+        raise refused("a file of the dataset cannot be fetched", folder, done.stderr.strip()[-2000:])
 
 
 def _fetch_ahead(folder: Path, name: str, files: Mapping[str, RemoteFile]) -> None:

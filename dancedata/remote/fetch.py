@@ -5,7 +5,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -74,12 +74,13 @@ def fetch_description(source: Source, address: Address) -> tuple[bytes, Mapping[
 
 def _read_all(source: Source, data: bytearray) -> None:
     del data[:]  # it is small: no ranges
-    for chunk in source.open(DATASET_FILE, 0).chunks:
-        data += chunk
-        if len(data) > MAX_DESCRIPTION:
-            raise refused(
-                "the file is larger than any dataset.json", DATASET_FILE, f"more than {MAX_DESCRIPTION:,} bytes"
-            )
+    with closing(source.open(DATASET_FILE, 0).chunks) as chunks:
+        for chunk in chunks:
+            data += chunk
+            if len(data) > MAX_DESCRIPTION:
+                raise refused(
+                    "the file is larger than any dataset.json", DATASET_FILE, f"more than {MAX_DESCRIPTION:,} bytes"
+                )
 
 
 def fetch_file(source: Source, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:
@@ -177,7 +178,7 @@ def _append(source: Source, where: str, file: RemoteFile, part: Path, report: Re
         report(-have)
         have = 0
     since, arrived = time.monotonic(), 0
-    with open(part, "ab" if have else "wb") as out:
+    with closing(answer.chunks), open(part, "ab" if have else "wb") as out:
         mark_in_use(out.fileno())  # `cache prune` keeps it
         for chunk in answer.chunks:
             have += len(chunk)

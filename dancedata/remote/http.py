@@ -3,7 +3,7 @@
 import ssl
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from email.utils import parsedate_to_datetime
 from http.client import HTTPException, HTTPResponse
 from time import time
@@ -100,7 +100,7 @@ class HttpSource:
         return refused("the server does not give the file", where, f"HTTP {status}")
 
 
-def _chunks(response: HTTPResponse) -> Iterator[bytes]:
+def _chunks(response: HTTPResponse) -> Generator[bytes, None, None]:
     with response:
         while True:
             try:

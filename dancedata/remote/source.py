@@ -1,6 +1,8 @@
 """What all servers have in common: files by name, from any byte; failures that pass, and failures that stay."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -33,7 +35,7 @@ class Answer:
     """Bytes of a file: `chunks` begin at byte `begin`, which is 0 where the server ignores ranges."""
 
     begin: int
-    chunks: Iterator[bytes]
+    chunks: Generator[bytes, None, None]
 
 
 class Source(Protocol):

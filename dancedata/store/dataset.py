@@ -20,7 +20,7 @@ from dancedata.core.grid import WindowGrid
 from dancedata.core.licence import Licence
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
-from dancedata.remote import local_folder
+from dancedata.remote import Origin, local_folder, origin_of
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
@@ -504,6 +504,11 @@ class Store(SegmentQueries):
         clip_ids = [clip for split in self.splits for clip in self.tables(split).ids]
         fix = nearest(clip_id, clip_ids, "clip", self.path)
         raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=fix)
+
+    @property
+    def origin(self) -> Origin | None:
+        """Address of a dataset that was fetched, of a hub with its commit; None for one of the local disk."""
+        return origin_of(self.path)
 
     @property
     def weights(self) -> dict[str, str]:

@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.execution.cache_admin import prune
+from dancedata.readers import GroupDataset
 from dancedata.remote import pull
+from tests.groups_store import write_groups
 from tests.remote.servers import Hub, Server, cut
 
 
@@ -71,3 +73,27 @@ def test_commands_take_an_address(hub: Hub, published: Path, command: str) -> No
         for problem in about.get("problems", ()):
             problem.pop("where")
     assert remote == local
+
+
+def test_exports_and_evaluations_name_the_commit(
+    hub: Hub, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hub.commits = {"a" * 40: built}
+    address = f"hf://datasets/org/name@{'a' * 40}"
+    exported = dancedata.export("hf://datasets/org/name", "npz", tmp_path / "npz", progress=False)
+    assert exported.about["address"] == address
+    report = dancedata.evaluate("hf://datasets/org/name", metrics=("pfc",), bootstrap=0, jobs=1, progress=False)
+    assert address in str(report.to_json())
+    written = dancedata.report.write_report("hf://datasets/org/name", None, clips=0, progress=False)
+    assert written.to_json() == dancedata.report.write_report(built, None, clips=0, progress=False).to_json()
+
+
+def test_groups_and_the_viewer(server: Server, tmp_path: Path) -> None:
+    server.folder = tmp_path
+    write_groups(tmp_path / "groups", 60)
+    address = f"{server.url}/groups"
+    remote, local = (GroupDataset(where, "train", normalize=False) for where in (address, tmp_path / "groups"))
+    assert len(remote) == len(local) > 0
+    assert np.array_equal(remote[0]["person_mask"], local[0]["person_mask"])
+    result = CliRunner().invoke(app, ["view", address, "--export", str(tmp_path / "page.html"), "--quiet"])
+    assert result.exit_code == 0, result.output

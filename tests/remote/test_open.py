@@ -10,7 +10,7 @@ import torch
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.readers import BatchLoader, WindowDataset
-from dancedata.remote import is_address, origin_of, pull
+from dancedata.remote import is_address, pull
 from tests.messages import raises_message
 from tests.remote.servers import Hub, Server
 
@@ -112,7 +112,7 @@ def test_a_branch_is_resolved_once(hub: Hub, published: Path, capsys: pytest.Cap
     store = dancedata.open("hf://datasets/org/name@main")
     commit = "a" * 40
     assert f"hf://datasets/org/name@main is now commit {commit}" in capsys.readouterr().err
-    origin = origin_of(store.path)
+    origin = store.origin
     assert origin is not None
     assert (origin.address, origin.requested) == (f"hf://datasets/org/name@{commit}", "hf://datasets/org/name@main")
     # The branch moves on to something else; what is open, and its copies in workers, stay with the commit.

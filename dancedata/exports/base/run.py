@@ -254,6 +254,7 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
         "reference": target.reference,
         "name": str(job.store.meta.get("name", job.store.path.name)),
         "dataset": {key: job.store.meta.get(key) for key in ("self_sha256", "recipe_sha256")},
+        **({} if job.store.origin is None else {"address": job.store.origin.address}),
         "clips": {split: len(job.clips(split)) for split in job.store.splits},
         "licence": job.store.meta.get("licence"),
         **({"licences": job.store.meta["licences"]} if job.store.licences else {}),
