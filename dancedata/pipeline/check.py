@@ -24,6 +24,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.reference_process import named_if_it_crashes
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
+from dancedata.pipeline.audio import SignalId
 from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.encode import encode_clips
@@ -34,10 +35,14 @@ from dancedata.pipeline.word_check import word_notes
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.recipes.recipe import Recipe, resolve
-from dancedata.store import Problem, Store, open_store, verify_store
+from dancedata.store import Problem, Signal, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.schema import DATASET_FILE, is_shard_name
 from dancedata.store.songs import alike_between, music_hash, songs_of, sound_field
+
+#: Clip, seconds of its motion, seconds of its music; and how many of them a note shows.
+_Length = tuple[str, float, float]
+_LENGTHS = 8
 
 
 def check(
@@ -65,7 +70,22 @@ def check(
     problems += [_problem(r) for r in scan.rejects]
     calls = [(reader, ref) for ref in scan.clips]
     checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=reporter)
-    return problems + [_problem(reject) for rejects in checked for reject in rejects]
+    problems += _lengths_note(path, [length for _, length in checked if length is not None])
+    return problems + [_problem(reject) for rejects, _ in checked for reject in rejects]
+
+
+def _lengths_note(path: Path, lengths: Sequence[_Length]) -> list[Problem]:
+    """Return the note with the lengths of motion and music side by side, the largest differences first."""
+    ordered = sorted(lengths, key=lambda length: (-abs(length[1] - length[2]), length[0]))
+    sides = [f"{clip} {motion:.2f} and {music:.2f}" for clip, motion, music in ordered[:_LENGTHS]]
+    if len(ordered) > _LENGTHS:
+        sides.append(f"{counted(len(ordered) - _LENGTHS, 'clip')} that differ by at most {_difference(ordered):.2f}")
+    text = f"Seconds of motion and music, the largest differences first: {'; '.join(sides)}."
+    return [Problem("note", str(path), text)] if sides else []
+
+
+def _difference(ordered: Sequence[_Length]) -> float:
+    return abs(ordered[_LENGTHS][1] - ordered[_LENGTHS][2])
 
 
 def _check_as_built(recipe: Recipe, source: Path, jobs: int, progress: Progress) -> list[Problem]:
@@ -74,22 +94,30 @@ def _check_as_built(recipe: Recipe, source: Path, jobs: int, progress: Progress)
     store_cache = Cache(default_cache().absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
     scan = scan_source(recipe, source)
+    listed_ids = {ref.id for ref in scan.clips}  # without copies
     networks = [job.name for job in recipe.audio if isinstance(job.feature, NetworkFeature)]
 
-    def examined(cache: Cache) -> tuple[Sequence[Reject], Sequence[dict[str, Any]]]:
+    def examined(cache: Cache) -> tuple[Sequence[Reject], Sequence[dict[str, Any]], list[_Length]]:
         sources = identify(cache, recipe, scan, jobs=workers, progress=progress)
         if not networks:
             computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
-            return computed.rejects, computed.quality
+            own = [clip for clip in computed.clips if clip.id in listed_ids and clip.signal is not None]
+            lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in own]
+            return computed.rejects, computed.quality, lengths
         encoded, unreadable = encode_clips(cache, recipe, sources, jobs=workers, progress=progress)
         _, without_windows = cut_windows(recipe, encoded)
         quality = [{"clip": clip.source.ref.id, **flag} for clip in encoded for flag in clip.motion.flags]
-        return [*sources.rejects, *unreadable, *without_windows], quality
+        lengths = [
+            (c.source.ref.id, float(c.motion.n_source / c.motion.source_rate), _seconds(c.source.signal))
+            for c in encoded
+            if c.source.signal is not None
+        ]
+        return [*sources.rejects, *unreadable, *without_windows], quality, lengths
 
     with workers_for(recipe, source, store_cache, jobs) as workers:
-        rejects, quality = with_lost_entries(store_cache, examined, progress)
+        rejects, quality, lengths = with_lost_entries(store_cache, examined, progress)
     notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
-    problems = [Problem("note", str(source), note) for note in notes]
+    problems = [Problem("note", str(source), note) for note in notes] + _lengths_note(source, lengths)
     by_reason: dict[tuple[str, str, str], list[Reject]] = {}
     for reject in rejects:
         key = (reject.reason, reject.clip, reject.file) if reject.window is None else (reject.reason, reject.clip, "")
@@ -274,7 +302,11 @@ def _require_files(reader: Dataset, path: Path) -> None:
         raise SourceError("there is nothing to check", where=path, found="no folder, or an empty one")
 
 
-def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
+def _seconds(signal: SignalId | Signal | None) -> float:
+    return 0.0 if signal is None else signal.n_samples / signal.sample_rate
+
+
+def _check_clip(reader: Dataset, ref: ClipRef) -> tuple[list[Reject], _Length | None]:
     from dancedata.audio.signal import load_audio
 
     motion = attempt(lambda: reader.load(ref), ref.motion_path, ref.id)
@@ -285,7 +317,9 @@ def _check_clip(reader: Dataset, ref: ClipRef) -> list[Reject]:
     song = ref.audio_path
     music = None if song is None else attempt(lambda: load_audio(song), song, ref.id)
     problems += [music] if isinstance(music, Reject) else []
-    return problems
+    if music is None or isinstance(music, Reject) or isinstance(motion, Reject):
+        return problems, None
+    return problems, (ref.id, float(motion.grid.seconds(motion.n_frames)), len(music.samples) / music.sample_rate)
 
 
 def _problem(reject: Reject) -> Problem:

@@ -1,5 +1,6 @@
 """check with a recipe finds what a build leaves out: the same clips, for the same reasons."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -72,3 +73,19 @@ def test_a_mixed_folder_names_its_producers(mixed: Path) -> None:
     )
     for producer in ("mixamo (by mixamorig:)", "100style or xsens (by", "xsens-segments (by", "smpl (by"):
         assert f"joint names {producer}" in notes
+
+
+@pytest.mark.parametrize("recipe", [None, RECIPE])
+def test_lengths_of_motion_and_music_stand_side_by_side(
+    mixed: Path, tmp_path: Path, recipe: dict[str, Any] | None
+) -> None:
+    for name in ("mixamo.bvh", "mixamo.wav", "brief_song.wav"):
+        shutil.copy(mixed / name, tmp_path)
+    rows = "id,motion,audio,unit\na,mixamo.bvh,mixamo.wav,cm\nb,mixamo.bvh,brief_song.wav,cm\n"
+    (tmp_path / "manifest.csv").write_text(rows)
+    dataset = None if recipe else "folder"
+    problems = dancedata.check(tmp_path, dataset=dataset, recipe=recipe, progress=False)
+    notes = [p.message for p in problems if p.message.startswith("Seconds of motion and music")]
+    # A build leaves b out, which has a reject with its lengths.
+    of_b = "" if recipe else "b 4.00 and 1.00; "
+    assert notes == [f"Seconds of motion and music, the largest differences first: {of_b}a 4.00 and 4.00."]
