@@ -64,7 +64,7 @@ def check(
         raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
     reporter = progress or Progress(quiet=True)
     if recipe is not None:
-        return _check_as_built(recipe, path.absolute(), jobs, reporter)
+        return _check_as_built(recipe, path, jobs, reporter)
     reader, scan = scan_folder(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
@@ -88,8 +88,9 @@ def _difference(ordered: Sequence[_Length]) -> float:
     return abs(ordered[_LENGTHS][1] - ordered[_LENGTHS][2])
 
 
-def _check_as_built(recipe: Recipe, source: Path, jobs: int, progress: Progress) -> list[Problem]:
+def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -> list[Problem]:
     """Run the stages of a build up to what would be stored, in the cache; features of networks are not computed."""
+    source = path.absolute()
     _require_files(recipe.dataset, source)
     store_cache = Cache(default_cache().absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
@@ -117,7 +118,7 @@ def _check_as_built(recipe: Recipe, source: Path, jobs: int, progress: Progress)
     with workers_for(recipe, source, store_cache, jobs) as workers:
         rejects, quality, lengths = with_lost_entries(store_cache, examined, progress)
     notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
-    problems = [Problem("note", str(source), note) for note in notes] + _lengths_note(source, lengths)
+    problems = [Problem("note", str(path), note) for note in notes] + _lengths_note(path, lengths)
     by_reason: dict[tuple[str, str, str], list[Reject]] = {}
     for reject in rejects:
         key = (reject.reason, reject.clip, reject.file) if reject.window is None else (reject.reason, reject.clip, "")

@@ -123,7 +123,8 @@ def test_a_branch_is_resolved_once(hub: Hub, published: Path, capsys: pytest.Cap
         np.testing.assert_array_equal(copy.read(window, "pose"), local.read(window, "pose"))
     hub.requests.clear()
     assert dancedata.open(f"hf://datasets/org/name@{commit}").path == store.path
-    assert not hub.requests  # a commit that is known asks for nothing
+    # A commit that is known asks for nothing; shards may still be fetched ahead.
+    assert [name for name in hub.requests if not name.endswith(".h5")] == []
 
 
 def test_a_folder_of_a_repository(hub: Hub, published: Path) -> None:
