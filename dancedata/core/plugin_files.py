@@ -87,6 +87,11 @@ def load_plugins(*files: str | Path) -> tuple[PluginFile, ...]:
     files
         Paths of .py files.
 
+    Returns
+    -------
+    tuple of PluginFile
+        The files with the SHA-256 of their bytes.
+
     Raises
     ------
     UsageError
