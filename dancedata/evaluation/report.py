@@ -149,6 +149,8 @@ def describe(report: Report) -> str:
     if report.left_out:
         lines.append(f"  left out: {counted(len(report.left_out), 'clip')}")
         lines += [f"    {shown(clip)}: {shown(reason, 500)}" for clip, reason in report.left_out[:_NAMED]]
+        more = len(report.left_out) - _NAMED
+        lines += [f"    and {more} more, which --json lists"] * (more > 0)
     lines += [f"  warning: {warning}" for warning in report.warnings]
     lines += [f"  note: {note}" for note in report.notes]
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())

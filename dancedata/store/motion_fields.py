@@ -164,12 +164,17 @@ class ColumnsReader:
             raise DataError(
                 f"these are not columns of {plugin.name}",
                 reason="bad_shape",
+                where=where,
                 found=f"shape {rows.shape}",
                 allowed=f"(T, {plugin.columns.width})",
             )
         rows = self.scaling.undo(rows, plugin, file=file, where=where)
         if plugin.decodes:
-            return Pose.of_motion(plugin.decode(rows, self.grid))
+            try:
+                return Pose.of_motion(plugin.decode(rows, self.grid))
+            except DataError as error:
+                error.where = ": ".join(str(place) for place in (where, error.where) if place is not None) or None
+                raise
         positions = rows[:, plugin.columns.slice(_POSITION)].reshape(len(rows), -1, 3).astype(np.float64)
         return Pose(positions, plugin.skeleton.joints, self.grid, bool(plugin.skeleton.offsets[0].any()))
 

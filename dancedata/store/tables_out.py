@@ -21,7 +21,8 @@ def table(store: Store, name: str) -> DataFrame:
     if name not in _TABLES:
         raise UsageError(f"no table named {name!r}", fix=did_you_mean(name, _TABLES))
     pandas = load("pandas", "pandas", what="to_pandas")
-    frame: DataFrame = pandas.DataFrame.from_records(list(_TABLES[name](store)))
+    rows = list(_TABLES[name](store))
+    frame: DataFrame = pandas.DataFrame.from_records(rows, columns=None if rows else _EMPTY[name])
     return frame
 
 
@@ -58,4 +59,12 @@ _TABLES: Mapping[str, Callable[[Store], Iterator[dict[str, Any]]]] = {
     "windows": _windows,
     "rejects": lambda store: iter(store.rejects),
     "quality": lambda store: iter(store.quality),
+}
+
+#: Columns of a table without rows, so that a filter on one of them finds nothing instead of failing.
+_EMPTY: Mapping[str, list[str]] = {
+    "clips": ["id", "split", "seconds", "n_frames"],
+    "windows": ["clip", "split", "start", "length", "start_s", "length_s"],
+    "rejects": ["clip", "file", "reason", "detail"],
+    "quality": ["clip", "kind", "joint", "frame", "value", "unit", "rate"],
 }

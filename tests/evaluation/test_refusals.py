@@ -144,6 +144,24 @@ def test_broken_clips_are_counted_by_name(tmp_path: Path, store: Store) -> None:
     assert clip == "broken"
     assert "the first at frame 7" in reason
     assert "left out: 1 clip\n    broken:" in str(report)
+    for k in range(4):
+        np.save(tmp_path / f"broken{k}.npy", broken)
+    report = dancedata.evaluate(tmp_path, fps=30, up="y", pool=store, bootstrap=0)
+    assert "    and 2 more, which --json lists" in str(report)
+
+
+@pytest.mark.parametrize(
+    ("width", "said"), [(152, "allowed: (T, 151), columns of edge151; "), (151, "frame 0, pelvis: ")]
+)
+def test_columns_that_cannot_be_decoded_are_named_with_their_file(
+    tmp_path: Path, store: Store, width: int, said: str
+) -> None:
+    path = tmp_path / "zeros.npy"
+    np.save(path, np.zeros((30, width), np.float32))
+    with pytest.raises(DataError) as raised:
+        dancedata.evaluate(tmp_path, like=store, field="edge151", normalized=False, bootstrap=0)
+    assert f"found {path}: " in str(raised.value)
+    assert said in str(raised.value)
 
 
 def test_still_and_short_clips_are_named_outcomes(store: Store) -> None:

@@ -63,5 +63,7 @@ def test_tables_of_pandas(store: Store) -> None:
     ]
     assert store.to_pandas("rejects").to_dict("records") == store.rejects
     assert len(store.to_pandas("quality")) == len(store.quality)
+    quality = store.to_pandas("quality")
+    assert quality[quality["kind"] == "none of these"].empty  # also where there are no flags
     with pytest.raises(UsageError, match="no table named 'clip'"):
         store.to_pandas("clip")

@@ -138,6 +138,9 @@ class FileClip(ClipInput):
             return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
         except DataError as error:  # the folder's remedies are keys of a recipe
             error.fix = _REMEDIES.get(error.reason, error.fix)
+            if self.format.columns is not None and error.reason == "bad_shape" and error.allowed is not None:
+                plugin = self.format.columns.representation
+                error.allowed = f"(T, {plugin.columns.width}), columns of {plugin.name}; {error.allowed}"
             raise
 
     def _require_single(self, arrays: ArrayFile) -> None:
