@@ -53,6 +53,7 @@ def test_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch):
     assert "squaring: 1/3, about 0 s left\nsquaring: 2/3, about 0 s left\nsquaring: 3/3 in" in stream.getvalue()
 
 
+@pytest.mark.usefixtures("no_time_passes")
 def test_a_bar_on_a_terminal():
     stream = Terminal()
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream))
@@ -65,6 +66,7 @@ def test_a_bar_on_a_terminal():
     assert re.search(r"\x1b\[1A\x1b\[2K\x1b\[2msquaring", stream.getvalue())
 
 
+@pytest.mark.usefixtures("no_time_passes")
 def test_rows_of_stages_are_a_table():
     stream = Terminal()
     progress = Progress(stream=stream)
