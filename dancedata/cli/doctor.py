@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import importlib.metadata
 import os
 import platform
@@ -164,13 +163,12 @@ def check_cache() -> Iterator[Finding]:
 
 def _locks_work(path: Path) -> bool:
     """Return whether another descriptor of a file, as of another process, sees a lock on it."""
+    from dancedata.core.system import open_file
     from dancedata.files.locks import lock_file, unlock
 
-    first = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
-    second = os.open(path, os.O_RDWR)
+    first, second = open_file(path, os.O_CREAT | os.O_RDWR), open_file(path, os.O_RDWR)
     try:
-        held = lock_file(first, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return held is True and lock_file(second, fcntl.LOCK_EX | fcntl.LOCK_NB) is False
+        return lock_file(first, wait=False) is True and lock_file(second, wait=False) is False
     finally:
         unlock(second)
         unlock(first)

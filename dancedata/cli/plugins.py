@@ -191,7 +191,7 @@ def write_plugin(kind: str, name: str, out: Path, package: str = "") -> NewPlugi
             (plugin.module, text),
             (plugin.test, _TEST.format(kind=plugin.kind.registry.kind, name=name, cls=cls, module=module)),
         ):
-            with path.open("x", encoding="utf-8") as file:
+            with path.open("x", encoding="utf-8", newline="\n") as file:
                 file.write(content)
         if package:
             (root / package / "__init__.py").touch()

@@ -45,7 +45,7 @@ def write_finedance(folder: Path) -> None:
         song = synthesise_song(steps.split("_")[4], length_s=length, sample_rate=_SAMPLE_RATE, n_channels=1)
         (folder / MUSIC / f"{clip}.wav").write_bytes(wav_bytes(song.pcm, _SAMPLE_RATE))
         label = {"name": f"synthetic {clip}", "style1": coarse, "style2": fine}
-        (folder / LABELS / f"{clip}.json").write_text(json.dumps(label), encoding="utf-8")
+        (folder / LABELS / f"{clip}.json").write_text(json.dumps(label), encoding="utf-8", newline="\n")
 
 
 def _with_hands(steps: str, n_frames: int) -> Motion:

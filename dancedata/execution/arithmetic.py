@@ -19,10 +19,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 from dancedata.core.packages import version
+from dancedata.core.system import SYSTEM, processor, processor_flags, started_with
 
 T = TypeVar("T")
 
@@ -93,12 +93,7 @@ def _set(values: Mapping[str, str | None]) -> None:
 @lru_cache(maxsize=1)
 def has_reference() -> bool:
     """Return whether this processor has the level x86-64-v3."""
-    cpuinfo = Path("/proc/cpuinfo")
-    if platform.machine() not in ("x86_64", "AMD64") or not cpuinfo.is_file():
-        return False
-    with cpuinfo.open(encoding="utf-8", errors="replace") as lines:
-        flags: set[str] = next((set(line.split()) for line in lines if line.startswith("flags")), set())
-    return flags >= _FLAGS
+    return platform.machine() in ("x86_64", "AMD64") and processor_flags() >= _FLAGS
 
 
 def _numpy_features() -> str:
@@ -129,9 +124,11 @@ def _description(n_modules: int) -> str:
         return REFERENCE
     used = sorted({used.split("(")[0] for used, _ in numpy_code})
     parts = [platform.machine(), *blas, "numpy " + " ".join(used), *_set_at_start()]
+    if SYSTEM != "linux":
+        parts.append(SYSTEM)  # another C library, whose functions round otherwise
     if not all(name.startswith("openblas ") for name in blas):
         # Which kernels these choose cannot be read.
-        parts.append(platform.processor() or _model_name())
+        parts.append(processor())
     return ", ".join(parts)
 
 
@@ -155,7 +152,7 @@ def _numpy_code() -> list[tuple[str, list[str]]]:
 
 def is_chosen_by_user() -> bool:
     """Return whether a process started with `environment` may use instructions other than this one's."""
-    return has_reference() or bool(_set_at_start()) or any(x.split("=")[0] in _FOREIGN for x in _started_with())
+    return has_reference() or bool(_set_at_start()) or any(x.split("=")[0] in _FOREIGN for x in started_with())
 
 
 def can_choose() -> bool:
@@ -178,21 +175,7 @@ def _is_left_out(used: str, available: list[str]) -> bool:
 
 def _set_at_start() -> list[str]:
     """Return the variables at the start of this process that choose code in the C library."""
-    return [line for line in _started_with() if line.startswith(f"{_TUNABLES}=") and _TUNES_CODE in line]
-
-
-def _started_with() -> list[str]:
-    """Return the variables, NAME=VALUE, that this process was started with; it may have changed them since."""
-    try:
-        return Path("/proc/self/environ").read_bytes().decode("utf-8", "replace").split("\0")
-    except OSError:
-        return []
-
-
-def _model_name() -> str:
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines() if cpuinfo.is_file() else []
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")
+    return [line for line in started_with() if line.startswith(f"{_TUNABLES}=") and _TUNES_CODE in line]
 
 
 def exactly(function: Callable[..., T], *args: Any) -> T:

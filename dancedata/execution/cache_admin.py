@@ -12,6 +12,7 @@ from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.system import disk_bytes
 from dancedata.core.text import listed
 from dancedata.execution import cache_files as files
 
@@ -117,7 +118,7 @@ def entries(root: Path) -> Iterator[Entry]:
                     continue
                 if not S_ISREG(stat.st_mode):
                     continue
-                size = max(stat.st_size, stat.st_blocks * 512)
+                size = disk_bytes(stat)
                 yield Entry(Path(file.path), stage.name, size, stat.st_mtime, stat.st_mtime)
     yield from _fetched(root / files.DATASETS)
 
@@ -132,7 +133,7 @@ def _fetched(datasets: Path) -> Iterator[Entry]:
                 # dataset.json stays: with it the rest is fetched again when it is needed.
                 if S_ISREG(stat.st_mode) and file.name != "dataset.json":
                     opened = os.stat(datasets / f"{match['sha256']}.json").st_mtime  # type: ignore[index]
-                    size = max(stat.st_size, stat.st_blocks * 512)
+                    size = disk_bytes(stat)
                     yield Entry(Path(file.path), files.DATASETS, size, max(opened, stat.st_mtime), stat.st_mtime)
 
 

@@ -6,7 +6,6 @@ folder.
 """
 
 import errno
-import fcntl
 import io
 import json
 import math
@@ -27,7 +26,16 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
-from dancedata.files.locks import file_lock, is_abandoned, lock_abandoned, lock_file, open_locked, unlock
+from dancedata.core.system import REMOVES_OPEN, open_file, read_at
+from dancedata.files.locks import (
+    file_lock,
+    is_abandoned,
+    lock_abandoned,
+    lock_file,
+    open_locked,
+    remove_locked,
+    unlock,
+)
 
 #: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
 STAGES = ("features", "motion", "clips", "signals", "files")
@@ -48,6 +56,8 @@ _LOCK_NAME = re.compile(rf"({'|'.join((*STAGES, DATASETS))})-[0-9a-f]{{64}}|buil
 RUNNING = "build-"
 #: Most files read per stage to find out whether a folder without a marker is a cache.
 _INSPECTED = 16
+#: Number of times that an entry is written, where another build may remove its temporary file.
+_TRIES = 3
 #: Resolution of the time of last use: a use sooner after the last one writes nothing.
 USE_GRANULARITY_S = 3600.0
 _HEAD_BYTES = 512
@@ -74,7 +84,7 @@ def array_parts(array: npt.NDArray[Any]) -> list[bytes | memoryview]:
 
 def read_head(fd: int) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Return shape, dtype and offset of an entry's values; ValueError if its length does not match."""
-    head = os.pread(fd, _HEAD_BYTES, 0)
+    head = read_at(fd, _HEAD_BYTES, 0)
     # As `array_parts` writes it, and numpy since version 1: numpy's own reader takes longer than the rest of this.
     header = _HEAD.match(head)
     if header is None:
@@ -84,7 +94,7 @@ def read_head(fd: int) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     begin = 10 + int.from_bytes(header["length"], "little")
     end = begin + math.prod(shape) * dtype.itemsize
     size = os.fstat(fd).st_size
-    if size != end + _TRAILER.size or os.pread(fd, len(_WORD), end) != _WORD:
+    if size != end + _TRAILER.size or read_at(fd, len(_WORD), end) != _WORD:
         raise ValueError(f"{size} bytes, not {end + _TRAILER.size} with a checksum at the end")
     return shape, dtype, begin
 
@@ -112,10 +122,10 @@ def json_parts(obj: Any) -> list[bytes | memoryview]:
 
 def read_json(path: str | Path) -> tuple[Any, float]:
     """Read a JSON entry, and when it was last used; ValueError if it is damaged, OSError if it cannot be read."""
-    fd = os.open(path, os.O_RDONLY)  # takes half the time of open()
+    fd = open_file(path, os.O_RDONLY)  # takes half the time of open()
     try:
         stat = os.fstat(fd)
-        entry = os.pread(fd, stat.st_size, 0)
+        entry = read_at(fd, stat.st_size, 0)
     finally:
         os.close(fd)
     head = _JSON_HEAD.match(entry)
@@ -144,23 +154,45 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
     With `durable` it is flushed to disk before it appears. Without it, a power failure may leave a damaged entry,
     which its checksum shows.
     """
-    fd, temporary = _open_temporary(root)
-    try:
-        for part in parts:
-            _write_all(fd, part)
-        if durable:
-            os.fsync(fd)
+    for tries_left in reversed(range(_TRIES)):
         try:
-            os.replace(temporary, path)
+            return _publish(root, path, parts, durable)
         except FileNotFoundError:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(temporary, path)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink()
-        raise
-    finally:
-        unlock(fd)
+            # Swept by another build in the moment between the release of its lock and its renaming.
+            if REMOVES_OPEN or not tries_left:
+                raise
+
+
+def _publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], durable: bool) -> None:
+    fd, temporary = _open_temporary(root)
+    with ExitStack() as locked:
+        locked.callback(unlock, fd)
+        try:
+            for part in parts:
+                _write_all(fd, part)
+            if durable:
+                os.fsync(fd)
+            if not REMOVES_OPEN:
+                locked.close()
+            _put_in_place(temporary, path)
+        except BaseException:
+            locked.close()
+            with suppress(OSError):
+                temporary.unlink()
+            raise
+
+
+def _put_in_place(temporary: Path, path: Path) -> None:
+    try:
+        os.replace(temporary, path)
+    except FileNotFoundError:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(temporary, path)
+    except PermissionError:
+        # Where a file that is read cannot be replaced: another process has published the same bytes, which are read.
+        if REMOVES_OPEN or not path.exists():
+            raise
+        temporary.unlink()
 
 
 def _write_all(fd: int, part: bytes | memoryview) -> None:
@@ -206,7 +238,7 @@ def oldest_running(root: Path) -> float | None:
 
 def mark_in_use(fd: int) -> None:
     """Mark an open entry as in use until the last copy of `fd` is closed; FileNotFoundError if it was removed."""
-    lock_file(fd, fcntl.LOCK_SH)
+    lock_file(fd, shared=True)
     if not os.fstat(fd).st_nlink:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
 
@@ -220,17 +252,27 @@ def remove_unused(path: Path, used: float) -> bool:
         If this user is not allowed to remove it.
     """
     try:
-        fd = os.open(path, os.O_RDWR)
+        fd = open_file(path, os.O_RDWR)
     except FileNotFoundError:
         return True
     except PermissionError:
-        fd = os.open(path, os.O_RDONLY)
+        fd = open_file(path, os.O_RDONLY)
     try:
-        if os.fstat(fd).st_mtime != used or lock_file(fd, fcntl.LOCK_EX | fcntl.LOCK_NB) is False:
-            return False
-        path.unlink(missing_ok=True)
-    finally:
+        in_use = os.fstat(fd).st_mtime != used or lock_file(fd, wait=False) is False
+    except BaseException:
         unlock(fd)
+        raise
+    if in_use:
+        unlock(fd)
+        return False
+    try:
+        remove_locked(path, fd)
+    except FileNotFoundError:
+        return True
+    except PermissionError:
+        if REMOVES_OPEN:
+            raise
+        return False  # a process has it open
     return True
 
 
@@ -242,7 +284,7 @@ def is_cache(root: Path) -> bool:
 def mark(root: Path) -> None:
     """Mark a folder as a cache, unless a file with the marker's name exists."""
     with suppress(OSError):  # a cache may be read-only
-        fd = os.open(root / MARKER, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        fd = open_file(root / MARKER, os.O_CREAT | os.O_EXCL | os.O_WRONLY)
         try:
             os.write(fd, _MARK)
         finally:
@@ -304,17 +346,20 @@ def sweep(root: Path) -> int:
 
 def _remove_abandoned(path: Path) -> bool:
     try:
-        fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        fd = open_file(path, os.O_RDWR, follow=False)
     except OSError:
         return False
     try:
-        if not S_ISREG(os.fstat(fd).st_mode) or not lock_abandoned(fd):
-            return False
-        path.unlink()  # while it is locked: a process that waits for it notices and makes a new one
+        abandoned = S_ISREG(os.fstat(fd).st_mode) and lock_abandoned(fd)
+    except OSError:
+        abandoned = False
+    if not abandoned:
+        unlock(fd)
+        return False
+    try:
+        remove_locked(path, fd)
     except OSError:
         return False
-    finally:
-        unlock(fd)
     return True
 
 

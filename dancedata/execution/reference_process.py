@@ -16,23 +16,24 @@ import json
 import os
 import pickle
 import signal
+import struct
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from typing import IO, Any, TypeVar, cast
 
 import cloudpickle
 
 from dancedata.core.errors import DanceDataError
+from dancedata.core.system import interrupts_blocked_in_children, open_file
 from dancedata.core.text import printable
 from dancedata.execution import arithmetic
 
 T = TypeVar("T")
+_LENGTH = struct.Struct("<Q")
 
 
 class ReferenceProcessError(DanceDataError):
@@ -41,8 +42,8 @@ class ReferenceProcessError(DanceDataError):
 
 # The module path is an argument: a new process starts with another one.
 _START = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
-    "from dancedata.execution.reference_process import serve; serve(int(sys.argv[1]))"
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from dancedata.execution.reference_process import serve; serve()"
 )
 
 
@@ -100,42 +101,44 @@ class ReferenceProcess:
         with self._lock:
             try:
                 if self._process.poll() is not None:
+                    self._pipe.close()
                     self._start()
                     self._receive()
-                self._pipe.send_bytes(message)
+                self._pipe.send(message)
                 is_error, result = self._receive()
             except BaseException:
                 # Interrupted, or dead: its answer must not be returned by the next call.
-                self._process.kill()
-                self._process.wait()
+                self._kill()
                 raise
         if is_error:
             raise result
         return result
 
     def _start(self) -> None:
-        ours, theirs = Pipe()
         # Only texts: Python ignores other entries. -P: no module of the working folder replaces one of Python's own.
         folders = [folder for folder in sys.path if isinstance(folder, str)]
-        command = [sys.executable, "-P", "-c", _START, str(theirs.fileno()), json.dumps(folders)]
-        with theirs, shielded():  # Ctrl-C is for the calling process
+        command = [sys.executable, "-P", "-c", _START, json.dumps(folders)]
+        with shielded():  # Ctrl-C is for the calling process
             # Nothing in the command comes from outside.
             self._process = subprocess.Popen(  # noqa: S603
-                command, env=arithmetic.environment(), stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()]
+                command, env=arithmetic.environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
             )
-        self._pipe = ours
+        self._pipe = _Messages(cast(IO[bytes], self._process.stdout), cast(IO[bytes], self._process.stdin))
 
     def end(self) -> None:
         """End the process, unless this is a fork of the process that started it."""
         if os.getpid() == self._owner:
-            self._pipe.close()
             # It would end by itself, but not before all processes that were forked since and hold the pipe, too.
-            self._process.kill()
-            self._process.wait()
+            self._kill()
+
+    def _kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        self._pipe.close()
 
     def _receive(self) -> Any:
         try:
-            return pickle.loads(self._pipe.recv_bytes())  # noqa: S301  (our own process)
+            return pickle.loads(self._pipe.receive())  # noqa: S301  (our own process)
         except (EOFError, ConnectionError) as error:
             code = self._process.wait()
             raise ReferenceProcessError(
@@ -145,14 +148,49 @@ class ReferenceProcess:
             ) from error
 
 
-def serve(fd: int) -> None:
-    """Compute the calls that arrive through a pipe until its other end is closed."""
-    pipe = Connection(fd)
+class _Messages:
+    """Messages of bytes through a pair of pipes, which every system has for the standard streams of a process."""
+
+    def __init__(self, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
+        self._incoming, self._outgoing = incoming, outgoing
+
+    def send(self, message: bytes) -> None:
+        """Send a message; ConnectionError if the other process is gone."""
+        self._outgoing.write(_LENGTH.pack(len(message)))
+        self._outgoing.write(message)
+        self._outgoing.flush()
+
+    def receive(self) -> bytes:
+        """Wait for a message; EOFError if the other process is gone."""
+        (n,) = _LENGTH.unpack(self._read(_LENGTH.size))
+        return self._read(n)
+
+    def _read(self, n: int) -> bytes:
+        data = self._incoming.read(n)
+        if len(data) < n:
+            raise EOFError
+        return data
+
+    def close(self) -> None:
+        """Close both pipes."""
+        self._incoming.close()
+        with suppress(OSError):  # a message that was not read
+            self._outgoing.close()
+
+
+def serve() -> None:
+    """Compute the calls that arrive through the standard input until its other end is closed."""
+    incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    # What a feature reads or prints is no message.
+    nothing = open_file(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.dup2(2, 1)
+    os.close(nothing)
+    pipe = _Messages(incoming, outgoing)
     with suppress(EOFError, ConnectionError):
-        pipe.send_bytes(pickle.dumps(arithmetic.here()))
+        pipe.send(pickle.dumps(arithmetic.here()))
         while True:
-            message = pipe.recv_bytes()
-            pipe.send_bytes(_answer(message))
+            pipe.send(_answer(pipe.receive()))
 
 
 def _answer(message: bytes) -> bytes:
@@ -181,12 +219,10 @@ def shielded() -> Iterator[None]:
     before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if in_main and signal.getsignal(n)}
     for number in before:
         signal.signal(number, lambda number, _: received.append(number))
-    # Unlike handlers, the mask is inherited.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield
+        with interrupts_blocked_in_children():
+            yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for number, handler in before.items():
             signal.signal(number, handler)
         if received:

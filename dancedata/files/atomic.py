@@ -4,17 +4,16 @@ import json
 import os
 import re
 import tempfile
-import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from dancedata.core.errors import UsageError
+from dancedata.core.system import flush_folder, umask
 
 #: Prefix of the names of temporary files and folders.
 PREFIX = ".dancedata-"
-_reading_umask = threading.Lock()
 _TEMPORARY = re.compile(r"\.dancedata-[a-z0-9_]{8}\.tmp")
 
 
@@ -61,13 +60,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
         with open(temporary, "rb+") as file:
             os.fsync(file.fileno())
         # mkstemp makes files that only their owner can read; datasets are shared.
-        os.chmod(temporary, 0o666 & ~_umask())
+        os.chmod(temporary, 0o666 & ~umask())
         os.replace(temporary, path)
     except BaseException:
         with suppress(FileNotFoundError):
             temporary.unlink()
         raise
-    sync_folder(path.parent)
+    flush_folder(path.parent)
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -85,25 +84,3 @@ def write_json(path: Path, obj: Any) -> None:
     """Write indented JSON with sorted keys, atomically."""
     text = json.dumps(obj, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
-
-
-def _umask() -> int:
-    with suppress(OSError), open("/proc/self/status", encoding="utf-8", errors="replace") as status:
-        for line in status:
-            if line.startswith("Umask:"):
-                return int(line.split()[1], 8)
-    # On other systems the mask is read by setting it: by one thread at a time, or one would read that of another.
-    with _reading_umask:
-        mask = os.umask(0o022)
-        os.umask(mask)
-        return mask
-
-
-def sync_folder(folder: Path) -> None:
-    """Flush a folder to disk: a rename is only there when its folder is. Some file systems refuse."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

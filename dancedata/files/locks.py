@@ -1,11 +1,11 @@
-"""Locks on files (flock), for all of dancedata. The kernel releases them when their holder dies, however it dies.
+"""Locks on files, for all of dancedata. The system releases them when their holder dies, however it dies.
 
 So a file that no process has locked is a leftover of a killed one, on every machine that shares the folder, without
-clocks or process numbers.
+clocks or process numbers. Where the system refuses to remove an open file (Windows), a file is removed when its lock
+has been released; no other process can have it open then, or it is that process that removes it.
 """
 
 import errno
-import fcntl
 import os
 import time
 from collections.abc import Iterator
@@ -13,30 +13,25 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
 
+from dancedata.core import system
 from dancedata.core.errors import StoreError
 from dancedata.files.atomic import PREFIX
 
 #: On file systems without locks: a file that was not changed for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0
-_NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 
 
-def lock_file(fd: int, operation: int, *, unsure: bool | None = False) -> bool | None:
-    """Lock an open file; False if another process holds it, None where the file system has no locks.
+def lock_file(fd: int, *, shared: bool = False, wait: bool = True, unsure: bool | None = False) -> bool | None:
+    """Lock an open file; False if another process holds it and not `wait`, None where the file system has no locks.
 
     NFS cannot tell whether another process holds a file, or a folder, that is open for reading only: `unsure` then.
     """
     try:
-        fcntl.flock(fd, operation)
+        return system.lock(fd, shared=shared, wait=wait)
     except OSError as error:
-        if error.errno in (errno.EAGAIN, errno.EACCES):
-            return False
         if error.errno == errno.EBADF:
             return unsure
-        if error.errno in _NO_LOCKS:
-            return None
         raise
-    return True
 
 
 def unlock(fd: int) -> None:
@@ -46,9 +41,24 @@ def unlock(fd: int) -> None:
     """
     try:
         with suppress(OSError):
-            fcntl.flock(fd, fcntl.LOCK_UN)
+            system.release(fd)
     finally:
         os.close(fd)
+
+
+def remove_locked(path: Path, fd: int) -> None:
+    """Remove a file that is locked, and release it; OSError if it cannot be removed.
+
+    While it is locked: a process that waits for it notices and makes a new one. Else right after that.
+    """
+    if not system.REMOVES_OPEN:
+        unlock(fd)
+        path.unlink()
+        return
+    try:
+        path.unlink()
+    finally:
+        unlock(fd)
 
 
 def open_locked(path: Path, *, wait: bool = True) -> int | None:
@@ -58,9 +68,9 @@ def open_locked(path: Path, *, wait: bool = True) -> int | None:
     every process gets it.
     """
     while True:
-        fd = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o666)
+        fd = system.open_file(path, os.O_CREAT | os.O_RDWR, follow=False)
         try:
-            locked = lock_file(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            locked = lock_file(fd, wait=wait)
             # The holder before may have removed it: a lock on a file without a name excludes no process.
             if locked is not False and os.fstat(fd).st_nlink:
                 return fd
@@ -84,14 +94,13 @@ def file_lock(path: Path, *, wait: bool = True) -> Iterator[bool]:
     finally:
         if fd is not None:
             with suppress(OSError):
-                path.unlink()  # while it is locked: a process that waits for it notices and makes a new one
-            unlock(fd)
+                remove_locked(path, fd)
 
 
 def is_abandoned(path: Path) -> bool:
     """Return whether a file exists that no living process has locked."""
     try:
-        fd = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        fd = system.open_file(path, os.O_RDWR, follow=False)
     except OSError:
         return False
     try:
@@ -102,7 +111,7 @@ def is_abandoned(path: Path) -> bool:
 
 def lock_abandoned(fd: int) -> bool:
     """Lock an open file if no living process has; return whether none had. The lock is held until `fd` is closed."""
-    locked = lock_file(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    locked = lock_file(fd, wait=False)
     if locked is None:
         return time.time() - os.fstat(fd).st_mtime > ABANDONED_S
     return locked and os.fstat(fd).st_nlink > 0
@@ -129,28 +138,27 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
     OSError
         If neither the folder nor a file next to it can be locked.
     """
-    fd, path = _open_lock(folder, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), what)
+    fd, path = _open_lock(folder, what, wait=wait)
     try:
         yield
     finally:
-        if path is not None:
+        if path is None or os.fstat(fd).st_size:  # a file with content is not a lock
+            unlock(fd)
+        else:
             with suppress(OSError):
-                # A file with content is not a lock. Removed while it is locked: see file_lock.
-                if not os.fstat(fd).st_size:
-                    path.unlink()
-        unlock(fd)
+                remove_locked(path, fd)
 
 
 def _open_regular(path: Path) -> int:
     """Open a file, made if it is missing; OSError if something else has its name."""
-    fd = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    fd = system.open_file(path, os.O_CREAT | os.O_RDWR, follow=False)
     if not S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
         raise OSError(errno.EINVAL, "not a regular file", str(path))
     return fd
 
 
-def _open_lock(folder: Path, operation: int, what: str) -> tuple[int, Path | None]:
+def _open_lock(folder: Path, what: str, *, wait: bool) -> tuple[int, Path | None]:
     real = folder.resolve()
     beside = real.parent / f"{PREFIX}{real.name}.lock"
     while True:
@@ -160,9 +168,9 @@ def _open_lock(folder: Path, operation: int, what: str) -> tuple[int, Path | Non
         except OSError:
             if not real.is_dir():
                 raise
-            fd, path = os.open(real, os.O_RDONLY | os.O_DIRECTORY), None
+            fd, path = system.open_folder(real), None
         try:
-            if lock_file(fd, operation, unsure=None if path is None else False) is False:
+            if lock_file(fd, wait=wait, unsure=None if path is None else False) is False:
                 raise StoreError(
                     f"another {what} is writing there",
                     where=folder,

@@ -27,8 +27,9 @@ from pathlib import Path
 from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.core.system import changed_ns, flush_folder
 from dancedata.core.text import listed
-from dancedata.files.atomic import PREFIX, is_temporary, sync_folder, write_bytes
+from dancedata.files.atomic import PREFIX, is_temporary, write_bytes
 
 #: The folder in which OUT is filled, and the file that proves that it, or another folder, is dancedata's.
 STAGING = f"{PREFIX}unfinished"
@@ -165,7 +166,7 @@ def swapped(out: Path, layout: Layout, check: Callable[[], None]) -> Iterator[Pa
         if os.path.lexists(new):
             layout.remove(new)
         raise
-    sync_folder(real.parent)
+    flush_folder(real.parent)
     if os.path.lexists(old):
         layout.remove(old)
 
@@ -180,7 +181,7 @@ def recover(out: Path, layout: Layout) -> None:
         if layout.is_complete(folder / layout.last) and not is_claimed(folder)
     ]
     if complete:
-        os.rename(max(complete, key=lambda folder: folder.stat().st_ctime_ns), out.resolve())
+        os.rename(max(complete, key=lambda folder: changed_ns(folder.stat())), out.resolve())
 
 
 def tidy(out: Path, layout: Layout) -> None:
@@ -283,9 +284,9 @@ def _finish(out: Path, layout: Layout) -> None:
         for name in written:
             os.rename(staging / name, out / name)
         discard(staging, layout)
-    sync_folder(out)
+    flush_folder(out)
     os.rename(out / layout.journal, out / layout.last)
-    sync_folder(out)
+    flush_folder(out)
 
 
 def _beside(out: Path, layout: Layout, which: str) -> list[Path]:

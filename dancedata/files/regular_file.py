@@ -7,6 +7,8 @@ import stat
 from io import BufferedReader
 from pathlib import Path
 
+from dancedata.core.system import open_file
+
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
     stat.S_IFSOCK: "a socket",
@@ -29,17 +31,13 @@ def open_regular(path: str | Path) -> BufferedReader:
     """
     # Checked before opening, because opening a device may have side effects, and after, because it may have changed.
     _require_regular(os.stat(path).st_mode, path)
-    file = open(path, "rb", opener=_open_nonblocking)  # noqa: SIM115 -- the caller closes it
+    file = open(path, "rb", opener=open_file)  # noqa: SIM115 -- the caller closes it
     try:
         _require_regular(os.fstat(file.fileno()).st_mode, path)
     except BaseException:
         file.close()
         raise
     return file
-
-
-def _open_nonblocking(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_regular(path: str | Path, limit: int) -> bytes:

@@ -19,6 +19,7 @@ import torch
 
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
+from dancedata.core.system import memory_file
 from dancedata.readers.augmenting import Augmenter
 from dancedata.readers.music_beats import LABELS, BeatLabels
 from dancedata.readers.presets import PRIMITIVES, PrimitiveSpec
@@ -88,12 +89,8 @@ def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
     """Copy an array into a file in memory, mapped as torch shares memory; None where that is impossible."""
     # A private function of torch, which a process that receives a tensor calls; it may change.
     map_shared = getattr(torch.UntypedStorage, "_new_shared_fd_cpu", None)
-    make_file = getattr(os, "memfd_create", None)
-    if map_shared is None or make_file is None:
-        return None
-    try:
-        descriptor = make_file("dancedata-batch")
-    except OSError:  # not allowed here, or no descriptor is left
+    descriptor = None if map_shared is None else memory_file("dancedata-batch")
+    if map_shared is None or descriptor is None:
         return None
     try:
         unwritten = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data

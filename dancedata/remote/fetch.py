@@ -13,9 +13,9 @@ from typing import Any
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_bytes
+from dancedata.core.system import flush_folder
 from dancedata.core.text import size_text
 from dancedata.execution.cache_files import DATASETS, LOCKS, locked_file, mark_in_use
-from dancedata.files.atomic import sync_folder
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import parse_json
 from dancedata.remote.address import Address
@@ -144,7 +144,7 @@ def _fetch(source: Source, where: str, file: RemoteFile, part: Path, target: Pat
             with open(part, "rb") as written:
                 os.fsync(written.fileno())
             os.replace(part, target)
-            sync_folder(target.parent)
+            flush_folder(target.parent)
             return
         part.unlink()
         report(-file.size)

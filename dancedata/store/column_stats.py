@@ -12,6 +12,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.system import map_now
 from dancedata.store import hdf5
 
 Counts = npt.NDArray[np.int32]
@@ -89,8 +90,7 @@ class CountedRows:
         begin = self.offset + first * self._row_bytes
         page = begin - begin % mmap.ALLOCATIONGRANULARITY
         end = begin + n_rows * self._row_bytes
-        flags = mmap.MAP_PRIVATE | mmap.MAP_POPULATE
-        memory = mmap.mmap(descriptor, end - page, flags=flags, prot=mmap.PROT_READ, offset=page)
+        memory = map_now(descriptor, end - page, page)
         rows = np.frombuffer(memory, self.dtype, n_rows * self.width, begin - page)
         return rows.reshape(n_rows, self.width)
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_bytes
+from dancedata.core.system import changed_ns, open_file
 from dancedata.core.text import shown
 from dancedata.execution.cache_files import mark_in_use
 from dancedata.files.regular_file import read_regular, sha256_file
@@ -117,7 +118,7 @@ class FileId:
     @classmethod
     def of(cls, status: os.stat_result) -> FileId:
         """Make it from the result of os.stat."""
-        return cls(status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+        return cls(status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, changed_ns(status))
 
     def same_file(self, other: FileId) -> bool:
         """Whether both are the same file, changed or not."""
@@ -163,8 +164,7 @@ class ListedFile:
         """Open the file for reading and return its descriptor; StoreError unless it is the one listed."""
         self.require_there()
         try:
-            # Not blocking: the path may now be a named pipe.
-            descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+            descriptor = open_file(self.path, os.O_RDONLY)
         except OSError as error:
             raise StoreError(
                 f"{_part(self.path)} cannot be opened", where=str(self.path), found=str(error)

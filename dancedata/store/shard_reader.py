@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
+from dancedata.core.system import memory_bytes, read_ahead, read_into
 from dancedata.store import hdf5
 from dancedata.store.dataset_json import ShardEntry
 from dancedata.store.listed_file import FileHash, ListedFile
@@ -57,7 +58,7 @@ class WindowRows:
         self.unmapped = "; ".join(dict.fromkeys(reason for reason in views if isinstance(reason, str)))
         # A field that fits into memory is read from the disk once, a larger one again and again.
         n_bytes = sum(layout.n_rows * layout.row_bytes for layout in layouts)
-        self._fits = n_bytes < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+        self._fits = n_bytes < memory_bytes() // 2
         self._seen = np.zeros(len(shard), dtype=np.bool_)
 
     def _check_bounds(self, shard_rows: Sequence[int]) -> None:
@@ -219,7 +220,7 @@ class _File:
     def read_into(self, view: memoryview, position: int) -> None:
         """Fill `view` with the bytes from `position` on."""
         while view.nbytes:
-            n = os.preadv(self._descriptor, [view], position)
+            n = read_into(self._descriptor, view, position)
             if n == 0:
                 raise _too_short(self.path, view.nbytes, position)
             view, position = view[n:], position + n
@@ -236,7 +237,7 @@ class _Map:
         self.path = file.path
         descriptor = file.open()
         try:
-            self._memory = mmap.mmap(descriptor, 0, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
+            self._memory = mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
         finally:
             os.close(descriptor)
 
@@ -249,8 +250,7 @@ class _Map:
         return rows.reshape(layout.n_rows, layout.width)
 
     def read_ahead(self, position: int, n_bytes: int) -> None:
-        page = position - position % mmap.PAGESIZE
-        self._memory.madvise(mmap.MADV_WILLNEED, page, position + n_bytes - page)
+        read_ahead(self._memory, position, n_bytes)
 
 
 def _too_short(path: Path, missing: int, position: int) -> StoreError:

@@ -1,7 +1,6 @@
 """stats.json: statistics of the rows of train windows, per field and column, in bounded memory."""
 
 import itertools
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -14,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.codebook import Codebook
+from dancedata.core.system import n_cores
 from dancedata.store.column_stats import (
     QUANTILES,
     ColumnStats,
@@ -40,7 +40,7 @@ _THREADED_VALUES = 1 << 18
 
 def n_threads() -> int:
     """Return the number of threads for work that runs outside the interpreter's lock: one per core, at most 4."""
-    return min(_MOST_THREADS, len(os.sched_getaffinity(0)))
+    return min(_MOST_THREADS, n_cores())
 
 
 def compute_stats(

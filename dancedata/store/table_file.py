@@ -75,7 +75,7 @@ def _bytes(listed: ListedFile) -> bytes | mmap.mmap:
     descriptor = listed.open()
     try:
         if os.fstat(descriptor).st_size > _READ_WHOLE:
-            return mmap.mmap(descriptor, 0, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
+            return mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ)
         with open(descriptor, "rb", closefd=False) as file:
             return file.read()
     finally:

@@ -67,7 +67,7 @@ def _check_exported(plugin: Export, one: Path, two: Path) -> None:
     base_files = {"README.md", ABOUT, "LICENCE.txt"}
     inside = [name for name in listed[0] if Path(name).name in base_files and len(Path(name).parts) > 1]
     require(not inside, f"README, licence and export.json are not among the files of a loader: {inside}")
-    require(len((one / "README.md").read_text()) > 200, "README.md explains the files")
+    require(len((one / "README.md").read_text(encoding="utf-8")) > 200, "README.md explains the files")
     leftovers = [p.name for p in one.parent.iterdir() if p != one]
     require(not leftovers, f"nothing is left next to the export: {leftovers}")
 

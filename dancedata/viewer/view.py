@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.system import has_display
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.viewer.model import ModelScenes
@@ -133,7 +134,7 @@ def _advice(server: ViewServer, shown: Shown) -> list[str]:
 def _has_display() -> bool:
     if os.environ.get("SSH_CONNECTION"):
         return False
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return has_display()
 
 
 def _interrupt() -> threading.Event:

@@ -136,7 +136,7 @@ def test_a_cache_without_space_or_locks(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert doctor._locks_work(tmp_path / "a")
-    monkeypatch.setattr("dancedata.files.locks.lock_file", lambda fd, operation: None)  # a file system without locks
+    monkeypatch.setattr("dancedata.files.locks.lock_file", lambda fd, wait: None)  # a file system without locks
     assert not doctor._locks_work(tmp_path / "b")
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.core import system
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.execution import cache_files
@@ -24,7 +25,6 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import prune, verify_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
-from dancedata.files import locks
 from dancedata.pipeline import build as build_module
 from dancedata.pipeline.build import build
 from dancedata.pipeline.part import Part, build_part
@@ -341,9 +341,9 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
     def none(fd: int, operation: int) -> None:
         raise OSError(errno.ENOSYS, "no locks")
 
-    fcntl = locks.fcntl
+    fcntl = system._fcntl
     without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB, LOCK_UN=fcntl.LOCK_UN)
-    monkeypatch.setattr(locks, "fcntl", without)
+    monkeypatch.setattr(system, "_fcntl", without)
     run()
     assert hashes(out) == whole
     stray = tmp_path / "cache" / "tmp" / f"dancedata-{0:032x}.tmp"

@@ -61,6 +61,6 @@ def test_a_file_that_is_swapped_for_a_pipe(tmp_path: Path, pipe: Path, monkeypat
     """Between the look at it and the opening of it."""
     (tmp_path / "file").write_bytes(b"abc")
     opened = os.open
-    monkeypatch.setattr(os, "open", lambda path, flags: opened(pipe, flags))
+    monkeypatch.setattr(os, "open", lambda path, flags, mode: opened(pipe, flags, mode))
     with pytest.raises(NotRegularError):
         open_regular(tmp_path / "file")

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 from dancedata.audio.hf.model_folder import FILES, PROVENANCE, licence_of
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.packages import require
+from dancedata.core.system import flush_folder
 from dancedata.core.text import listed, shown
-from dancedata.files.atomic import PREFIX, sync_folder, write_json
+from dancedata.files.atomic import PREFIX, write_json
 from dancedata.files.locks import file_lock
 from dancedata.files.publish import foreign_files
 from dancedata.files.regular_file import sha256_file
@@ -152,7 +153,7 @@ def _fetched(
     shutil.rmtree(part / _CLIENT, ignore_errors=True)
     _require_new(out)
     part.rename(out)  # an empty folder may be there
-    sync_folder(out.parent)
+    flush_folder(out.parent)
     return model
 
 

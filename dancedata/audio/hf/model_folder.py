@@ -184,7 +184,7 @@ def _commit(name: str, revision: str | None) -> str:
     if revision is not None and _COMMIT.fullmatch(revision):
         return revision
     pointer = repository / "refs" / (revision or "main")
-    commit = pointer.read_text().strip() if ".." not in pointer.parts and pointer.is_file() else ""
+    commit = pointer.read_text(encoding="utf-8").strip() if ".." not in pointer.parts and pointer.is_file() else ""
     if revision is not None:
         pinned = f"revision: {commit}, which is what it names on this machine" if _COMMIT.fullmatch(commit) else None
         raise UsageError(

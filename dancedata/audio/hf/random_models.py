@@ -33,7 +33,9 @@ def write_random_model(kind: str, folder: Path, *, seed: int = 0, **changes: Any
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         _MAKERS[kind](folder, changes)
-    (folder / "README.md").write_text("---\nlicense: cc0-1.0\n---\nRandom numbers, for tests.\n")
+    (folder / "README.md").write_text(
+        "---\nlicense: cc0-1.0\n---\nRandom numbers, for tests.\n", encoding="utf-8", newline="\n"
+    )
 
 
 def _native(
@@ -46,7 +48,7 @@ def _native(
     _rescale_weights(network)
     network.save_pretrained(folder)
     if extractor is not None:
-        (folder / "preprocessor_config.json").write_text(json.dumps(extractor))
+        (folder / "preprocessor_config.json").write_text(json.dumps(extractor), encoding="utf-8", newline="\n")
     native: torch.nn.Module = network
     return native
 
@@ -95,8 +97,10 @@ def _mert(folder: Path, changes: dict[str, Any]) -> None:
         "attention_relax": -1.0,
         "tokenizer_class": "Wav2Vec2CTCTokenizer",
     }
-    (folder / "config.json").write_text(json.dumps(config))
-    (folder / "preprocessor_config.json").write_text(json.dumps(_SPEECH | {"sampling_rate": 24_000}))
+    (folder / "config.json").write_text(json.dumps(config), encoding="utf-8", newline="\n")
+    (folder / "preprocessor_config.json").write_text(
+        json.dumps(_SPEECH | {"sampling_rate": 24_000}), encoding="utf-8", newline="\n"
+    )
 
 
 def _w2v_bert(folder: Path, changes: dict[str, Any]) -> None:
@@ -208,7 +212,7 @@ def _muq(folder: Path, changes: dict[str, Any]) -> None:
     tensors["model.cls_token"] = torch.randn(int(config["encoder_dim"]))
     tensors["model.linear.weight"] = torch.randn(8, int(config["encoder_dim"]))
     save_file(tensors, folder / "model.safetensors")
-    (folder / "config.json").write_text(json.dumps(config))
+    (folder / "config.json").write_text(json.dumps(config), encoding="utf-8", newline="\n")
 
 
 _MAKERS: dict[str, Callable[[Path, dict[str, Any]], None]] = {

@@ -172,9 +172,11 @@ def write_example(folder: Path) -> None:
         (folder / "motions_smpl" / f"{name}.pkl").write_bytes(pickle.dumps(content, protocol=4))
     for split in ("train", "val", "test"):
         names = [name for name, _, of, _ in _SEQUENCES if of == split]
-        (folder / f"{split}_split_sequence_names.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
+        (folder / f"{split}_split_sequence_names.txt").write_text(
+            "\n".join(names) + "\n", encoding="utf-8", newline="\n"
+        )
         rows = ["sequence_name,music_genre,dance_style", *(f"{n},{_LABELS[n.rsplit('_', 3)[0]]}" for n in names)]
-        (folder / f"{split}_labels.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+        (folder / f"{split}_labels.csv").write_text("\n".join(rows) + "\n", encoding="utf-8", newline="\n")
 
 
 def _content(steps: str, dancers: int, n: int, *, swap: bool) -> dict[str, Any]:

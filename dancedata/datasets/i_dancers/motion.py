@@ -170,7 +170,7 @@ def write_example(folder: Path) -> None:
         (folder / "motion" / f"{name}{SUFFIX}.pkl").write_bytes(pickle.dumps(content, protocol=4))
     for split in ("train", "test"):
         names = [f"{name}{SUFFIX}.pkl" for name, _, of in _SEQUENCES if of == split]
-        (folder / f"{split}.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
+        (folder / f"{split}.txt").write_text("\n".join(names) + "\n", encoding="utf-8", newline="\n")
 
 
 def content_of(motion: Motion, size: int) -> dict[str, Any]:

@@ -167,9 +167,9 @@ def write_example(folder: Path) -> None:
             np.save(folder / MUQ_FOLDER / f"{clip}.npy", muq)
     _write_lists(folder / "partition")
     styles = {clip: style for clip, _, _, _, style, _ in _CLIPS if style}
-    (folder / "styles" / "all_style_map.json").write_text(json.dumps(styles), encoding="utf-8")
+    (folder / "styles" / "all_style_map.json").write_text(json.dumps(styles), encoding="utf-8", newline="\n")
     for clip, style in styles.items():
-        (folder / "styles" / f"{clip}.json").write_text(json.dumps({"style": style}), encoding="utf-8")
+        (folder / "styles" / f"{clip}.json").write_text(json.dumps({"style": style}), encoding="utf-8", newline="\n")
 
 
 def _write_fit(path: Path, dance: Motion, flat: bool) -> None:
@@ -192,4 +192,4 @@ def _write_lists(folder: Path) -> None:
         "aistpp_train": [clip for clip in of_split["train"] if clip not in own["train"]],
     }  # fmt: skip
     for k, (name, clips) in enumerate(lists.items()):
-        (folder / f"{name}.txt").write_text("\n".join(clips) + "\n" * (k % 2), encoding="utf-8")
+        (folder / f"{name}.txt").write_text("\n".join(clips) + "\n" * (k % 2), encoding="utf-8", newline="\n")

@@ -234,7 +234,7 @@ def write_example(folder: Path, name: str) -> None:
     for k, (start, end, label, texts) in enumerate(moves):
         lines = {"genre": "jazz", "label": label, "start": start, "end": end - 1, "fps": 30, "description": texts[0]}
         text = "".join(f"{key}: {value}\n" for key, value in lines.items())
-        (folder / "label_segment" / f"{name}_{k}.txt").write_text(text, encoding="utf-8")
+        (folder / "label_segment" / f"{name}_{k}.txt").write_text(text, encoding="utf-8", newline="\n")
     (folder / "sliced_labels").mkdir(exist_ok=True)
     for chunk in (0, 1):
         first = chunk * 30
@@ -245,4 +245,6 @@ def write_example(folder: Path, name: str) -> None:
             if start < first + 150 and end > first
         ]  # fmt: skip
         document = json.dumps({"fps": 30, "length": 150, "segments": segments})
-        (folder / "sliced_labels" / f"{name}_chunk{chunk}_label.json").write_text(document, encoding="utf-8")
+        (folder / "sliced_labels" / f"{name}_chunk{chunk}_label.json").write_text(
+            document, encoding="utf-8", newline="\n"
+        )

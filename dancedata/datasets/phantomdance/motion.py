@@ -189,7 +189,9 @@ def write_example(folder: Path) -> None:
         (folder / name).mkdir(parents=True, exist_ok=True)
     for name, steps, n in _CLIPS:
         motion = synthesise_motion(steps, n_frames=2 * n - 1)[0].resampled(FrameGrid.of(RATE))
-        (folder / "motion" / f"{name}.json").write_text(json.dumps(content_of(motion)), encoding="utf-8")
+        (folder / "motion" / f"{name}.json").write_text(
+            json.dumps(content_of(motion)), encoding="utf-8", newline="\n"
+        )
         song = synthesise_song(steps.split("_")[4], length_s=n / RATE, sample_rate=_SAMPLE_RATE, n_channels=1)
         (folder / "music" / f"{name}.wav").write_bytes(wav_bytes(song.pcm, _SAMPLE_RATE))
 

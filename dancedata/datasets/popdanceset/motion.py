@@ -164,8 +164,8 @@ def write_example(folder: Path) -> None:
         (folder / "motions" / f"{clip}.pkl").write_bytes(pickle.dumps(content, protocol=4))
     for split, end in (("train", "\n"), ("test", "")):
         names = [clip for clip, *_, of, _ in _CLIPS if of == split]
-        (folder / "splits" / f"{split}.txt").write_text("\n".join(names) + end, encoding="utf-8")
-    (folder / "high_quality_dataset").write_text(f"{_CLIPS[0][0]}\n", encoding="utf-8")
+        (folder / "splits" / f"{split}.txt").write_text("\n".join(names) + end, encoding="utf-8", newline="\n")
+    (folder / "high_quality_dataset").write_text(f"{_CLIPS[0][0]}\n", encoding="utf-8", newline="\n")
 
 
 def content_of(motion: Motion) -> dict[str, Any]:

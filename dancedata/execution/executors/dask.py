@@ -170,7 +170,7 @@ def worker_requirements(cache: Cache, source: Path, packages: set[str]) -> Itera
     """Yield the requirements of a build that reads `source` and computes with `packages`."""
     text = temporary_name()
     with locked_file(cache.root / TEMPORARY, f"{text}.token") as token:
-        token.write_text(text, encoding="utf-8")
+        token.write_text(text, encoding="utf-8", newline="\n")
         yield WorkerRequirements(token, text, source, _names_sha256(source), _versions(packages))
 
 

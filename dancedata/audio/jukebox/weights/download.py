@@ -217,7 +217,7 @@ class _Download:
             raise self._other_file(f"{total} bytes")
         tag = response.headers.get("ETag", "")
         if _ETAG.fullmatch(tag):
-            self._tag.write_text(tag, encoding="ascii")
+            self._tag.write_text(tag, encoding="ascii", newline="\n")
         elif not have:
             self._tag.unlink(missing_ok=True)
         with self._part.open("ab" if have else "wb") as part:
