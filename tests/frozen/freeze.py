@@ -11,13 +11,13 @@ import sys
 import tarfile
 import tempfile
 import wave
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import dancedata
-from dancedata.readers import WindowDataset
 
 CLIPS = ("gBR_sBM_cAll_d04_mBR2_ch03", "gJS_sBM_cAll_d01_mJS3_ch01", "gJB_sBM_cAll_d07_mJB5_ch02")
 FRAMES, SAMPLES, RATE = 24, 13_230, 22_050
@@ -59,16 +59,15 @@ def read(folder: Path) -> dict[str, Any]:
                 rows = ds.read(window, field)
                 digest.update(f"{window.clip} {window.start} {window.length} {field}".encode() + rows.tobytes())
                 fourth.setdefault(field, [float(value) for value in rows[3, :4]])
-    motion = next(name for name in sorted(ds.fields) if name != "librosa35")
-    sample = WindowDataset(folder, split="train", fields=(motion,), normalize=True)[1][motion]
     answer: dict[str, Any] = {
         "format": ds.meta["format"],
         "windows": windows,
         "rows": digest.hexdigest(),
         "fourth_row": fourth,
         "clips": [[c.id, c.split, int(c.n_frames), c.genre, c.music, c.dancer] for c in ds.clips],
-        "normalized": [round(float(value), 6) for value in np.asarray(sample)[2, :8]],
     }
+    if find_spec("torch"):
+        answer["normalized"] = normalized(folder, next(name for name in sorted(ds.fields) if name != "librosa35"))
     if folder.name == "groups":
         answer["groups"] = [[clip.id, clip.group, clip.member, clip.role] for clip in ds.clips]
         answer["segments"] = [
@@ -76,6 +75,14 @@ def read(folder: Path) -> dict[str, Any]:
             for s in ds.segments(ds.clips[0].id)
         ]
     return answer
+
+
+def normalized(folder: Path, field: str) -> list[float]:
+    """Return numbers of a normalised window, as a trainer reads it."""
+    from dancedata.readers import WindowDataset
+
+    sample = WindowDataset(folder, split="train", fields=(field,), normalize=True)[1][field]
+    return [round(float(value), 6) for value in np.asarray(sample)[2, :8]]
 
 
 def main(out: Path) -> None:

@@ -33,7 +33,9 @@ def test_both_formats_are_frozen() -> None:
 def test_the_numbers_are_those_of_its_version(frozen: tuple[Path, dict[str, Any]]) -> None:
     folder, then = frozen
     now = read(folder)
-    assert now.pop("normalized") == pytest.approx(then.pop("normalized"), abs=1e-6)  # rounded when they were frozen
+    normalized = then.pop("normalized")
+    if "normalized" in now:  # with torch
+        assert now.pop("normalized") == pytest.approx(normalized, abs=1e-6)  # rounded when they were frozen
     assert now == then
 
 
