@@ -12,7 +12,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS
 from dancedata.core.text import counted, shown, size_text, table
-from dancedata.pipeline.rejects import NOTED, describe_implausible, left_out_lines
+from dancedata.pipeline.rejects import NOT_IN_SOURCE, NOTED, describe_implausible, left_out_lines
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.free_columns import free_columns
@@ -315,7 +315,7 @@ def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
     for problem in problems:
         if problem.severity == "note":
             reason = problem.message.split(":")[0]
-            kinds.setdefault(reason if reason in NOTED else problem.message, []).append(problem)
+            kinds.setdefault(reason if reason in {*NOTED, NOT_IN_SOURCE} else problem.message, []).append(problem)
     for kind, notes in kinds.items():
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:

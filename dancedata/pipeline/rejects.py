@@ -38,6 +38,8 @@ BY_CHOICE = {
 
 #: Reasons that `check` reports as notes; all others are errors.
 NOTED = {*BY_CHOICE, *OF_CLIPS}
+#: In `check`, the reason of a published file that a source lacks; a build has no such reject.
+NOT_IN_SOURCE = "not_in_source"
 
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:

@@ -19,6 +19,8 @@ from dancedata.store.window_list import IntArray
 _TEXTS = ("id", "genre", "music", "dancer", "source", "source_rate", "lists")
 _NUMBERS = {"tempo_bpm": "f", "height_m": "f", "n_frames": "iu", "n_flags": "iu", "trim_start": "iu"}
 COLUMNS: Mapping[str, str] = {**dict.fromkeys(_TEXTS, "S"), **_NUMBERS}
+#: Columns that the first version of dancedata did not write, with the value of its clips.
+LATER_COLUMNS: Mapping[str, Any] = {"source_rate": "", "height_m": np.nan}
 #: Between the entries of /clips/lists.
 _SEPARATOR = "\n"
 
@@ -79,8 +81,15 @@ class _ShardTable:
         n_rows = {f.name: reader.layout(f.name).n_rows for f in description.fields}
         with reader.opened() as file:
             self._file = file
-            self.columns = {name: self._column(f"clips/{name}", kinds) for name, kinds in COLUMNS.items()}
+            self.columns = {
+                name: self._column(f"clips/{name}", COLUMNS[name]) for name in COLUMNS if name not in LATER_COLUMNS
+            }
             self.n_clips = self._n_rows["clips"]
+            clips = file["clips"]  # a group of this file, as columns have been read
+            for name, missing in LATER_COLUMNS.items():
+                exists = clips.id.links.exists(name.encode())
+                filled = [missing] * self.n_clips
+                self.columns[name] = self._column(f"clips/{name}", COLUMNS[name]) if exists else filled
             check_frames(self.columns, str(self._path))
             self.spans = {}
             for f in description.fields:

@@ -13,6 +13,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.originals import Compared
 from dancedata.core.plugins.plugin import Float32Array, Plugin
 from dancedata.core.rotations import Float64Array
 from dancedata.core.segments import Segment
@@ -66,6 +67,13 @@ class Dataset(Plugin):
     @abstractmethod
     def scan(self, source: Path) -> Scan:
         """List the clips. Reads no motion. SourceError if the folder as a whole cannot be used."""
+
+    def compared(self, source: Path) -> Sequence[Compared | str]:
+        """Compare a source with the published files, for `check`; empty where no public list names them.
+
+        A text is about the lists of the source. Reads names and lists only.
+        """
+        return ()
 
     @abstractmethod
     def load(self, ref: ClipRef) -> Motion:

@@ -1,6 +1,6 @@
 """Files and lists of an AIST++ copy: its folders, music, splits and ignore list. No motion or audio file is read."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -288,3 +288,16 @@ def _find_ignored(folders: Folders, use: bool, split_dir: str | None) -> Ignored
     if others:
         notes.append(f"not used: {listed(others)}, which differ")
     return Ignored(names, where, tuple(notes))
+
+
+def published_lists(copy: Copy, names: Iterable[str]) -> dict[str, Path]:
+    """Return the first file of each published list, such as ``splits/crossmodal_train.txt``, that a copy has.
+
+    The ignore list may be in ``splits/`` as well, as in EDGE's repository.
+    """
+    found = {}
+    for name in names:
+        paths = (place / at for place in copy.folders.places for at in (name, f"splits/{name}"))
+        if (path := next((path for path in paths if path.is_file()), None)) is not None:
+            found[name] = path
+    return found

@@ -8,14 +8,16 @@ from typing import ClassVar, Literal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
+from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.aistpp.facts import SequenceName, facts, tempo_bpm
-from dancedata.datasets.aistpp.layout import LAYOUT, MUSIC_FOLDERS, Copy, find_copy
+from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
+from dancedata.datasets.aistpp.layout import LAYOUT, MUSIC_FOLDERS, Copy, find_copy, published_lists
 from dancedata.datasets.files import ALL, SPLITS, clips_note, relative, require_choice
+from dancedata.datasets.originals import original
 
 
 def layout_notes(copy: Copy) -> list[str]:
@@ -45,10 +47,15 @@ def layout_notes(copy: Copy) -> list[str]:
     return [text, *([f"Not read: {others}, which also contain motions/."] if others else []), *copy.music.notes]
 
 
+def is_synthetic(copy: Copy) -> bool:
+    """Return whether dancedata generated the files."""
+    return (copy.folders.root / "synthetic.json").is_file()
+
+
 def count_notes(copy: Copy, missing: int) -> list[str]:
     """Return the number of motion files against the sequences of AIST++."""
     n = len(copy.sequences)
-    if (copy.folders.root / "synthetic.json").is_file():
+    if is_synthetic(copy):
         return [f"Motion: {n:,} files of a synthetic corpus."]
     copies = facts().copies
     others = [f"{count:,}" for count in copies if count != facts().sequences]
@@ -179,6 +186,23 @@ class AistPP(Dataset):
             *clip_notes(clips, left_out, self.split),
         )
         return Scan(copy.layout, tuple(clips), (*left_out, *missing, *copy.rejects), notes)
+
+    @override
+    def compared(self, source: Path) -> Sequence[Compared | str]:
+        """Compare motions, songs and lists with the published ones.
+
+        A song counts where it has a file, or a sequence that is danced to it has one, as in EDGE's layout.
+        """
+        copy = find_copy(Path(source), self.split, self.split_dir, self.ignore == "list", self.music_dir)
+        if is_synthetic(copy):
+            return ()
+        danced = {parts.music for name in copy.music.files if (parts := parse_name(name)) is not None}
+        published = original(self.name)
+        return (
+            published.compare("motions", copy.sequences, copy.ignored.names),
+            published.compare("songs", {*copy.music.files, *danced}),
+            published.lists_note(published_lists(copy, published.lists)),
+        )
 
     @override
     def load(self, ref: ClipRef) -> Motion:

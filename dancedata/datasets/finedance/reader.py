@@ -9,6 +9,7 @@ from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
+from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
@@ -27,6 +28,7 @@ from dancedata.datasets.finedance.layout import (
     not_read_notes,
     read_label,
 )
+from dancedata.datasets.originals import original
 
 
 def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) -> list[str]:
@@ -240,6 +242,14 @@ class FineDance(Dataset):
             *labels.rejects,
         )
         return Scan(layout="finedance", clips=tuple(clips), rejects=rejects, notes=notes)
+
+    @override
+    def compared(self, source: Path) -> Sequence[Compared | str]:
+        """Compare motions, songs and labels with the published ids."""
+        folders, motions = LAYOUT.list_motions(Path(source))
+        files = {"motions": motions, "songs": list_music(folders, self.music_dir), "labels": list_labels(folders)}
+        ignored = facts().ignored(self.split) - self._kept()
+        return tuple(original(self.name).compare(kind, its.files, ignored) for kind, its in files.items())
 
     @override
     def load(self, ref: ClipRef) -> Motion:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.motion import Motion
+from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
@@ -28,6 +29,7 @@ from dancedata.datasets.files import (
     require_choice,
     with_music_dir,
 )
+from dancedata.datasets.originals import original
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -178,6 +180,19 @@ class PopDanceSet(Dataset):
         )
         return Scan(
             "popdanceset", tuple(clips), (*left_out, *missing, *unused, *music.rejects, *motions.rejects), notes
+        )
+
+    @override
+    def compared(self, source: Path) -> "Sequence[Compared | str]":
+        """Compare motions, songs and lists with those of POPDG's repository."""
+        folders, motions = LAYOUT.list_motions(Path(source))
+        music = list_audio([folders.root / "wavs"], folders.source, _name_problem)
+        music = with_music_dir(music, self.music_dir, folders.source, _name_problem)
+        published, where = original(self.name), folders.source / _Lists.find(folders).where
+        return (
+            published.compare("motions", motions.files),
+            published.compare("songs", music.files),
+            published.lists_note({name: where / name for name in published.lists}),
         )
 
     @override
