@@ -152,10 +152,11 @@ def serve(fd: int) -> None:
         pipe.send_bytes(pickle.dumps(arithmetic.here()))
         while True:
             message = pipe.recv_bytes()
-            pipe.send_bytes(_answer(message))
+            pipe.send_bytes(answer(message))
 
 
-def _answer(message: bytes) -> bytes:
+def answer(message: bytes) -> bytes:
+    """Call a pickled function with pickled arguments; returns, pickled, (False, result) or (True, error)."""
     try:
         function, args = pickle.loads(message)  # noqa: S301  (from the process that started this one)
         return bytes(cloudpickle.dumps((False, function(*args))))
