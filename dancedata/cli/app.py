@@ -164,7 +164,7 @@ def build(
     overwrite: Annotated[bool, typer.Option(help="Replace a dataset made by another recipe or source.")] = False,
     strict: Annotated[bool, typer.Option(help="Stop at a broken clip instead of setting it aside.")] = False,
     cache: CacheFolder = None,
-    backend: Backend = "loky",
+    backend: Backend = None,
     scheduler: Scheduler = None,
     part: Annotated[str | None, typer.Option(metavar="K/N", help=PART_HELP)] = None,
     plugins: Plugins = None,
@@ -184,7 +184,7 @@ def build(
         "progress": not (quiet or as_json),
     }  # fmt: skip
     if part is not None:
-        if backend != "loky" or scheduler is not None or overwrite:
+        if backend not in (None, "loky") or scheduler is not None or overwrite:
             raise UsageError("--part goes with neither --backend, --scheduler nor --overwrite")
         share = commands.build_part(recipe, source, part, out=out, **options)
         print_result(as_json, share.to_json, lambda: str(share))

@@ -69,7 +69,7 @@ def evaluate(
     self_test: Annotated[bool, typer.Option("--self-test", help="Compare --source with published rows.")] = False,
     jobs: JobsOrCores = None,
     cache: CacheFolder = None,
-    backend: Backend = "loky",
+    backend: Backend = None,
     scheduler: Scheduler = None,
     plugins: Plugins = None,
     quiet: Quiet = False,

@@ -24,7 +24,7 @@ def evaluate_inputs(
     *,
     jobs: int = 1,
     cache: Path | None = None,
-    backend: str = "loky",
+    backend: str | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
 ) -> Report:

@@ -57,7 +57,7 @@ def evaluate(
     save_pool: str | Path | None = None,
     jobs: int | None = 1,
     cache: str | Path | None = None,
-    backend: str = "loky",
+    backend: str | None = None,
     scheduler: str | None = None,
     progress: bool = False,
 ) -> Report:

@@ -190,10 +190,11 @@ def serve() -> None:
     with suppress(EOFError, ConnectionError):
         pipe.send(pickle.dumps(arithmetic.here()))
         while True:
-            pipe.send(_answer(pipe.receive()))
+            pipe.send(answer(pipe.receive()))
 
 
-def _answer(message: bytes) -> bytes:
+def answer(message: bytes) -> bytes:
+    """Call a pickled function with pickled arguments; returns, pickled, (False, result) or (True, error)."""
     try:
         function, args = pickle.loads(message)  # noqa: S301  (from the process that started this one)
         return bytes(cloudpickle.dumps((False, function(*args))))

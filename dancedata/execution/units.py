@@ -4,7 +4,7 @@ A unit is a call of a function with small arguments that leaves its arrays in th
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,12 +15,19 @@ from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
 from dancedata.execution.executors.loky import LokyExecutor
+from dancedata.execution.executors.remote import WorkerRequirements, worker_requirements
 from dancedata.execution.progress import Progress
 
 R = TypeVar("R")
 #: A number of processes on this machine, or an executor.
 Jobs = int | Executor
 
+#: Backends that need a scheduler, and the form of its address.
+SCHEDULERS = {
+    "dask": "tcp://HOST:8786",
+    "ray": "ray://HOST:10001, or ray://auto on a machine of the cluster",
+    "joblib": "joblib:NAME, such as joblib:spark",
+}
 #: After how many deaths of a worker that runs nothing else a unit is named as their cause.
 DEATHS_ALONE = 2
 #: Consecutive deaths of workers that have not run a unit, after which a stage ends.
@@ -29,34 +36,66 @@ BLIND_DEATHS = 3
 
 @contextmanager
 def start_workers(
-    n: int, cache: Cache, source: Path, packages: set[str], *, backend: str = "loky", scheduler: str | None = None
+    n: int,
+    cache: Cache,
+    source: Path,
+    packages: set[str],
+    *,
+    backend: str | None = None,
+    scheduler: str | None = None,
 ) -> Iterator[Executor]:
     """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
 
     Raises
     ------
     UsageError
-        If Dask is not installed.
+        As for `check_backend`, and if the cluster's package is not installed.
     DanceDataError
-        If no scheduler answers at the address, or it has no worker.
+        If no cluster answers at the address, or it has no worker.
     """
-    if backend == "loky" or scheduler is None:
+    engine = check_backend(backend, scheduler)
+    if scheduler is None:
         yield LokyExecutor(n)
         return
-    from dancedata.execution.executors.dask import DaskExecutor, connected, worker_requirements
+    started = _starter(engine)
+    with worker_requirements(cache, source, packages) as requirements, started(scheduler, requirements) as executor:
+        yield executor
 
-    with connected(scheduler) as client, worker_requirements(cache, source, packages) as requirements:
-        yield DaskExecutor(n, client=client, requirements=requirements)
+
+def _starter(engine: str) -> Callable[[str, WorkerRequirements], AbstractContextManager[Executor]]:
+    # Imported here: builds without a cluster load none of it.
+    if engine == "dask":
+        from dancedata.execution.executors.dask import started
+    elif engine == "ray":
+        from dancedata.execution.executors.ray import started
+    else:
+        from dancedata.execution.executors.joblib import started
+    return started
 
 
-def check_backend(backend: str, scheduler: str | None) -> None:
-    """Raise UsageError unless backend and scheduler go together."""
-    if backend not in ("loky", "dask"):
-        raise UsageError("unknown backend", found=repr(backend), allowed="loky, dask")
-    if backend == "dask" and scheduler is None:
-        raise UsageError("the backend dask needs a scheduler", fix="give its address: --scheduler tcp://HOST:8786")
-    if backend == "loky" and scheduler is not None:
-        raise UsageError("a scheduler is for the backend dask", found=scheduler, fix="add --backend dask")
+def check_backend(backend: str | None, scheduler: str | None) -> str:
+    """Return the engine: that of the scheduler's address, or loky.
+
+    Raises
+    ------
+    UsageError
+        For an unknown backend, and unless backend and scheduler go together.
+    """
+    if backend not in (None, "loky", *SCHEDULERS):
+        raise UsageError("unknown backend", found=repr(backend), allowed=", ".join(("loky", *SCHEDULERS)))
+    if scheduler is None:
+        if backend in SCHEDULERS:
+            fix = f"give its address: --scheduler {SCHEDULERS[backend]}"
+            raise UsageError(f"the backend {backend} needs a scheduler", fix=fix)
+        return "loky"
+    engine = next((name for name in ("ray", "joblib") if scheduler.startswith(f"{name}:")), "dask")
+    if backend not in (None, engine):
+        raise UsageError(
+            f"the scheduler has an address of {engine}", found=f"--backend {backend}", fix="leave --backend out"
+        )
+    if engine != "dask" and scheduler in (f"{engine}:", f"{engine}://"):
+        raise UsageError("the address of the scheduler is not complete", found=scheduler, allowed=SCHEDULERS[engine])
+    return engine
 
 
 def run_units(

@@ -90,7 +90,7 @@ def build(
     strict: bool = False,
     cache: Path | None = None,
     progress: Progress | None = None,
-    backend: str = "loky",
+    backend: str | None = None,
     scheduler: str | None = None,
 ) -> BuildResult:
     """Build a dataset from a parsed recipe; parameters and errors as of `pipeline.commands.build`."""
@@ -114,7 +114,7 @@ def build(
 
 @contextmanager
 def workers_for(
-    recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str = "loky", scheduler: str | None = None
+    recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str | None = None, scheduler: str | None = None
 ) -> Iterator[Executor]:
     """Start workers for a recipe, see `start_workers`; first sweep leftovers of killed processes out of the cache."""
     sweep(cache.root)

@@ -39,7 +39,7 @@ def build(
     overwrite: bool = False,
     strict: bool = False,
     cache: str | Path | None = None,
-    backend: str = "loky",
+    backend: str | None = None,
     scheduler: str | None = None,
     progress: bool = True,
 ) -> BuildResult:
@@ -67,8 +67,9 @@ def build(
     cache
         Folder of the cache. Default: $DANCEDATA_CACHE, else the user's cache folder.
     backend, scheduler
-        "loky": processes of this machine. "dask": the workers of the Dask scheduler at the address `scheduler`, and
-        `jobs` does not count.
+        A cluster, on whose workers units run; `jobs` does not count then. `scheduler` is its address:
+        "tcp://HOST:8786" (Dask), "ray://HOST:10001", "ray://auto", or "joblib:NAME" for a backend that is registered
+        with joblib. `backend` follows from it. Default: processes of this machine ("loky").
     progress
         Show progress on stderr: a bar on a terminal or in a notebook, lines elsewhere.
 

@@ -5,6 +5,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from importlib.abc import MetaPathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,9 @@ COMMANDS = {
     "beats": [
         ["build", *TINY, "--out", "out", "--set", 'audio={"beats": {"source": "beat_this", "weights": "x"}}'],
     ],
+    "ray": [["build", *TINY, "--out", "out", "--scheduler", "ray://auto"]],
+    "joblib": [["build", *TINY, "--out", "out", "--scheduler", "joblib:loky"]],
+    "spark": [["build", *TINY, "--out", "out", "--scheduler", "joblib:spark"]],
 }  # fmt: skip
 CALLS: dict[str, list[Callable[[], object]]] = {
     "hf": [
@@ -108,6 +112,8 @@ def without(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], 
 def test_commands_name_what_is_missing(
     without: Callable[[str], None], source: Path, extra: str, missing: str
 ) -> None:
+    if extra == "spark" and not all(find_spec(name) for name in MODULES[extra]):
+        pytest.skip("the extra spark is not installed")
     without(missing)
     for arguments in COMMANDS[extra]:
         words = [
@@ -159,7 +165,7 @@ for line in sys.argv[3:]:
 
 @pytest.mark.nightly
 def test_other_commands_need_none_of_them(tmp_path: Path) -> None:
-    modules = {*sum(MODULES.values(), ()), "lightning", "pytorch_lightning", "tokenizers"}
+    modules = {*sum(MODULES.values(), ()), "lightning", "pytorch_lightning", "tokenizers"} - {"joblib"}  # librosa's
     commands = [
         " ".join(["build", *TINY, "--out DEMO --jobs 1"]),
         "info DEMO --clips", "check DEMO -q", "list", "evaluate DEMO -q",
@@ -177,6 +183,7 @@ def test_extras_are_those_of_the_distribution() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
     assert set(MODULES) == set(declared) - {"docs", "dev", "all"}
     names = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg", "distributed": "dask[distributed]"}
+    names["ray"] = "ray[client]"
     brought = {"huggingface_hub": "transformers", "dask": "dask[distributed]"}  # by another one's needs
     for extra, modules in MODULES.items():
         stated = {text.split(">")[0].split("<")[0] for text in declared[extra]}

@@ -160,7 +160,7 @@ def test_a_worker_is_checked_for_its_requirements(
     distributed = pytest.importorskip("distributed")
     from dancedata.core.errors import DanceDataError
     from dancedata.execution.cache_files import locked_file
-    from dancedata.execution.executors import dask
+    from dancedata.execution.executors import dask, remote
 
     worker = SimpleNamespace(address="tcp://x", state=SimpleNamespace(nthreads=wrong.pop("threads", 1)))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
@@ -170,20 +170,30 @@ def test_a_worker_is_checked_for_its_requirements(
             stack.enter_context(locked_file(tmp_path, token.name))
         token.write_text("w")
         right: dict[str, Any] = {"token": token, "token_text": "w", "source": corpus}
-        right |= {"names_sha256": dask._names_sha256(corpus), "versions": dask._versions({"librosa"})}
-        required = dask.WorkerRequirements(**{**right, **wrong})
+        right |= {"names_sha256": remote._names_sha256(corpus), "versions": remote._versions({"librosa"})}
+        required = remote.WorkerRequirements(**{**right, **wrong})
         stack.enter_context(nullcontext() if output is None else pytest.raises(DanceDataError, match=output))
-        dask.check_worker(required)
+        results: list[Any] = []
+        answers = remote.Answers("x", lambda index, result: results.append(result))
+        answers.take(0, dask._run(required, remote.packed(abs, (-3,))))
+        assert results == [3]
 
 
 @pytest.mark.parametrize(
     ("options", "code", "output"),
     [
-        (["--backend", "dask"], 2, "Give its address"),
-        (["--backend", "spark"], 2, "allowed: loky, dask"),
-        (["--scheduler", "tcp://127.0.0.1:1"], 2, "Add --backend dask"),
+        (["--backend", "dask"], 2, "Give its address: --scheduler tcp://HOST:8786"),
+        (["--backend", "ray"], 2, "Give its address: --scheduler ray://HOST:10001"),
+        (["--backend", "spark"], 2, "allowed: loky, dask, ray, joblib"),
+        (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], 2, "an address of dask; found --backend loky"),
+        (["--backend", "dask", "--scheduler", "ray://auto"], 2, "an address of ray; found --backend dask"),
+        (["--scheduler", "ray://"], 2, "is not complete; found ray://; allowed: ray://HOST:10001"),
+        (["--scheduler", "joblib:"], 2, "is not complete; found joblib:; allowed: joblib:NAME"),
+        (["--scheduler", "joblib:nothing"], 2, "Invalid backend: nothing, expected one of ['loky'"),
+        (["--scheduler", "joblib:multiprocessing"], 2, "does not support return_as=generator_unordered"),
         (["--part", "5/4"], 2, "a part is NUMBER/COUNT"),
         (["--part", "1/4", "--backend", "dask"], 2, "--part goes with neither"),
+        (["--part", "1/4", "--scheduler", "ray://auto"], 2, "--part goes with neither"),
     ],
 )
 def test_wrong_options(corpus: Path, out: Path, options: list[str], code: int, output: str):

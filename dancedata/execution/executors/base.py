@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.errors import DanceDataError
+from dancedata.core.text import shown
 from dancedata.execution.reference_process import ReferenceProcessError, named_if_it_crashes
 
 #: Arguments of a unit of work.
@@ -39,7 +41,7 @@ class Executor(ABC):
     Attributes
     ----------
     n
-        Number of worker processes; a Dask cluster has others.
+        Number of worker processes; a cluster has others.
     """
 
     n: int = 1
@@ -71,6 +73,15 @@ class Executor(ABC):
 def first_line(error: BaseException) -> str:
     """Return the first line of an error's message."""
     return str(error).strip().split("\n")[0]
+
+
+def not_sendable(label: str, found: str) -> DanceDataError:
+    """Return the error for a unit or a result that another process cannot unpickle."""
+    return DanceDataError(
+        f"a unit of work or its result cannot be sent between processes during {label}",
+        found=shown(found),
+        fix="correct the plug-in: its module must import, and its errors must unpickle, in worker processes",
+    )
 
 
 def unit_name(call: Call) -> str:

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
-import os
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.packages import require
-from dancedata.core.version import __version__
-from dancedata.execution.cache import Cache, package_version
-from dancedata.execution.cache_files import TEMPORARY, locked_file, temporary_name
-from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, first_line
-from dancedata.execution.reference_process import expected
-from dancedata.files.locks import is_abandoned
+from dancedata.execution.executors.base import Call, Executor, OnResult
+from dancedata.execution.executors.remote import (
+    TIMEOUT_S,
+    Answers,
+    WorkerRequirements,
+    lost,
+    packed,
+    run_packed,
+    threads_refused,
+)
 
 if TYPE_CHECKING:
     from distributed import Client
-
-#: Seconds to wait for the scheduler, and for a first worker.
-TIMEOUT_S = 30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,46 +47,46 @@ class DaskExecutor(Executor):
         """
         from distributed import KilledWorker, as_completed
 
-        # partial() hides arguments from Dask's key traversal.
-        units = [partial(function, *call) for call in calls.values()]
+        units = [packed(function, call) for call in calls.values()]
         try:
-            futures = self.client.map(partial(_run_checked, self.requirements), units, key=label, pure=False)
+            futures = self.client.map(partial(_run, self.requirements), units, key=label, pure=False)
         except OSError as error:
-            raise _lost(label, error) from error
+            raise lost("Dask", label, error) from error
         numbers = dict(zip(futures, calls, strict=True))
-        suspects, killed = [], None
+        answers = Answers(label, on_result)
         try:
             done = as_completed(futures, self.client.loop, with_results=True, raise_errors=False)  # type: ignore[no-untyped-call]
             for future, outcome in done:
                 if future.status == "finished":
-                    on_result(numbers[future], outcome)
+                    answers.take(numbers[future], outcome)
                 elif future.status != "error":
-                    raise _lost(label, outcome)
+                    raise lost("Dask", label, outcome)
                 elif isinstance(outcome[1], KilledWorker):
-                    suspects.append(numbers[future])
-                    killed = outcome[1]
+                    answers.died(outcome[1], numbers[future], deaths=outcome[1].allowed_failures + 1)
                 else:
                     raise outcome[1]
         finally:
             for future in futures:
                 future.release()  # type: ignore[no-untyped-call]
-        if killed is not None:
-            raise WorkerDiedError(first_line(killed), sorted(suspects), killed.allowed_failures + 1) from killed
+        answers.end()
 
 
-def _run_checked(requirements: WorkerRequirements, unit: Callable[[], Any]) -> Any:
+def _run(requirements: WorkerRequirements, message: bytes) -> bytes:
     """Run a unit in a worker process."""
-    check_worker(requirements)
-    return unit()
+    from distributed import get_worker
+
+    worker = get_worker()
+    if worker.state.nthreads != 1:
+        fix = "start workers with --nthreads 1, and more of them"
+        raise threads_refused(f"Dask worker {worker.address}", f"{worker.state.nthreads} threads", fix)
+    return run_packed("Dask", requirements, message)
 
 
-def _lost(label: str, error: object) -> DanceDataError:
-    cause = f"{type(error).__name__}: {first_line(error)}" if isinstance(error, BaseException) else str(error)
-    return DanceDataError(
-        f"the Dask cluster was lost during {label}",
-        found=cause,
-        fix="check that the scheduler runs, then run the same command again to resume",
-    )
+@contextmanager
+def started(scheduler: str, requirements: WorkerRequirements) -> Iterator[Executor]:
+    """Yield the executor of a cluster; errors as of `connected`."""
+    with connected(scheduler) as client:
+        yield DaskExecutor(client=client, requirements=requirements)
 
 
 @contextmanager
@@ -142,109 +139,3 @@ def _close(client: Client) -> None:
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
-
-
-@dataclass(frozen=True)
-class WorkerRequirements:
-    """Requirements of a worker.
-
-    Attributes
-    ----------
-    token, token_text
-        A file in the cache, locked by the build, and its content: whether the worker sees the same cache.
-    source, names_sha256
-        The source folder and a hash of the names in it.
-    versions
-        Of Python, dancedata and the packages that shape numbers.
-    """
-
-    token: Path
-    token_text: str
-    source: Path
-    names_sha256: str
-    versions: tuple[tuple[str, str], ...]
-
-
-@contextmanager
-def worker_requirements(cache: Cache, source: Path, packages: set[str]) -> Iterator[WorkerRequirements]:
-    """Yield the requirements of a build that reads `source` and computes with `packages`."""
-    text = temporary_name()
-    with locked_file(cache.root / TEMPORARY, f"{text}.token") as token:
-        token.write_text(text, encoding="utf-8", newline="\n")
-        yield WorkerRequirements(token, text, source, _names_sha256(source), _versions(packages))
-
-
-@lru_cache(maxsize=8)
-def check_worker(required: WorkerRequirements) -> None:
-    """Raise DanceDataError unless this Dask worker meets the requirements; checked once per process and build.
-
-    Workers may join a cluster at any time, so a check at the start of a build is not enough. A worker that does not
-    see the source would reject every clip.
-    """
-    from distributed import get_worker
-
-    worker = get_worker()
-    where = f"Dask worker {worker.address}"
-    if worker.state.nthreads != 1:
-        # Threads of one process would undo each other's limit on BLAS, and with it the last digits.
-        raise DanceDataError(
-            "a worker runs several units at once in threads",
-            where=where,
-            found=f"{worker.state.nthreads} threads",
-            fix="start workers with --nthreads 1, and more of them",
-        )
-    _check_cache(where, required)
-    _check_source(where, required)
-    _check_versions(where, dict(required.versions))
-
-
-_FIX = "workers need the cache, the source and the same paths: a shared file system"
-
-
-def _check_cache(where: str, required: WorkerRequirements) -> None:
-    try:
-        if required.token.read_text(encoding="utf-8") != required.token_text:
-            raise DanceDataError("a worker sees another cache", where=where, found=required.token, fix=_FIX)
-    except OSError as error:
-        raise DanceDataError("a worker does not see the cache", where=where, found=str(error), fix=_FIX) from error
-    if is_abandoned(required.token):
-        # The build holds its lock. A worker would also remove files that other machines are writing.
-        raise DanceDataError(
-            "locks on files in the cache do not reach from one machine to another",
-            where=where,
-            found=f"a lock on {required.token.name} that the build holds and the worker does not see",
-            fix="mount the file system with locks (Lustre: flock; NFS: neither nolock nor local_lock), "
-            "or put the cache on another",
-        )
-
-
-def _check_source(where: str, required: WorkerRequirements) -> None:
-    try:
-        same = _names_sha256(required.source) == required.names_sha256
-    except OSError as error:
-        raise DanceDataError("a worker does not see the source", where=where, found=str(error), fix=_FIX) from error
-    if not same:
-        raise DanceDataError("a worker sees another source", where=where, found=required.source, fix=_FIX)
-
-
-def _check_versions(where: str, required: dict[str, str]) -> None:
-    versions = dict(_versions(set(required) - {"Python", "dancedata", "arithmetic"}))
-    differences = [f"{name} {versions[name]}, not {v}" for name, v in required.items() if versions[name] != v]
-    if differences:
-        raise DanceDataError(
-            "package versions differ on a worker, so results would differ",
-            where=where,
-            found="; ".join(differences),
-            fix="use on all workers the environment of the machine that builds",
-        )
-
-
-def _versions(packages: set[str]) -> tuple[tuple[str, str], ...]:
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    names = sorted({"numpy", "scipy", *packages})
-    base = (("Python", python), ("dancedata", __version__), ("arithmetic", expected()))
-    return (*base, *((name, package_version(name)) for name in names))
-
-
-def _names_sha256(folder: Path) -> str:
-    return hashlib.sha256("\0".join(sorted(os.listdir(folder))).encode("utf-8", "surrogateescape")).hexdigest()

@@ -12,10 +12,16 @@ from dataclasses import dataclass
 from typing import Any
 from weakref import WeakSet
 
-from dancedata.core.errors import DanceDataError
-from dancedata.core.text import shown
 from dancedata.execution.arithmetic import adopted_by_children
-from dancedata.execution.executors.base import Call, Executor, InlineExecutor, OnResult, WorkerDiedError, first_line
+from dancedata.execution.executors.base import (
+    Call,
+    Executor,
+    InlineExecutor,
+    OnResult,
+    WorkerDiedError,
+    first_line,
+    not_sendable,
+)
 from dancedata.execution.reference_process import shielded
 
 #: Seconds after which an idle worker ends: the next stage, or the next build in a notebook, finds it running.
@@ -94,12 +100,8 @@ def end_workers() -> None:
 def _raise_if_not_unpickled(death: BaseException, label: str) -> None:
     """Raise the error of a call or a result that could not be unpickled, which loky reports as a dead worker."""
     if "un-serialize" in str(death):
-        raise DanceDataError(
-            f"a unit of work or its result cannot be sent between processes during {label}",
-            # The cause is the traceback of the worker, as text between quotation marks.
-            found=shown(str(death.__cause__ or death).strip(' \n"').rsplit("\n", 1)[-1]),
-            fix="correct the plug-in: its module must import, and its errors must unpickle, in worker processes",
-        ) from death
+        # The cause is the traceback of the worker, as text between quotation marks.
+        raise not_sendable(label, str(death.__cause__ or death).strip(' \n"').rsplit("\n", 1)[-1]) from death
 
 
 def _start_resource_tracker() -> None:
