@@ -28,6 +28,7 @@ from dancedata.readers.presets import Preset, fields_to_read, find_preset, value
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.segments import SegmentChoice, SegmentReader
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
+from dancedata.remote import Stream
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import MinMax, Scaler
 from dancedata.store.schema import sort_splits
@@ -104,11 +105,16 @@ class SplitDataset(EpochDataset):
         fields: Sequence[str] | None,
         preset: str | None,
         protocol: str | None,
+        stream: bool | Stream = False,
     ) -> None:
         """Open the store and settle the fields. Subclasses then call `_select` and `_prepare`."""
         super().__init__()
-        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
-        self._reference = (*self._store.reference, self._store.overlay)
+        self._store: Store | None = store if isinstance(store, Store) else open_store(store, stream=stream)
+        if stream and self._store.stream is None:
+            raise UsageError(
+                "this store was opened to be read whole", where=str(self._store.path), fix="open it with stream=True"
+            )
+        self._reference = (*self._store.reference, self._store.overlay, self._store.stream)
         self.preset = preset
         self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:

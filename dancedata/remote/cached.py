@@ -84,7 +84,7 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     address = parse_address(path)
     root = cache or default_cache()
     remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
-    if _offline():
+    if is_offline():
         return _last(address, remembered, root)
     if address.is_pinned and remembered.exists():
         with suppress(StoreError):
@@ -108,7 +108,8 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     return folder
 
 
-def _offline() -> bool:
+def is_offline() -> bool:
+    """Return whether no server is asked: HF_HUB_OFFLINE is set."""
     return os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "ON", "YES", "TRUE")
 
 
@@ -184,7 +185,7 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
 
     origin = origin_of(folder)
     assert origin is not None  # noqa: S101 (the callers asked)
-    if _offline():
+    if is_offline():
         where, names = origin.address, f"{len(files)} files"
         fix = f"fetch it where there is a network: dancedata pull {origin.requested}"
         found = f"HF_HUB_OFFLINE is set; {files[0].name if len(files) == 1 else names} missing"
