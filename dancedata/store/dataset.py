@@ -436,17 +436,24 @@ class Store(SegmentQueries):
             lengths = sorted({int(n) for n in windows.length})
             raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
         n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
-        shards: list[ShardReader] = []
-        shard, first = np.zeros(len(windows), dtype=np.int32), np.zeros(len(windows), dtype=np.int64)
+        shards, shard = self.shards_of(windows)
+        first = np.zeros(len(windows), dtype=np.int64)
         for tables, places, row in self._rows_of(windows):
             part = windows if places is None else windows.take(places)
             rows, bad = locate_windows(tables, row, part, f, self.grid, self.scope)
             if bad.any():
                 self.locate(part[int(np.argmax(bad))], field)
-            here = slice(None) if places is None else places
-            first[here], shard[here] = rows, tables.shard_of(row) + len(shards)
-            shards += self._shards[tables.split]
+            first[slice(None) if places is None else places] = rows
         return WindowRows(field, shards, shard, first, n_rows, mapped)
+
+    def shards_of(self, windows: WindowList) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:
+        """Return the shards of the splits of windows, and the number (W,) of each window's shard among them."""
+        shards: list[ShardReader] = []
+        numbers = np.zeros(len(windows), dtype=np.int32)
+        for tables, places, row in self._rows_of(windows):
+            numbers[slice(None) if places is None else places] = tables.shard_of(row) + len(shards)
+            shards += self._shards[tables.split]
+        return shards, numbers
 
     def _rows_of(self, windows: WindowList) -> Iterator[tuple[Tables, IntArray | None, Whole]]:
         """Yield for each split its tables, the places of its windows (None: all), and the rows of their clips."""
