@@ -1,6 +1,7 @@
 """EpochSampler: the order of an epoch as a pure function, and resuming in the middle of one."""
 
 from collections.abc import Iterator, Mapping, Sized
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +14,10 @@ from dancedata.readers.arguments import whole
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
 _CHUNK = 4096
-#: Keeps the order's random stream apart from that of mirroring, which may have the same seed.
-_ORDER_STREAM = 1
+#: Keeps the order's random streams apart from that of mirroring and others, which may have the same seed.
+_ORDER_STREAM, _BLOCK_STREAM = 1, 11
+#: Blocks whose shards are fetched while one is read.
+_AHEAD = 2
 
 
 def set_epoch_of(source: object, epoch: int) -> None:
@@ -48,9 +51,9 @@ def _may_be_dataset(part: object) -> bool:
 class EpochSampler(Sampler[int]):
     """Indices of one epoch after another, for one rank, resumable at any sample.
 
-    The order is a pure function of (number of samples, seed, epoch, rank, world size), by numpy's Philox bit stream
-    and a stable sort, which numpy keeps unchanged across versions. Iterating begins at `position` of `epoch`, and at
-    the end moves on to the next epoch. The epoch is passed on to a data source with a `set_epoch`, also inside
+    The order is a pure function of (number of samples, seed, epoch, rank, world size, blocks), by numpy's Philox bit
+    stream and a stable sort, which numpy keeps unchanged across versions. Iterating begins at `position` of `epoch`,
+    and at the end moves on to the next epoch. The epoch is passed on to a data source with a `set_epoch`, also inside
     torch's ConcatDataset, Subset and other wrappers, before its first index is handed out.
 
     Resuming, and loops of PyTorch, Accelerate and Lightning: docs/reading.md and docs/training.md.
@@ -71,6 +74,7 @@ class EpochSampler(Sampler[int]):
         world_size: int | None = None,
         shuffle: bool = True,
         drop_last: bool = False,
+        block: int | None = None,
     ) -> None:
         """Make the sampler at position 0 of epoch 0.
 
@@ -88,6 +92,11 @@ class EpochSampler(Sampler[int]):
             All ranks get equally many samples. False: by starting over at the head of the epoch's order (as
             torch's DistributedSampler does), so up to world_size - 1 samples come twice. True: by leaving the
             order's last few out. Without several ranks nothing is repeated or left out.
+        block
+            Shuffle in blocks of at most this many neighbouring samples: blocks come in random order, and samples in
+            random order within each. Blocks end where shards end, if the data source has `shard_starts`; smaller
+            shards come together. For data that is read over a network: a block needs few shards, and its pieces fit
+            into memory. Default: one block.
 
         Raises
         ------
@@ -102,6 +111,9 @@ class EpochSampler(Sampler[int]):
         self.rank, self.world_size = _rank_and_world_size(rank, world_size)
         self.shuffle = shuffle
         self.drop_last = drop_last
+        self.block = None if block is None else whole("block", block, 1)
+        if self.block is not None:
+            self._bounds = _cut(getattr(data_source, "shard_starts", [0]), self.n_samples, self.block)
         share, remainder = divmod(self.n_samples, self.world_size)
         self._length = share + (1 if remainder and not drop_last else 0)
         self._epoch = 0
@@ -138,6 +150,13 @@ class EpochSampler(Sampler[int]):
 
     def order_of_all(self, epoch: int) -> npt.NDArray[np.int64]:
         """Return the indices of one epoch, (n_samples,) int64, before they are dealt to the ranks one by one."""
+        if self.shuffle and self.block is not None:
+            sizes = np.diff(self._bounds)
+            turns = permutation(len(sizes), self.seed, _BLOCK_STREAM, epoch)
+            # Shuffled as a whole, then sorted by the block's turn, which keeps the order within each.
+            order = permutation(self.n_samples, self.seed, _ORDER_STREAM, epoch)
+            turn_of_sample = np.repeat(np.argsort(turns), sizes)
+            return order[np.argsort(turn_of_sample[order], kind="stable")]
         if self.shuffle:
             return permutation(self.n_samples, self.seed, _ORDER_STREAM, epoch)
         return np.arange(self.n_samples, dtype=np.int64)
@@ -147,8 +166,12 @@ class EpochSampler(Sampler[int]):
         turn, epoch, position = self._turn, self._epoch, self._position
         set_epoch_of(self._source, epoch)
         order = self.order(epoch)
-        for first in range(position, len(order), _CHUNK):
-            for sample in order[first : first + _CHUNK].tolist():
+        read_soon = getattr(self._source, "read_soon", None)
+        step = _CHUNK if self.block is None else -(-self.block // self.world_size)
+        for first in range(position, len(order), step):
+            if self.block is not None and read_soon is not None:
+                read_soon(order[first : first + (1 + _AHEAD) * step])
+            for sample in order[first : first + step].tolist():
                 position += 1
                 if turn == self._turn:
                     self._position = position
@@ -254,6 +277,17 @@ class EpochSampler(Sampler[int]):
     def _move(self, epoch: int, position: int) -> None:
         self._turn += 1
         self._epoch, self._position = epoch, position
+
+
+def _cut(starts: npt.ArrayLike, n: int, block: int) -> npt.NDArray[np.int64]:
+    """Return the bounds (B + 1,) of blocks of at most `block` samples, which end where shards end."""
+    bounds = [0]
+    for begin, end in pairwise([*np.asarray(starts).tolist(), n]):
+        if bounds[-1] < begin and end - bounds[-1] > block:
+            bounds.append(begin)
+        parts = -(-(end - bounds[-1]) // block)
+        bounds += [begin + (end - begin) * part // parts for part in range(1, parts + (parts > 1))]
+    return np.unique(np.array([*bounds, n], dtype=np.int64))
 
 
 def permutation(n: int, seed: int, *key: int) -> npt.NDArray[np.int64]:

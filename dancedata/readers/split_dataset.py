@@ -28,9 +28,11 @@ from dancedata.readers.presets import Preset, fields_to_read, find_preset, value
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.segments import SegmentChoice, SegmentReader
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
+from dancedata.remote import Stream, fetch_soon
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import MinMax, Scaler
 from dancedata.store.schema import sort_splits
+from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
 
 # 1 is the stream of orders, 4 that of augmentations.
@@ -104,11 +106,16 @@ class SplitDataset(EpochDataset):
         fields: Sequence[str] | None,
         preset: str | None,
         protocol: str | None,
+        stream: bool | Stream = False,
     ) -> None:
         """Open the store and settle the fields. Subclasses then call `_select` and `_prepare`."""
         super().__init__()
-        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
-        self._reference = (*self._store.reference, self._store.overlay)
+        self._store: Store | None = store if isinstance(store, Store) else open_store(store, stream=stream)
+        if stream and self._store.stream is None:
+            raise UsageError(
+                "this store was opened to be read whole", where=str(self._store.path), fix="open it with stream=True"
+            )
+        self._reference = (*self._store.reference, self._store.overlay, self._store.stream)
         self.preset = preset
         self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
@@ -221,7 +228,7 @@ class SplitDataset(EpochDataset):
 
     def __getstate__(self) -> dict[str, Any]:
         # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
-        return {**self.__dict__, "_store": None}
+        return {k: v for k, v in self.__dict__.items() if k != "_shards_of_samples"} | {"_store": None}
 
     def normalizer(self, field: str) -> Scaler:
         """Return the scaler that a field of this dataset is normalised with.
@@ -288,6 +295,21 @@ class SplitDataset(EpochDataset):
                 allowed=listed(f"{n} {v}" for n, v in hashes.items()) or "none",
                 fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
             )
+
+    @property
+    def shard_starts(self) -> npt.NDArray[np.int64]:
+        """First samples (S,) of the shards, for an `EpochSampler` that reads neighbours together."""
+        return np.flatnonzero(np.diff(self._shards_of_samples[1], prepend=-1))
+
+    def read_soon(self, indices: Sequence[int] | npt.NDArray[np.int64]) -> None:
+        """Fetch the shards of the next samples in the background, if they are those of an address."""
+        if self.store.origin is not None and self.store.stream is None:
+            shards, numbers = self._shards_of_samples
+            fetch_soon([shards[number].path for number in dict.fromkeys(numbers[indices].tolist())])
+
+    @cached_property
+    def _shards_of_samples(self) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:
+        return self.store.shards_of(self.windows)
 
     def _scaler(self, field: str) -> Scaler:
         if field in self._named_scalers:

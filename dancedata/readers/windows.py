@@ -29,6 +29,7 @@ from dancedata.readers.scalers import ScalerLike, root_columns
 from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_bias
+from dancedata.remote import Stream
 from dancedata.store.dataset import Store
 
 _log = logging.getLogger(__name__)
@@ -123,6 +124,8 @@ class WindowDataset(SplitDataset):
         ("filtered").
     mapped
         False: read by position, for files that may be overwritten in place, or file systems that map poorly.
+    stream
+        Whether windows of an address are read by ranges, as in `dancedata.open`, instead of fetching whole shards.
     seed
         Whole number >= 0, for mirroring and the bias.
 
@@ -199,9 +202,10 @@ class WindowDataset(SplitDataset):
         columns: Sequence[str] = (),
         where: Mapping[str, Any] | None = None,
         mapped: bool = True,
+        stream: bool | Stream = False,
         seed: int = 0,
     ) -> None:
-        super().__init__(store, split, fields, preset, protocol)
+        super().__init__(store, split, fields, preset, protocol, stream)
         lengths = {"length_s": length_s, "length_frames": length_frames}
         requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
         filter_ = value_or_preset(filter, self._preset, "filter", None)
@@ -327,7 +331,7 @@ class WindowDataset(SplitDataset):
                 for n in self.fields
             ]
             for name, values in rows.items():
-                if values.unmapped and self.mapped:
+                if values.unmapped and self.mapped and self.store.stream is None:
                     _log.warning("field %s is not read from mapped files: %s", name, values.unmapped)
             self._cached_reader = BatchReader(
                 self.store,

@@ -4,7 +4,21 @@ One function, `local_folder`, turns an address into a folder of the cache, which
 """
 
 from dancedata.remote.address import is_address
-from dancedata.remote.cached import Origin, local_folder, origin_of, require_file
+from dancedata.remote.cached import Origin, fetch_soon, local_folder, origin_of, require_file
 from dancedata.remote.pull import Pulled, pull, require_whole
+from dancedata.remote.ranges import RangedFile, RangeReader, Stream
 
-__all__ = ["Origin", "Pulled", "is_address", "local_folder", "origin_of", "pull", "require_file", "require_whole"]
+__all__ = [
+    "Origin",
+    "Pulled",
+    "RangeReader",
+    "RangedFile",
+    "Stream",
+    "fetch_soon",
+    "is_address",
+    "local_folder",
+    "origin_of",
+    "pull",
+    "require_file",
+    "require_whole",
+]

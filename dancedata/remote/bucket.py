@@ -8,7 +8,7 @@ from typing import Any
 from dancedata.core.packages import require
 from dancedata.core.text import shown
 from dancedata.remote.address import Address
-from dancedata.remote.source import Answer, Interrupted, OutOfRange, refused
+from dancedata.remote.source import Answer, Interrupted, OutOfRange, no_ranges, refused
 
 _CHUNK = 1 << 20
 #: Seconds of obstore's own attempts; longer failures are the caller's.
@@ -32,12 +32,7 @@ class BucketSource:
         from obstore.store import from_url
 
         global _first_used_in
-        if crossed_a_fork():
-            raise refused(
-                "obstore was used before this process was forked, and would hang here",
-                str(address),
-                fix="open the address before the fork, or start workers with spawn",
-            )
+        _require_no_fork(address)
         _first_used_in = os.getpid()
         self.address = address
         retry: Any = _RETRY
@@ -47,12 +42,15 @@ class BucketSource:
         """Return the address: a bucket has no commits."""
         return self.address
 
-    def open(self, name: str, begin: int) -> Answer:
-        """Ask for an object from a byte on."""
+    def open(self, name: str, begin: int, end: int | None = None) -> Answer:
+        """Ask for an object from a byte on, or for the bytes up to `end` alone."""
         import obstore
         from obstore import exceptions
 
+        _require_no_fork(self.address)
         options: Any = {"range": {"offset": begin}} if begin else None
+        if end is not None:
+            options = {"range": (begin, end)}
         where = f"{self.address}/{name}"
         try:
             result = obstore.get(self._store, name, options=options)
@@ -63,8 +61,22 @@ class BucketSource:
             fix = "set the client's own variables (AWS_ACCESS_KEY_ID, ...); public: AWS_SKIP_SIGNATURE=true"
             raise refused("the object store does not give this object to you", where, fix=fix) from None
         except (exceptions.BaseError, OSError) as error:
-            raise _failed(error, begin) from None
+            if end is not None and isinstance(error, exceptions.NotSupportedError):
+                raise no_ranges(where, shown(str(error).split("\n")[0], 100)) from None
+            raise _failed(error, begin or end or 0) from None
+        if end is not None and tuple(result.range) != (begin, end):
+            raise Interrupted(f"asked for bytes {begin} to {end}, got {result.range[0]} to {result.range[1]}")
         return Answer(begin, _chunks(result))
+
+
+def _require_no_fork(address: Address) -> None:
+    """Raise StoreError in a process that was forked after obstore was used: a call would never return."""
+    if crossed_a_fork():
+        raise refused(
+            "obstore was used before this process was forked, and would hang here",
+            str(address),
+            fix="open the address before the fork, or start workers with spawn",
+        )
 
 
 def _chunks(result: Any) -> Generator[bytes, None, None]:

@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -84,7 +84,7 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     address = parse_address(path)
     root = cache or default_cache()
     remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
-    if _offline():
+    if is_offline():
         return _last(address, remembered, root)
     if address.is_pinned and remembered.exists():
         with suppress(StoreError):
@@ -108,7 +108,8 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     return folder
 
 
-def _offline() -> bool:
+def is_offline() -> bool:
+    """Return whether no server is asked: HF_HUB_OFFLINE is set."""
     return os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "ON", "YES", "TRUE")
 
 
@@ -184,7 +185,7 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
 
     origin = origin_of(folder)
     assert origin is not None  # noqa: S101 (the callers asked)
-    if _offline():
+    if is_offline():
         where, names = origin.address, f"{len(files)} files"
         fix = f"fetch it where there is a network: dancedata pull {origin.requested}"
         found = f"HF_HUB_OFFLINE is set; {files[0].name if len(files) == 1 else names} missing"
@@ -243,10 +244,18 @@ def _fetch_ahead(folder: Path, name: str, files: Mapping[str, RemoteFile]) -> No
     names = [f"{match['split']}-{int(match['k']) + i:05d}-of-{match['n']}.h5" for i in range(-1, _AHEAD + 1)]
     if names[0] in files and not (folder / names[0]).exists():
         return
-    ahead = [files[n] for n in names[2:] if n in files and not (folder / n).exists()]
-    if ahead:
-        # A daemon: what it has when the process ends is kept, and the next one goes on from there.
-        threading.Thread(target=_quietly, args=(folder, ahead), daemon=True, name="dancedata-ahead").start()
+    fetch_soon([folder / n for n in names[2:]])
+
+
+def fetch_soon(paths: Sequence[Path]) -> None:
+    """Fetch files of one dataset of the cache in the background, in this order; nothing for other folders."""
+    missing = [path for path in paths if not path.exists()]
+    if not missing or origin_of(missing[0].parent) is None:
+        return
+    files = _listed(missing[0].parent)
+    ahead = [files[path.name] for path in missing if path.name in files]
+    # A daemon: what it has when the process ends is kept, and the next one goes on from there.
+    threading.Thread(target=_quietly, args=(missing[0].parent, ahead), daemon=True, name="dancedata-ahead").start()
 
 
 def _quietly(folder: Path, files: list[RemoteFile]) -> None:

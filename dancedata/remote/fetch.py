@@ -56,7 +56,7 @@ def fetch_description(source: Source, address: Address) -> tuple[bytes, Mapping[
     problem = ""
     for _ in range(2):
         data = bytearray()
-        _persist(partial(_read_all, source, data), lambda have=data: len(have), where)  # type: ignore[misc]
+        persist(partial(_read_all, source, data), lambda have=data: len(have), where)  # type: ignore[misc]
         try:
             document = parse_json(data.decode("utf-8"))
             stated = document["self_sha256"]
@@ -75,7 +75,7 @@ def fetch_description(source: Source, address: Address) -> tuple[bytes, Mapping[
 def _read_all(source: Source, data: bytearray) -> None:
     del data[:]  # it is small: no ranges
     with closing(source.open(DATASET_FILE, 0).chunks) as chunks:
-        for chunk in chunks:
+        for chunk in steady(chunks):
             data += chunk
             if len(data) > MAX_DESCRIPTION:
                 raise refused(
@@ -138,7 +138,7 @@ def _fetch(source: Source, where: str, file: RemoteFile, part: Path, target: Pat
     report(have)
     found = ""
     for _ in range(2):
-        _persist(partial(_append, source, where, file, part, report), partial(_size, part), where)
+        persist(partial(_append, source, where, file, part, report), partial(_size, part), where)
         found = sha256_file(part)
         if found == file.sha256:
             with open(part, "rb") as written:
@@ -177,12 +177,10 @@ def _append(source: Source, where: str, file: RemoteFile, part: Path, report: Re
     if answer.begin != have:  # the server ignores ranges
         report(-have)
         have = 0
-    since, arrived = time.monotonic(), 0
     with closing(answer.chunks), open(part, "ab" if have else "wb") as out:
         mark_in_use(out.fileno())  # `cache prune` keeps it
-        for chunk in answer.chunks:
+        for chunk in steady(answer.chunks):
             have += len(chunk)
-            arrived += len(chunk)
             if have > file.size:
                 out.close()
                 part.unlink()
@@ -194,16 +192,24 @@ def _append(source: Source, where: str, file: RemoteFile, part: Path, report: Re
                 )
             out.write(chunk)
             report(len(chunk))
-            if time.monotonic() - since > STALL_S:
-                if arrived < STALL_BYTES:
-                    raise Interrupted(f"the server sent {arrived} bytes in {STALL_S:g} s")
-                since, arrived = time.monotonic(), 0
     if have < file.size:
         raise Interrupted(f"the answer ended after {have:,} of {file.size:,} bytes")
 
 
-def _persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
-    """Call `attempt` until it succeeds; give up after ATTEMPTS failures in a row that brought no byte."""
+def steady(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    """Yield what a server sends; Interrupted if it sends too little for too long."""
+    since, arrived = time.monotonic(), 0
+    for chunk in chunks:
+        yield chunk
+        arrived += len(chunk)
+        if time.monotonic() - since > STALL_S:
+            if arrived < STALL_BYTES:
+                raise Interrupted(f"the server sent {arrived} bytes in {STALL_S:g} s")
+            since, arrived = time.monotonic(), 0
+
+
+def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
+    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought no byte."""
     failures = 0
     while True:
         before = have()

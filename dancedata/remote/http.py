@@ -13,7 +13,7 @@ from urllib.parse import quote, urlsplit
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.text import quoted, shown
 from dancedata.remote.address import LOOPBACK, Address
-from dancedata.remote.source import Answer, Interrupted, OutOfRange, refused
+from dancedata.remote.source import Answer, Interrupted, OutOfRange, no_ranges, refused
 
 #: Seconds without a byte after which a connection is given up.
 TIMEOUT_S = 30.0
@@ -30,6 +30,8 @@ class HttpSource:
     def __init__(self, address: Address) -> None:
         self.address = address
         self.base = f"{address}/"
+        #: Where the server redirected ranges of a file to: a hub is asked once a file, not once a range.
+        self._places: dict[str, str] = {}
 
     def resolve(self) -> Address:
         """Return the address: a server has no commits."""
@@ -39,23 +41,31 @@ class HttpSource:
         """Return headers for the first host; they are not sent to others."""
         return {}
 
-    def open(self, name: str, begin: int) -> Answer:
-        """Ask for a file from a byte on."""
-        response = self.request(self.base + quote(name), name, begin)
+    def open(self, name: str, begin: int, end: int | None = None) -> Answer:
+        """Ask for a file from a byte on, or for the bytes up to `end` alone."""
+        asked = self.base + quote(name)
+        place = asked if end is None else self._places.get(name, asked)
+        response = self.request(place, name, begin, end)
         if response.status == 206:
             stated = str(response.headers.get("Content-Range", ""))
-            if not stated.startswith(f"bytes {begin}-"):
+            if not stated.startswith(f"bytes {begin}-" + ("" if end is None else f"{end - 1}/")):
                 response.close()
                 raise Interrupted(f"asked for bytes from {begin}, got {quoted(stated, 80)}")
+        elif end is not None:
+            response.close()
+            raise no_ranges(self._where(name), f"HTTP {response.status} for bytes {begin} to {end - 1}")
+        if end is not None and response.url != asked:
+            self._places[name] = response.url
         return Answer(begin if response.status == 206 else 0, _chunks(response))
 
-    def request(self, url: str, name: str, begin: int = 0) -> HTTPResponse:
+    def request(self, url: str, name: str, begin: int = 0, end: int | None = None) -> HTTPResponse:
         """Return the server's answer to GET."""
         request = urllib.request.Request(url, headers={"Accept-Encoding": "identity", "User-Agent": "dancedata"})  # noqa: S310
-        for header, value in self.headers().items():
-            request.add_unredirected_header(header, value)
-        if begin:
-            request.add_header("Range", f"bytes={begin}-")
+        if _host(url) == _host(self.base):
+            for header, value in self.headers().items():
+                request.add_unredirected_header(header, value)
+        if begin or end is not None:
+            request.add_header("Range", f"bytes={begin}-{'' if end is None else end - 1}")
         try:
             response: HTTPResponse = _opener().open(request, timeout=TIMEOUT_S)
         except urllib.error.HTTPError as error:
@@ -82,6 +92,9 @@ class HttpSource:
             return OutOfRange()
         if status in _PASSING:
             return Interrupted(f"HTTP {status}", _wait(error.headers.get("Retry-After")))
+        if self._places.get(name) == url:
+            del self._places[name]
+            return Interrupted(f"HTTP {status} of the place that {_host(self.base)[1]} redirected to before")
         moved = urlsplit(error.url or url).netloc != urlsplit(url).netloc
         if status in (401, 403) and moved:
             # The signed address that a hub redirects to has expired; a new one is asked for.
@@ -98,6 +111,11 @@ class HttpSource:
             problem = "the server asks for a login" if status == 401 else "the server does not give this file to you"
             return refused(problem, where, f"HTTP {status}", f"dancedata reads public https folders; {_KEPT}")
         return refused("the server does not give the file", where, f"HTTP {status}")
+
+
+def _host(url: str) -> tuple[str, str]:
+    parts = urlsplit(url)
+    return parts.scheme, parts.netloc
 
 
 def _chunks(response: HTTPResponse) -> Generator[bytes, None, None]:

@@ -41,19 +41,25 @@ class Answer:
 class Source(Protocol):
     """A folder on a server."""
 
-    def open(self, name: str, begin: int) -> Answer:
-        """Ask for a file from a byte on.
+    def open(self, name: str, begin: int, end: int | None = None) -> Answer:
+        """Ask for a file from a byte on, or for the bytes up to `end` alone.
 
         Raises
         ------
         Interrupted, OutOfRange
             See there.
         StoreError
-            For failures that stay: no such file, no permission.
+            For failures that stay: no such file, no permission; a server that ignores `end`.
         """
 
     def resolve(self) -> Address:
         """Return the address whose content does not change: that of the commit, where there are commits."""
+
+
+def no_ranges(where: object, found: object) -> StoreError:
+    """Return the error for a server that gives whole files alone."""
+    fix = "open the dataset without stream=True: its files are then fetched whole"
+    return refused("the server does not give parts of files", where, found, fix)
 
 
 def refused(problem: str, where: object, found: object = None, fix: str | None = None) -> StoreError:

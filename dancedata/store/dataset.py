@@ -20,9 +20,10 @@ from dancedata.core.grid import WindowGrid
 from dancedata.core.licence import Licence
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
-from dancedata.remote import Origin, local_folder, origin_of
+from dancedata.remote import Origin, RangedFile, Stream, local_folder, origin_of
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
+from dancedata.store.leaves import ranged_shards
 from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
 from dancedata.store.normalize import MinMax, ZScore
@@ -48,7 +49,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = ()) -> Store:
+def open_store(
+    path: str | Path, *, segments: str | Path | Sequence[str | Path] = (), stream: bool | Stream = False
+) -> Store:
     """Open a built dataset; reads dataset.json, compares its hash, and checks the sizes of the shards.
 
     Parameters
@@ -59,6 +62,10 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     segments
         Files of segments, .csv or .jsonl, that are laid over those of the dataset: marks and corrections. A row
         replaces segments of the same layer, start and end.
+    stream
+        Whether rows of an address are read by ranges instead of fetching shards whole, for shards that are too large
+        for the disk: True, or a `dancedata.remote.Stream` with sizes. Shards that were fetched before are read from
+        the disk, as everything of a local folder is.
 
     Returns
     -------
@@ -69,7 +76,8 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     ------
     StoreError
         If the folder has no finished dataset or one of another format version, dataset.json was changed after the
-        build, or a shard is missing or has another size.
+        build, or a shard is missing or has another size; with `stream`, if the dataset has no hashes of parts of its
+        shards.
     SourceError
         For a mistake in a file of segments.
 
@@ -81,7 +89,9 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     (150, 151)
     """
     folder = local_folder(path).absolute()
-    store = Store(folder, *open_listed(folder))
+    options = None if stream is False else Stream() if stream is True else stream
+    description, listed = open_listed(folder)
+    store = Store(folder, description, listed, options)
     files = [segments] if isinstance(segments, str | Path) else segments
     if files:
         store.overlay = SegmentOverlay.read(
@@ -116,10 +126,16 @@ class Store(SegmentQueries):
         dataset.json.
     overlay
         Segments of files that were named when it was opened.
+    stream
+        How rows are read by ranges; None where they are not.
     """
 
-    def __init__(self, path: Path, description: Description, files: Mapping[str, ListedFile]) -> None:
+    def __init__(
+        self, path: Path, description: Description, files: Mapping[str, ListedFile], stream: Stream | None = None
+    ) -> None:
         """Use `open_store` instead."""
+        self.stream = stream
+        ranged: Mapping[str, RangedFile] = {} if stream is None else ranged_shards(path, description, stream)
         self.path = path
         self._description = description
         self._fields = {f.name: f for f in description.fields}
@@ -134,7 +150,7 @@ class Store(SegmentQueries):
         self._files = files
         self._shards: dict[str, tuple[ShardReader, ...]] = {
             split: tuple(
-                ShardReader(files[s.file], s, description.fields)
+                ShardReader(files[s.file], s, description.fields, ranged.get(s.file))
                 for s in description.shards
                 if s.split == split and s.file in files  # `check` opens one split, whose files are not damaged
             )
@@ -145,7 +161,7 @@ class Store(SegmentQueries):
         self.overlay = SegmentOverlay()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return reopen, (*self.reference, self.overlay)
+        return reopen, (*self.reference, self.overlay, self.stream)
 
     @cached_property
     def reference(self) -> tuple[str, str]:
@@ -420,17 +436,24 @@ class Store(SegmentQueries):
             lengths = sorted({int(n) for n in windows.length})
             raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
         n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
-        shards: list[ShardReader] = []
-        shard, first = np.zeros(len(windows), dtype=np.int32), np.zeros(len(windows), dtype=np.int64)
+        shards, shard = self.shards_of(windows)
+        first = np.zeros(len(windows), dtype=np.int64)
         for tables, places, row in self._rows_of(windows):
             part = windows if places is None else windows.take(places)
             rows, bad = locate_windows(tables, row, part, f, self.grid, self.scope)
             if bad.any():
                 self.locate(part[int(np.argmax(bad))], field)
-            here = slice(None) if places is None else places
-            first[here], shard[here] = rows, tables.shard_of(row) + len(shards)
-            shards += self._shards[tables.split]
+            first[slice(None) if places is None else places] = rows
         return WindowRows(field, shards, shard, first, n_rows, mapped)
+
+    def shards_of(self, windows: WindowList) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:
+        """Return the shards of the splits of windows, and the number (W,) of each window's shard among them."""
+        shards: list[ShardReader] = []
+        numbers = np.zeros(len(windows), dtype=np.int32)
+        for tables, places, row in self._rows_of(windows):
+            numbers[slice(None) if places is None else places] = tables.shard_of(row) + len(shards)
+            shards += self._shards[tables.split]
+        return shards, numbers
 
     def _rows_of(self, windows: WindowList) -> Iterator[tuple[Tables, IntArray | None, Whole]]:
         """Yield for each split its tables, the places of its windows (None: all), and the rows of their clips."""
@@ -625,9 +648,9 @@ class Store(SegmentQueries):
         )
 
 
-def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None) -> Store:
+def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, stream: Stream | None = None) -> Store:
     """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
-    store = open_store(path)
+    store = open_store(path, stream=stream or False)
     store.overlay = overlay or store.overlay
     if store.reference[1] != sha256:
         raise rebuilt_error(store.path, "dataset.json has changed")

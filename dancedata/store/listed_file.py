@@ -137,7 +137,7 @@ class ListedFile:
         self.path = path
         self._size, self._sha256 = size, sha256
         self._id = None if status is None else FileId.of(status)
-        self._fetched = fetched
+        self.is_fetched = fetched
 
     def require(self, descriptor: int) -> None:
         """Raise StoreError unless an open file is the one listed.
@@ -171,7 +171,7 @@ class ListedFile:
             ) from error
         try:
             self.require(descriptor)
-            if self._fetched:
+            if self.is_fetched:
                 mark_in_use(descriptor)  # `cache prune` keeps it
         except BaseException:
             os.close(descriptor)
@@ -180,7 +180,7 @@ class ListedFile:
 
     def require_there(self) -> None:
         """Raise StoreError if the path does not exist any more or is not a file; fetch it if it is of an address."""
-        if self._fetched:
+        if self.is_fetched:
             require_file(self.path)
         try:
             mode = os.stat(self.path).st_mode
@@ -193,7 +193,7 @@ class ListedFile:
 
     def require_bytes(self, sha256: FileHash) -> None:
         """Raise StoreError unless the file has the bytes that dataset.json lists, by `sha256` of a path."""
-        if self._fetched:
+        if self.is_fetched:
             require_file(self.path)
         try:
             actual = sha256(self.path)

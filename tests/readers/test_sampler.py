@@ -1,7 +1,7 @@
 """EpochSampler: order, ranks, position, state."""
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -217,3 +217,56 @@ def test_pickle_and_repr() -> None:
     assert list(copy) == list(sampler)
     assert "seed=2" in repr(sampler)
     assert "50 samples" in repr(sampler)
+
+
+class _OfShards:
+    shard_starts = (0, 10, 14, 19, 60)
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    def __len__(self) -> int:
+        return self.n
+
+
+def test_blocks_end_where_shards_end_and_hold_neighbours() -> None:
+    """Shards of 10, 4, 5, 41 and 40 samples in blocks of at most 20."""
+    sampler = EpochSampler(_OfShards(100), seed=1, block=20)
+    bounds = [0, 19, 32, 46, 60, 80, 100]
+    for epoch in range(3):
+        order = sampler.order(epoch)
+        assert sorted(order.tolist()) == list(range(100))
+        blocks = np.searchsorted(bounds, order, side="right")
+        turns = blocks[np.flatnonzero(np.diff(blocks, prepend=0))]
+        assert sorted(turns.tolist()) == [1, 2, 3, 4, 5, 6]  # each once, in one piece
+        assert not any((np.diff(order[blocks == b]) > 0).all() for b in turns)  # shuffled
+    assert sampler.order(0).tolist() != sampler.order(1).tolist()
+    plain = EpochSampler(100, seed=1, block=20).order(0)
+    assert {int(n) // 20 for n in plain[:20]} == {int(plain[0]) // 20}
+    assert EpochSampler(0, block=5).order(0).tolist() == []
+    assert EpochSampler(7, seed=1, block=7).order(0).tolist() == EpochSampler(7, seed=1).order(0).tolist()
+    with raises_message(UsageError):
+        EpochSampler(10, block=0)
+
+
+@pytest.mark.parametrize("world_size", [1, 2, 8])
+def test_ranks_share_each_block_and_resume(world_size: int) -> None:
+    samplers = [
+        EpochSampler(_OfShards(100), seed=1, block=20, rank=rank, world_size=world_size, drop_last=True)
+        for rank in range(world_size)
+    ]
+    orders = [list(sampler) for sampler in samplers]
+    assert len({index for order in orders for index in order}) == 100 // world_size * world_size
+    samplers[0].load_state_dict(samplers[0].at(0, 7))
+    assert list(samplers[0]) == orders[0][7:]
+
+
+def test_blocks_are_announced_before_they_are_read() -> None:
+    class Source(_OfShards):
+        def read_soon(self, indices: Sequence[int]) -> None:
+            soon.append(set(map(int, indices)))
+
+    soon: list[set[int]] = []
+    for number, index in enumerate(EpochSampler(Source(100), seed=1, block=20)):
+        assert index in soon[-1]
+        assert len(soon) == number // 20 + 1

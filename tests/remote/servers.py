@@ -86,22 +86,25 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Length", "0")
         self.end_headers()
 
+    def asked(self, size: int) -> tuple[int, int]:
+        """Return the first byte that is asked for, and the one after the last."""
+        first, _, last = self.headers.get("Range", "bytes=0-").removeprefix("bytes=").partition("-")
+        return int(first), min(size, int(last) + 1) if last else size
+
     def give(self, data: bytes, *, only: int | None = None) -> None:
         """Send the bytes that were asked for; `only` so many of them, and then cut the connection."""
-        begin = 0
-        asked = self.headers.get("Range", "")
-        if asked.startswith("bytes=") and self.server.ranges:
-            begin = int(asked[6:].split("-")[0])
-            if begin >= len(data):
-                self.status(416)
-                return
+        begin, end = self.asked(len(data)) if self.server.ranges else (0, len(data))
+        if begin >= len(data):
+            self.status(416)
+            return
+        if "Range" in self.headers and self.server.ranges:
             self.send_response(206)
-            self.send_header("Content-Range", f"bytes {begin}-{len(data) - 1}/{len(data)}")
+            self.send_header("Content-Range", f"bytes {begin}-{end - 1}/{len(data)}")
         else:
             self.send_response(200)
-        self.send_header("Content-Length", str(len(data) - begin))
+        self.send_header("Content-Length", str(end - begin))
         self.end_headers()
-        body = data[begin:] if only is None else data[begin : begin + only]
+        body = data[begin:end] if only is None else data[begin:end][:only]
         self.wfile.write(body)
         self.server.sent[self.path.rsplit("/", 1)[-1]] += len(body)
         if only is not None:

@@ -1,6 +1,8 @@
 """s3:// against moto, with obstore."""
 
 import logging
+import os
+import signal
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +16,8 @@ import dancedata
 from dancedata.core.errors import StoreError
 from dancedata.readers import WindowDataset
 from dancedata.remote import pull
+from dancedata.remote.address import parse_address
+from dancedata.remote.bucket import BucketSource
 from tests.messages import raises_message
 
 obstore = pytest.importorskip("obstore")
@@ -76,6 +80,31 @@ def test_forked_workers(bucket: str, published: Path) -> None:
     loader = DataLoader(remote, batch_size=16, num_workers=1, multiprocessing_context="fork", timeout=60)
     for a, b in zip(loader, DataLoader(local, batch_size=16), strict=True):
         assert torch.equal(a["pose"], b["pose"])
+
+
+def test_ranges_of_a_bucket(bucket: str, published: Path) -> None:
+    """Here, in forked workers, for which a process of its own asks, and in spawned ones."""
+    store = dancedata.open(bucket, stream=True)
+    remote, local = WindowDataset(store, "test", normalize=False), WindowDataset(published, "test", normalize=False)
+    assert torch.equal(remote[0]["pose"], local[0]["pose"])
+    for context in ("fork", "spawn"):
+        loader = DataLoader(remote, batch_size=16, num_workers=1, multiprocessing_context=context, timeout=60)
+        for a, b in zip(loader, DataLoader(local, batch_size=16), strict=True):
+            assert torch.equal(a["pose"], b["pose"])
+    assert not [p.name for p in store.path.iterdir() if p.name.startswith("test-0")]
+
+
+def test_a_source_that_crossed_a_fork_is_an_error_at_once(bucket: str) -> None:
+    source = BucketSource(parse_address(bucket))
+    child = os.fork()
+    if child == 0:
+        signal.alarm(20)  # a hang fails
+        try:
+            source.open("dataset.json", 0, 10)
+        except StoreError as error:
+            os._exit(0 if "would hang" in str(error) else 2)
+        os._exit(1)
+    assert os.waitpid(child, 0)[1] == 0
 
 
 def test_a_client_that_crossed_a_fork(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,9 @@
 """A dataset of an address reads as its copy on the disk does, and fetches only what is read."""
 
 import pickle
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,10 +11,10 @@ import torch
 
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, WindowDataset
+from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
 from dancedata.remote import is_address, pull
 from tests.messages import raises_message
-from tests.remote.servers import Hub, Server
+from tests.remote.servers import Handler, Hub, Server
 
 
 def _shards(counter: object, split: str = "") -> list[str]:
@@ -156,3 +158,82 @@ def test_what_is_an_address(tmp_path: Path) -> None:
     assert not any(map(is_address, ("data/demo", tmp_path, "C:/demo")))
     with raises_message(UsageError):
         pull("data/demo")
+
+
+def test_a_loader_begins_after_the_first_shard_and_two_come_ahead(server: Server, published: Path) -> None:
+    """Blocks of one shard: the first batch comes while other shards are still not sent."""
+    sent, go_on = [], threading.Event()
+
+    def later(handler: Handler, data: bytes) -> bool:
+        sent.append(handler.path)
+        return not go_on.wait(30)
+
+    remote, local = (WindowDataset(where, "train", normalize=False) for where in (f"{server.url}/store", published))
+    size = max(np.diff([*local.shard_starts, len(local)]).tolist())
+    orders = [EpochSampler(ds, seed=4, block=size) for ds in (remote, local)]
+    shards, numbers = local._shards_of_samples
+    first = shards[numbers[int(orders[1].order(0)[0])]].path.name
+    for shard in shards:
+        if shard.path.name != first:
+            server.fault(shard.path.name, later)
+    batches = iter(BatchLoader(remote, 2, sampler=orders[0], prefetch=1, threads=1))
+    expected = iter(BatchLoader(local, 2, sampler=orders[1]))
+    assert torch.equal(next(batches)["pose"], next(expected)["pose"])
+    assert server.sent[first] == (published / first).stat().st_size
+    assert len(_shards(server.sent, "train")) == 1
+    assert len(sent) <= 3  # two blocks ahead; a block may hold two small shards
+    go_on.set()
+    for a, b in zip(batches, expected, strict=True):
+        assert torch.equal(a["pose"], b["pose"])
+    assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
+
+
+def _rank(rank: int, world: int, address: str, file: str, stream: bool, results: Any) -> None:
+    torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
+    ds = WindowDataset(address, "train", normalize=False, stream=stream)
+    sampler = EpochSampler(ds, seed=2, block=64)
+    batches = list(BatchLoader(ds, 4, sampler=sampler))
+    sums = {int(i): float(rows.sum()) for b in batches for i, rows in zip(b["index"], b["pose"], strict=True)}
+    torch.distributed.barrier()
+    results.put((rank, sums))
+    torch.distributed.destroy_process_group()
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_ranks_see_each_window_once_and_fetch_once(
+    server: Server, published: Path, tmp_path: Path, stream: bool
+) -> None:
+    """Two processes of torch.distributed on one node."""
+    context = torch.multiprocessing.get_context("spawn")
+    results = context.SimpleQueue()
+    arguments = (2, f"{server.url}/store", str(tmp_path / "rendezvous"), stream, results)
+    ranks = [context.Process(target=_rank, args=(rank, *arguments)) for rank in range(2)]
+    for process in ranks:
+        process.start()
+    seen = [results.get()[1] for _ in ranks]
+    for process in ranks:
+        process.join(60)
+        assert process.exitcode == 0
+    local = WindowDataset(published, "train", normalize=False)
+    assert set(seen[0]) | set(seen[1]) == set(range(len(local)))
+    assert len(seen[0]) + len(seen[1]) <= len(local) + 1  # the last one again, where they are odd
+    for index, total in (seen[0] | seen[1]).items():
+        assert total == float(local[index]["pose"].sum())
+    whole = {n for name, n in server.requests.items() if name.startswith("train-0")}
+    assert whole == {1} or stream
+
+
+@pytest.mark.parametrize("stream", [False, True])
+@pytest.mark.parametrize("world", [1, 2, 8])
+def test_ranks_by_sampler(server: Server, published: Path, world: int, stream: bool) -> None:
+    local = WindowDataset(published, "train", normalize=False)
+    seen: list[int] = []
+    for rank in range(world):
+        ds = WindowDataset(f"{server.url}/store", "train", normalize=False, stream=stream)
+        sampler = EpochSampler(ds, seed=2, block=64, rank=rank, world_size=world, drop_last=True)
+        for batch in BatchLoader(ds, 4, sampler=sampler):
+            seen += batch["index"].tolist()
+            assert torch.equal(batch["pose"][0], local[int(batch["index"][0])]["pose"])
+    assert len(set(seen)) == len(seen) == len(local) // world * world
+    if not stream:
+        assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
