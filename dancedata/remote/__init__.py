@@ -5,6 +5,17 @@ One function, `local_folder`, turns an address into a folder of the cache, which
 
 from dancedata.remote.address import is_address
 from dancedata.remote.cached import Origin, local_folder, origin_of, require_file
+from dancedata.remote.fetch import PUBLICATION_FILE
 from dancedata.remote.pull import Pulled, pull, require_whole
 
-__all__ = ["Origin", "Pulled", "is_address", "local_folder", "origin_of", "pull", "require_file", "require_whole"]
+__all__ = [
+    "PUBLICATION_FILE",
+    "Origin",
+    "Pulled",
+    "is_address",
+    "local_folder",
+    "origin_of",
+    "pull",
+    "require_file",
+    "require_whole",
+]

@@ -41,6 +41,11 @@ class Answer:
 class Source(Protocol):
     """A folder on a server."""
 
+    @property
+    def address(self) -> Address:
+        """Its address."""
+        ...
+
     def open(self, name: str, begin: int) -> Answer:
         """Ask for a file from a byte on.
 
@@ -56,6 +61,16 @@ class Source(Protocol):
         """Return the address whose content does not change: that of the commit, where there are commits."""
 
 
-def refused(problem: str, where: object, found: object = None, fix: str | None = None) -> StoreError:
+class NotThereError(StoreError):
+    """The folder on the server does not have this file."""
+
+
+def refused(
+    problem: str,
+    where: object,
+    found: object = None,
+    fix: str | None = None,
+    kind: type[StoreError] = StoreError,
+) -> StoreError:
     """Return the error for a file that a server does not give."""
-    return StoreError(problem, where=where, found=found, fix=fix)
+    return kind(problem, where=where, found=found, fix=fix)
