@@ -3,8 +3,12 @@
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import yaml
 
 from dancedata.core.licence import Licence
+from dancedata.core.text import shown
 from dancedata.store import Store
 from dancedata.store.licence import clips_by_terms
 
@@ -59,7 +63,32 @@ def size_category(n: int) -> str:
     return next((name for end, name in _SIZES if n < 1000 * end), "n>10M")
 
 
-def head(store: Store, splits: Sequence[str]) -> str:
+@dataclass(frozen=True)
+class Publication:
+    """What a card has in addition where its dataset is published.
+
+    Attributes
+    ----------
+    address
+        Where it is read, with tag or commit.
+    rights
+        Statement by which the publisher may pass the data on although a licence does not allow it; "" without.
+    overridden
+        What these licences say.
+    gated
+        Whether users accept the terms first.
+    recipe_only
+        Whether only what rebuilds the data is published.
+    """
+
+    address: str
+    rights: str = ""
+    overridden: tuple[str, ...] = ()
+    gated: bool = False
+    recipe_only: bool = False
+
+
+def head(store: Store, splits: Sequence[str], place: Publication | None = None) -> str:
     """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup."""
     name, licence = strictest(store)
     n = sum(len(store.windows(split)) for split in splits) or len(store.clips)
@@ -74,10 +103,42 @@ def head(store: Store, splits: Sequence[str]) -> str:
         "task_categories:", "- other",
         "tags:", *(f"- {tag}" for tag in tags),
         "viewer: false",
-        "configs:", "- config_name: default", "  data_files:",
-        *(f"  - split: {_quoted(split)}\n    path: {_quoted(f'{split}-*.h5')}" for split in splits),
     ]  # fmt: skip
+    if place is None or not place.recipe_only:
+        lines += ["configs:", "- config_name: default", "  data_files:"]
+        lines += [f"  - split: {_quoted(split)}\n    path: {_quoted(f'{split}-*.h5')}" for split in splits]
+    if place is not None and place.gated:
+        lines.append(f"extra_gated_prompt: {_quoted(_terms(licence))}")
+    lines.append(yaml.safe_dump({"dancedata": _about(store, place)}, sort_keys=False, width=10_000).rstrip())
     return "\n".join(["---", *lines, "---", ""])
+
+
+def citations(store: Store) -> tuple[str, ...]:
+    """Return the works to cite: that of the dataset, then those of clips."""
+    texts = (str(store.meta.get("citation") or ""), *(licence.citation for licence in store.licences))
+    return tuple(dict.fromkeys(text for text in texts if text))
+
+
+def _terms(licence: Licence) -> str:
+    cite = f" Cite: {licence.citation}" if licence.citation else ""
+    return f"By asking for access you accept the terms of the source. {shown(licence.text, 2000)}{shown(cite, 2000)}"
+
+
+def _about(store: Store, place: Publication | None) -> dict[str, object]:
+    """Return what programs read of a dataset: sizes, columns, citations, and the hashes of recipe and dataset."""
+    meta = store.meta
+    counts = meta.get("counts", {})
+    about: dict[str, object] = {
+        **({"address": place.address, "data": not place.recipe_only} if place is not None else {}),
+        "format": meta["format"],
+        "bytes": sum(shard["size"] for shard in meta["shards"]),
+        "splits": {split: {key: n[key] for key in ("clips", "windows") if key in n} for split, n in counts.items()},
+        "columns": {name: store.field(name).columns.width for name in store.fields},
+        "recipe": shown(meta.get("name", "")),
+        **{key: meta[key] for key in ("recipe_sha256", "source_sha256", "self_sha256") if key in meta},
+        "citation": [shown(text, 2000) for text in citations(store)],
+    }
+    return about | ({"rights": shown(place.rights, 2000)} if place is not None and place.rights else {})
 
 
 def _quoted(text: str) -> str:

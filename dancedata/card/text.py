@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from dancedata.card.head import OTHER, head, strictest
+from dancedata.card.head import OTHER, Publication, citations, head, strictest
 from dancedata.core.text import counted, shown
 from dancedata.store import Store
 from dancedata.store.licence import clips_by_terms, terms_text
@@ -29,21 +29,23 @@ def without_paths(text: str) -> str:
     return _PATH.sub("PATH", text)
 
 
-def card_text(store: Store, pictures: Mapping[str, str]) -> str:
+def card_text(store: Store, pictures: Mapping[str, str], place: Publication | None = None) -> str:
     """Return the README.md of a dataset.
 
     Parameters
     ----------
     pictures
         Address and description of each picture.
+    place
+        Where and how it is published, if it is.
     """
     meta, splits = store.meta, tuple(store.splits)
     name = _text(str(meta.get("name", "dataset")))
     description = _text(str(meta.get("recipe", {}).get("description") or "Built by dancedata."))
     images = "\n".join(f"![{_text(what)}]({address})\n" for address, what in pictures.items())
     return "\n".join(
-        [head(store, splits), MARK, "", f"# {name}", "", description, "", images, _splits(store, splits),
-         _fields(store), _terms(store), _reading(splits, store), _again(store)]
+        [head(store, splits, place), MARK, "", f"# {name}", "", description, "", images, _splits(store, splits),
+         _fields(store), _terms(store, place), _reading(splits, store, place), _again(store, place)]
     )  # fmt: skip
 
 
@@ -88,15 +90,13 @@ def _fields(store: Store) -> str:
     return f"## Features\n\n{table}\n{weights}"
 
 
-def _terms(store: Store) -> str:
+def _terms(store: Store, place: Publication | None) -> str:
     name, licence = strictest(store)
     hub = "not one that hubs have a name for" if name == OTHER else name
     lines = [f"Strictest licence of its clips: {_text(licence.text)} ({hub})."]
     lines += [f"- {_text(text)}" for text in terms_text(clips_by_terms(store))]
     notes = [f"- {_text(note)}" for note in store.meta.get("source", {}).get("notes", [])]
-    cite = dict.fromkeys(
-        text for text in (str(store.meta.get("citation") or ""), *(k.citation for k in store.licences)) if text
-    )
+    cite = citations(store)
     parts = [
         "## Licence and citation",
         "",
@@ -105,21 +105,37 @@ def _terms(store: Store) -> str:
         f"Dataset: {_text(str(store.meta.get('licence') or 'unknown'))}",
     ]
     parts += ["", "Cite:", "", *(f"> {_text(text)}\n" for text in cite)] if cite else []
+    if place is not None and place.rights:
+        parts += ["", "These licences do not allow the data to be passed on:", ""]
+        parts += [f"- {_text(clause)}" for clause in place.overridden]
+        parts += ["", f"The publisher states the right to do so: {_text(place.rights)}", ""]
     return "\n".join([*parts, *(["", "## Source", "", *notes] if notes else []), ""])
 
 
-def _reading(splits: Sequence[str], store: Store) -> str:
-    field = next(iter(store.fields))
+def _reading(splits: Sequence[str], store: Store, place: Publication | None) -> str:
+    if place is not None and place.recipe_only:
+        return (
+            "## How to get the data\n\nThis publication has no motion, music or features. It has the recipe, the "
+            "clips with their splits and the hashes of their source files, the scaler, and the hashes of the dataset."
+            f"\n\n{_command(place.address)}\n"
+            "With your own copy of the source this builds the dataset, and compares it: the same bytes, or which "
+            "clips differ.\n"
+        )
+    where, field = "FOLDER" if place is None else place.address, next(iter(store.fields))
     return (
-        "## How to read it\n\n```python\nimport dancedata\n\nds = dancedata.open(\"FOLDER\")\n"
+        f"## How to read it\n\n```python\nimport dancedata\n\nds = dancedata.open({where!r})\n"
         f"window = ds.windows({splits[0]!r})[0]\nds.read(window, {field!r}).shape\n```\n\n"
-        "The files are plain HDF5. `dancedata check FOLDER` verifies them, `dancedata view FOLDER` plays them.\n"
-    )  # fmt: skip
+        f"The files are plain HDF5. `dancedata check {where}` verifies them, `dancedata view {where}` plays them.\n"
+    )
 
 
-def _again(store: Store) -> str:
+def _command(recipe: str) -> str:
+    return f"```sh\ndancedata build {recipe} --source FOLDER_OF_THE_SOURCE --out FOLDER\n```\n"
+
+
+def _again(store: Store, place: Publication | None) -> str:
     meta = store.meta
-    recipe = yaml.safe_dump(_plain(meta.get("recipe", {})), sort_keys=False, allow_unicode=True, width=100)
+    recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
     hashes = [(key, meta.get(key)) for key in ("recipe_sha256", "source_sha256", "self_sha256")]
     rows = [(key.removesuffix("_sha256"), f"`{value}`") for key, value in hashes if value]
     rows += [(f"`{shard['file']}`", f"`{shard['sha256']}`") for shard in meta.get("shards", [])]
@@ -129,9 +145,14 @@ def _again(store: Store) -> str:
     return (
         f"## How to build it again\n\nWith dancedata {_text(str(meta.get('dancedata', '')))}{used}, and this recipe "
         f"as recipe.yaml:\n\n{fence}yaml\n{recipe}{fence}\n\n"
-        "```sh\ndancedata build recipe.yaml --source FOLDER_OF_THE_SOURCE --out FOLDER\n```\n\n"
+        f"{_command('recipe.yaml' if place is None else place.address)}\n"
         f"{_table(('', 'SHA-256'), rows)}"
     )
+
+
+def plain_recipe(store: Store) -> Any:
+    """Return the recipe of a dataset without the paths of a machine."""
+    return _plain(store.meta.get("recipe", {}))
 
 
 def _plain(value: Any) -> Any:

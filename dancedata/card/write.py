@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Dots per inch of the pictures, and the largest card, megabytes.
 _DPI, _MAX_MB = 110, 5.0
+#: Names that pictures of a card may have.
+PICTURE_FILES = ("poses.png", "map.png", "beats.png", "paths.png")
 
 
 def write_card(
@@ -63,17 +65,24 @@ def write_card(
         )
     with open_store(store) as opened:
         opened.require_intact()
-        drawn = _drawings(opened)
-        pictures: dict[str, bytes] = {}
-        words: dict[str, str] = {}
-        with Progress(quiet=not progress).stage("drawing", len(drawn)) as advance:
-            for name, (what, draw) in drawn.items():
-                pictures[name] = _png(draw())
-                words[f"{quote(target.folder.name)}/{name}"] = what
-                advance(1)
+        pictures = drawn_pictures(opened, Progress(quiet=not progress))
+        words = {f"{quote(target.folder.name)}/{name}": what for name, (what, _) in pictures.items()}
         text = card_text(opened, words)
-    target.write(text.encode(), {name: partial(bytes, picture) for name, picture in pictures.items()})
+    target.write(text.encode(), {name: partial(bytes, picture) for name, (_, picture) in pictures.items()})
     return target.path
+
+
+def drawn_pictures(store: Store, progress: Progress) -> dict[str, tuple[str, bytes]]:
+    """Return the pictures of a card by file name: description, and PNG; equal datasets give equal bytes.
+
+    UsageError if there is no motion to draw, or matplotlib is not installed.
+    """
+    drawn, pictures = _drawings(store), {}
+    with progress.stage("drawing", len(drawn)) as advance:
+        for name, (what, draw) in drawn.items():
+            pictures[name] = what, _png(draw())
+            advance(1)
+    return pictures
 
 
 def _drawings(store: Store) -> dict[str, tuple[str, Callable[[], Axes]]]:

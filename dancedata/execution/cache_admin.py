@@ -131,7 +131,7 @@ def _fetched(datasets: Path) -> Iterator[Entry]:
             with suppress(OSError):
                 stat = file.stat(follow_symlinks=False)
                 # dataset.json stays: with it the rest is fetched again when it is needed.
-                if S_ISREG(stat.st_mode) and file.name != "dataset.json":
+                if S_ISREG(stat.st_mode) and file.name not in ("dataset.json", "publication.json"):
                     opened = os.stat(datasets / f"{match['sha256']}.json").st_mtime  # type: ignore[index]
                     size = disk_bytes(stat)
                     yield Entry(Path(file.path), files.DATASETS, size, max(opened, stat.st_mtime), stat.st_mtime)

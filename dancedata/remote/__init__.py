@@ -5,10 +5,12 @@ One function, `local_folder`, turns an address into a folder of the cache, which
 
 from dancedata.remote.address import is_address
 from dancedata.remote.cached import Origin, fetch_soon, local_folder, origin_of, require_file
+from dancedata.remote.fetch import PUBLICATION_FILE
 from dancedata.remote.pull import Pulled, pull, require_whole
 from dancedata.remote.ranges import RangedFile, RangeReader, Stream
 
 __all__ = [
+    "PUBLICATION_FILE",
     "Origin",
     "Pulled",
     "RangeReader",

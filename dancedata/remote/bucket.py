@@ -8,7 +8,7 @@ from typing import Any
 from dancedata.core.packages import require
 from dancedata.core.text import shown
 from dancedata.remote.address import Address
-from dancedata.remote.source import Answer, Interrupted, OutOfRange, no_ranges, refused
+from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, no_ranges, refused
 
 _CHUNK = 1 << 20
 #: Seconds of obstore's own attempts; longer failures are the caller's.
@@ -36,7 +36,7 @@ class BucketSource:
         _first_used_in = os.getpid()
         self.address = address
         retry: Any = _RETRY
-        self._store = from_url(str(address), retry_config=retry)
+        self.store = from_url(str(address), retry_config=retry)
 
     def resolve(self) -> Address:
         """Return the address: a bucket has no commits."""
@@ -53,10 +53,10 @@ class BucketSource:
             options = {"range": (begin, end)}
         where = f"{self.address}/{name}"
         try:
-            result = obstore.get(self._store, name, options=options)
+            result = obstore.get(self.store, name, options=options)
         except (FileNotFoundError, exceptions.NotFoundError):
             fix = "check bucket and prefix: the address is that of the folder with dataset.json"
-            raise refused("there is no such object", where, fix=fix) from None
+            raise refused("there is no such object", where, fix=fix, kind=NotThereError) from None
         except (PermissionError, exceptions.PermissionDeniedError, exceptions.UnauthenticatedError):
             fix = "set the client's own variables (AWS_ACCESS_KEY_ID, ...); public: AWS_SKIP_SIGNATURE=true"
             raise refused("the object store does not give this object to you", where, fix=fix) from None

@@ -29,6 +29,7 @@ from dancedata.remote.bucket import crossed_a_fork
 from dancedata.remote.fetch import (
     DATASET_FILE,
     MAX_DESCRIPTION,
+    PUBLICATION_FILE,
     RemoteFile,
     fetch_description,
     fetch_file,
@@ -36,8 +37,9 @@ from dancedata.remote.fetch import (
     source_of,
     written,
 )
-from dancedata.remote.source import refused
+from dancedata.remote.source import NotThereError, refused
 
+CARD_FILE = "README.md"
 #: Folder of what addresses held last.
 ADDRESSES = "addresses"
 #: Files above this size are fetched with progress.
@@ -90,26 +92,45 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
         with suppress(StoreError):
             return _last(address, remembered, root)
     resolved = source_of(address).resolve()
-    data, document = fetch_description(source_of(resolved), resolved)
-    _check_names(document, f"{resolved}/{DATASET_FILE}")
+    name, data, document = _description(resolved)
+    check_names(document, f"{resolved}/{name}")
     if resolved != address:
         Progress().write(f"{address} is now commit {resolved.revision}")
     folder = root / DATASETS / str(document["self_sha256"])
-    with written(folder / DATASET_FILE, len(data)):
+    with written(folder / name, len(data)):
         folder.mkdir(parents=True, exist_ok=True)
         mark(root)
-        if not has_file(folder / DATASET_FILE, len(data)):
-            write_bytes(folder / DATASET_FILE, data)
+        if not has_file(folder / name, len(data)):
+            write_bytes(folder / name, data)
         write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(resolved), str(address))))
-        for name in {str(address), str(resolved)}:
-            remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(name.encode())}.json"
+        for text in {str(address), str(resolved)}:
+            remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(text.encode())}.json"
             remembered.parent.mkdir(exist_ok=True)
-            write_json(remembered, {"address": name, "self_sha256": folder.name, "resolved": str(resolved)})
+            write_json(remembered, {"address": text, "self_sha256": folder.name, "resolved": str(resolved)})
     return folder
 
 
+def _description(address: Address) -> tuple[str, bytes, Mapping[str, Any]]:
+    """Return name and content of dataset.json, or of publication.json where only a recipe is published."""
+    source = source_of(address)
+    try:
+        return DATASET_FILE, *fetch_description(source, address, DATASET_FILE)
+    except NotThereError:
+        with suppress(NotThereError):
+            data, document = fetch_description(source, address, PUBLICATION_FILE)
+            if "dataset" in document:  # else of an upload that has not come to its end
+                return PUBLICATION_FILE, data, document
+        raise
+
+
+def description_of(folder: Path) -> Path:
+    """Return the file of a dataset that lists the others; publication.json where only a recipe is published."""
+    name = DATASET_FILE if (folder / DATASET_FILE).exists() else PUBLICATION_FILE
+    return folder / name if (folder / name).exists() else folder / DATASET_FILE
+
+
 def is_offline() -> bool:
-    """Return whether no server is asked: HF_HUB_OFFLINE is set."""
+    """Return whether HF_HUB_OFFLINE is set: then no server is asked."""
     return os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "ON", "YES", "TRUE")
 
 
@@ -117,7 +138,7 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
     """Return the folder that an address had last."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         folder = root / DATASETS / str(read_json(remembered, 1 << 16)["self_sha256"])
-        if _HASH.fullmatch(folder.name) and (folder / DATASET_FILE).is_file():
+        if _HASH.fullmatch(folder.name) and description_of(folder).is_file():
             with suppress(OSError):  # another user's
                 os.utime(folder.with_name(f"{folder.name}.json"))  # the time of the last use, for `cache prune`
             return folder
@@ -136,8 +157,13 @@ def origin_of(folder: Path) -> Origin | None:
 
 
 def remote_files(document: Mapping[str, Any], splits: tuple[str, ...] | None = None) -> Iterator[RemoteFile]:
-    """Yield the files that dataset.json lists, those of all splits first needed first: tables, then shards."""
+    """Yield the files that dataset.json lists, those of all splits first needed first: tables, then shards.
+
+    Not the card: it is for people, and a hub has one of its own, which its authors edit there.
+    """
     for name, entry in document["files"].items():
+        if name == CARD_FILE:
+            continue
         yield RemoteFile(name, entry["size"], entry["sha256"])
     chosen = [(s, e) for s, e in document.get("splits", {}).items() if splits is None or s in splits]
     for entry in [entry[part] for _, entry in chosen for part in ("tables", "segments") if entry.get(part)]:
@@ -147,7 +173,7 @@ def remote_files(document: Mapping[str, Any], splits: tuple[str, ...] | None = N
             yield RemoteFile(entry["file"], entry["size"], entry["sha256"])
 
 
-def _check_names(document: Mapping[str, Any], where: str) -> None:
+def check_names(document: Mapping[str, Any], where: str) -> None:
     """Raise StoreError for names that lead out of the folder, and sizes and hashes that are none."""
     try:
         for file in remote_files(document):
@@ -162,7 +188,7 @@ def _check_names(document: Mapping[str, Any], where: str) -> None:
 
 @lru_cache(maxsize=4)
 def _listed(folder: Path) -> Mapping[str, RemoteFile]:
-    document = read_json(folder / DATASET_FILE, MAX_DESCRIPTION)
+    document = read_json(description_of(folder), MAX_DESCRIPTION)
     return {file.name: file for file in remote_files(document)}
 
 

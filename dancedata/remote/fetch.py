@@ -31,6 +31,8 @@ STALL_BYTES, STALL_S = 1024, 60.0
 #: Largest dataset.json, bytes.
 MAX_DESCRIPTION = 1 << 26
 DATASET_FILE = "dataset.json"
+#: What a publication has in addition, and in the place of dataset.json where it has a recipe and no data.
+PUBLICATION_FILE = "publication.json"
 Report = Callable[[int], None]
 
 
@@ -50,13 +52,11 @@ def source_of(address: Address) -> Source:
     return HttpSource(address) if address.scheme in ("https", "http") else BucketSource(address)
 
 
-def fetch_description(source: Source, address: Address) -> tuple[bytes, Mapping[str, Any]]:
-    """Return dataset.json as bytes and parsed; StoreError unless its self_sha256 is that of its content."""
-    where = f"{address}/{DATASET_FILE}"
+def fetch_description(source: Source, address: Address, name: str) -> tuple[bytes, Mapping[str, Any]]:
+    """Return dataset.json or publication.json as bytes and parsed; StoreError unless its self_sha256 is right."""
     problem = ""
     for _ in range(2):
-        data = bytearray()
-        persist(partial(_read_all, source, data), lambda have=data: len(have), where)  # type: ignore[misc]
+        data = read_all(source, name, MAX_DESCRIPTION)
         try:
             document = parse_json(data.decode("utf-8"))
             stated = document["self_sha256"]
@@ -65,22 +65,30 @@ def fetch_description(source: Source, address: Address) -> tuple[bytes, Mapping[
             problem = f"{type(error).__name__}, {len(data):,} bytes"
             continue
         if stated == content:
-            return bytes(data), document
+            return data, document
         problem = f"self_sha256 {str(stated)[:12]}..., content {content[:12]}..."
     raise refused(
-        "this is not the dataset.json of a finished dataset", where, problem, "check the address, or upload it again"
+        f"this is not the {name} of a finished dataset",
+        f"{address}/{name}",
+        problem,
+        "check the address, or upload it again",
     )
 
 
-def _read_all(source: Source, data: bytearray) -> None:
+def read_all(source: Source, name: str, limit: int) -> bytes:
+    """Return the bytes of a small file; StoreError if it has more than `limit` of them."""
+    data = bytearray()
+    persist(partial(_read, source, name, limit, data), lambda: 0, f"{source.address}/{name}")
+    return bytes(data)
+
+
+def _read(source: Source, name: str, limit: int, data: bytearray) -> None:
     del data[:]  # it is small: no ranges
-    with closing(source.open(DATASET_FILE, 0).chunks) as chunks:
+    with closing(source.open(name, 0).chunks) as chunks:
         for chunk in steady(chunks):
             data += chunk
-            if len(data) > MAX_DESCRIPTION:
-                raise refused(
-                    "the file is larger than any dataset.json", DATASET_FILE, f"more than {MAX_DESCRIPTION:,} bytes"
-                )
+            if len(data) > limit:
+                raise refused(f"the file is larger than any {name}", name, f"more than {limit:,} bytes")
 
 
 def fetch_file(source: Source, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:
@@ -209,14 +217,17 @@ def steady(chunks: Iterator[bytes]) -> Iterator[bytes]:
 
 
 def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
-    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought no byte."""
-    failures = 0
+    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought no new byte.
+
+    Bytes that were there before, and were discarded, are not new: a server could go on so for ever.
+    """
+    failures, most = 0, have()
     while True:
-        before = have()
         try:
             attempt()
         except Interrupted as error:
-            failures = 1 if have() > before else failures + 1
+            failures = 1 if have() > most else failures + 1
+            most = max(most, have())
             if failures >= ATTEMPTS:
                 fix = "run the same command again later: it goes on from there"
                 raise refused(

@@ -13,7 +13,7 @@ from urllib.parse import quote, urlsplit
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.text import quoted, shown
 from dancedata.remote.address import LOOPBACK, Address
-from dancedata.remote.source import Answer, Interrupted, OutOfRange, no_ranges, refused
+from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, no_ranges, refused
 
 #: Seconds without a byte after which a connection is given up.
 TIMEOUT_S = 30.0
@@ -106,7 +106,7 @@ class HttpSource:
         where = self._where(name)
         if status == 404:
             fix = "check the address: it is that of the folder with dataset.json" if name == "dataset.json" else None
-            return refused("there is no such file on the server", where, "HTTP 404", fix)
+            return refused("there is no such file on the server", where, "HTTP 404", fix, NotThereError)
         if status in (401, 403):
             problem = "the server asks for a login" if status == 401 else "the server does not give this file to you"
             return refused(problem, where, f"HTTP {status}", f"dancedata reads public https folders; {_KEPT}")

@@ -12,7 +12,7 @@ from dancedata.core.typing import override
 from dancedata.files.strict_json import parse_json
 from dancedata.remote.address import Address
 from dancedata.remote.http import HttpSource
-from dancedata.remote.source import refused
+from dancedata.remote.source import NotThereError, refused
 
 _MAX_ANSWER = 1 << 26
 _LOGIN = "log in with: hf auth login, or set HF_TOKEN"
@@ -26,9 +26,9 @@ class HubSource(HttpSource):
         from huggingface_hub import constants
 
         super().__init__(address)
-        self._hub = os.environ.get("HF_ENDPOINT", constants.ENDPOINT).rstrip("/")
+        self.endpoint = os.environ.get("HF_ENDPOINT", constants.ENDPOINT).rstrip("/")
         folder = f"{quote(address.folder)}/" if address.folder else ""
-        self.base = f"{self._hub}/datasets/{address.place}/resolve/{quote(address.revision, safe='')}/{folder}"
+        self.base = f"{self.endpoint}/datasets/{address.place}/resolve/{quote(address.revision, safe='')}/{folder}"
 
     @override
     def headers(self) -> Mapping[str, str]:
@@ -42,7 +42,7 @@ class HubSource(HttpSource):
         if self.address.is_pinned:
             return self.address
         revision = quote(self.address.revision, safe="")
-        url = f"{self._hub}/api/datasets/{self.address.place}/revision/{revision}"
+        url = f"{self.endpoint}/api/datasets/{self.address.place}/revision/{revision}"
         with self.request(url, "") as response:
             text = response.read(_MAX_ANSWER)
         try:
@@ -58,7 +58,7 @@ class HubSource(HttpSource):
 
     @override
     def failure(self, status: int, headers: Any, name: str) -> StoreError:
-        code, page = str(headers.get("X-Error-Code", "")), f"{self._hub}/datasets/{self.address.place}"
+        code, page = str(headers.get("X-Error-Code", "")), f"{self.endpoint}/datasets/{self.address.place}"
         found = f"HTTP {status}"
         if code == "GatedRepo" or (status == 403 and not code):
             fix = f"accept its terms at {page}, then {_LOGIN}"
@@ -68,7 +68,7 @@ class HubSource(HttpSource):
             return refused("the repository has no such revision", str(self.address), self.address.revision, fix)
         if code == "EntryNotFound":
             fix = "an upload that was not finished, or a folder in the repository: hf://datasets/ORG/NAME@REVISION/FOLDER"
-            return refused("the repository has no such file", f"{self.address}/{name}", found, fix)
+            return refused("the repository has no such file", f"{self.address}/{name}", found, fix, NotThereError)
         if code == "RepoNotFound" or status == 404:
             fix = f"check its name at {page}; if it is private, {_LOGIN}"
             return refused("there is no such repository, or it is private", str(self.address), found, fix)

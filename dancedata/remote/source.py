@@ -41,6 +41,11 @@ class Answer:
 class Source(Protocol):
     """A folder on a server."""
 
+    @property
+    def address(self) -> Address:
+        """Its address."""
+        ...
+
     def open(self, name: str, begin: int, end: int | None = None) -> Answer:
         """Ask for a file from a byte on, or for the bytes up to `end` alone.
 
@@ -62,6 +67,16 @@ def no_ranges(where: object, found: object) -> StoreError:
     return refused("the server does not give parts of files", where, found, fix)
 
 
-def refused(problem: str, where: object, found: object = None, fix: str | None = None) -> StoreError:
+class NotThereError(StoreError):
+    """The folder on the server does not have this file."""
+
+
+def refused(
+    problem: str,
+    where: object,
+    found: object = None,
+    fix: str | None = None,
+    kind: type[StoreError] = StoreError,
+) -> StoreError:
     """Return the error for a file that a server does not give."""
-    return StoreError(problem, where=where, found=found, fix=fix)
+    return kind(problem, where=where, found=found, fix=fix)

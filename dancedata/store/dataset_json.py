@@ -15,6 +15,7 @@ from dancedata.core.text import listed, quoted, shown
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
+from dancedata.remote import PUBLICATION_FILE, origin_of
 from dancedata.store.schema import DATASET_FILE, FORMATS, Field, is_shard_name, segments_name, tables_name
 from dancedata.store.table_columns import type_of
 
@@ -103,6 +104,14 @@ def load_description(folder: Path) -> Description:
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8")
     except (FileNotFoundError, NotADirectoryError) as error:
+        if (folder / PUBLICATION_FILE).exists():
+            place = origin_of(folder)
+            raise StoreError(
+                "this publication has a recipe and no data",
+                where=str(folder) if place is None else place.address,
+                fix="build it from your own copy of the source: dancedata build "
+                f"{folder if place is None else place.address} --source DIR --out DIR",
+            ) from error
         raise StoreError(
             "there is no finished dataset",
             where=str(folder),

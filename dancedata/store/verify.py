@@ -11,7 +11,7 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed, shown
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
-from dancedata.remote import local_folder, require_whole
+from dancedata.remote import local_folder, origin_of, require_whole
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
@@ -134,6 +134,8 @@ def _check_side_files(folder: Path, description: Description) -> Iterator[Proble
         if Path(name).name != name:
             yield Problem("error", str(folder / DATASET_FILE), f"{name!r} is not a file of the dataset")
             continue
+        if name == CARD_FILE and origin_of(folder) is not None:
+            continue  # not fetched
         message = _compare_file(folder / name, entry)
         if message:
             yield Problem(severity, str(folder / name), message)

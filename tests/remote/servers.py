@@ -159,7 +159,7 @@ class Hub(Server):
             handler.status(401)
         elif self.gated:
             handler.status(403, X_Error_Code="GatedRepo")
-        elif len(rest) < 2 or (commit := self.branches.get(rest[1], rest[1])) not in self.commits:
+        elif len(rest) < 2 or (commit := self.commit_of(rest[1])) not in self.commits:
             handler.status(404, X_Error_Code="RevisionNotFound")
         elif api:
             body = json.dumps({"id": repository, "sha": commit}).encode()
@@ -175,4 +175,7 @@ class Hub(Server):
 
     def file_of(self, path: str) -> Path | None:
         parts = path.strip("/").split("/")
-        return self.commits[self.branches.get(parts[4], parts[4])] / "/".join(parts[5:])
+        return self.commits[self.commit_of(parts[4])] / "/".join(parts[5:])
+
+    def commit_of(self, revision: str) -> str:
+        return self.branches.get(revision, revision)

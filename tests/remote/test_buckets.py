@@ -56,7 +56,7 @@ def test_a_bucket(bucket: str, published: Path) -> None:
         window = local.windows("train")[-1]
         np.testing.assert_array_equal(remote.read(window, "pose"), local.read(window, "pose"))
     folder = pull(bucket, progress=False).path
-    assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir())
+    assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir() if p.name != "README.md")
 
 
 def test_goes_on_from_a_part(bucket: str, published: Path) -> None:

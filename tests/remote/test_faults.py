@@ -36,7 +36,7 @@ def _shard(published: Path) -> str:
 
 
 def _whole(folder: Path, published: Path) -> bool:
-    return all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir())
+    return all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir() if p.name != "README.md")
 
 
 def _leftovers(folder: Path) -> list[str]:

@@ -36,6 +36,9 @@ class Dataset(Plugin):
         Whether clips have music; False where it was published as features alone.
     may_share_audio
         Whether the licence allows the music to be passed on, in a page or a video. False where that is unknown.
+    may_share_motion
+        Whether it allows what is made of the motion to be passed on, such as a built dataset. False where that is
+        unknown.
     genre_ids
         The dataset's own number for each genre, for trainers that use it.
     """
@@ -44,6 +47,7 @@ class Dataset(Plugin):
     citation: ClassVar[str]
     has_audio: ClassVar[bool] = True
     may_share_audio: ClassVar[bool] = False
+    may_share_motion: ClassVar[bool] = False
     generates: ClassVar[bool] = False
     explicit_only: ClassVar[bool] = False
 

@@ -120,6 +120,7 @@ class AistPP(Dataset):
     music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
+    may_share_motion: ClassVar[bool] = True
     licence: ClassVar[str] = (
         "Annotations: CC BY 4.0 (Google LLC). The AIST music and video have terms of their own: "
         "research use, no redistribution."

@@ -1,0 +1,14 @@
+"""Datasets, or the recipes of those that may not be passed on, on hubs and in buckets."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dancedata.core.lazy import lazy_names
+
+__all__ = ["Pushed", "push"]
+
+if TYPE_CHECKING:
+    from dancedata.publish.push import Pushed, push
+else:
+    __getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(("Pushed", "push"), "dancedata.publish.push"))

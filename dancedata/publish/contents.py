@@ -1,0 +1,153 @@
+"""The files of a publication, and publication.json, which lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dancedata.card.head import Publication
+from dancedata.card.text import card_text, plain_recipe
+from dancedata.card.write import drawn_pictures
+from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.hashing import json_sha256, sha256_bytes
+from dancedata.core.version import __version__
+from dancedata.execution.progress import Progress
+from dancedata.files.regular_file import read_regular
+from dancedata.remote.cached import check_names, remote_files
+from dancedata.remote.fetch import DATASET_FILE, MAX_DESCRIPTION, PUBLICATION_FILE
+from dancedata.store import Store
+from dancedata.store.schema import CARD_FILE, REJECTS_FILE, STATS_FILE
+from dancedata.store.writer import dump_json, dump_lines
+
+#: Folder of the card's pictures.
+PICTURES = "README_files"
+RECIPE_FILE, CLIPS_FILE = "recipe.yaml", "clips.jsonl"
+#: Attributes of a clip that are part of its hash, see `pipeline.source_record`.
+_ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
+#: Largest file that is published beside a recipe, such as a manifest.
+_MAX_BESIDE = 1 << 26
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A file to publish: on the disk, or its bytes."""
+
+    name: str
+    content: Path | bytes
+    size: int
+    sha256: str
+
+    @classmethod
+    def of_bytes(cls, name: str, data: bytes) -> Upload:
+        """Return the upload of bytes."""
+        return cls(name, data, len(data), sha256_bytes(data))
+
+
+def contents(store: Store, place: Publication, beside: Sequence[Path], progress: Progress) -> list[Upload]:
+    """Return the files of a publication; the last one makes it complete.
+
+    Parameters
+    ----------
+    beside
+        Files of the source to publish with a recipe, such as a manifest or a local plug-in.
+
+    Raises
+    ------
+    StoreError
+        If dataset.json lists names that no dataset has.
+    """
+    check_names(store.meta, f"{store.path}/{DATASET_FILE}")
+    if place.recipe_only:
+        files = [*_recipe(store), *_beside(beside)]
+        more = {"dataset": dict(store.meta)}
+    else:
+        files = [Upload(f.name, store.path / f.name, f.size, f.sha256) for f in remote_files(store.meta)]
+        more = {}
+    publication = Upload.of_bytes(PUBLICATION_FILE, dump_json(_described(store, place, files, more)).encode())
+    if publication.size > MAX_DESCRIPTION:
+        raise UsageError(
+            "the dataset has too many files and clips for one publication",
+            where=str(store.path),
+            found=f"{PUBLICATION_FILE} of {publication.size:,} bytes",
+            allowed=f"{MAX_DESCRIPTION:,}",
+            fix="publish its parts as datasets of their own",
+        )
+    files += _card(store, place, progress)
+    if place.recipe_only:
+        return [*files, publication]
+    return [
+        *files,
+        publication,
+        Upload.of_bytes(DATASET_FILE, read_regular(store.path / DATASET_FILE, MAX_DESCRIPTION)),
+    ]
+
+
+def _described(store: Store, place: Publication, files: Sequence[Upload], more: Mapping[str, Any]) -> dict[str, Any]:
+    document = {
+        "publication": 1,
+        "dancedata": __version__,
+        "name": store.meta.get("name", ""),
+        "dataset_sha256": store.meta["self_sha256"],
+        "licence": store.meta.get("licence", ""),
+        "citation": store.meta.get("citation", ""),
+        **({"rights": place.rights, "overridden": list(place.overridden)} if place.rights else {}),
+        "files": {file.name: {"size": file.size, "sha256": file.sha256} for file in files},
+        "shards": [],
+        **more,
+    }
+    return document | {"self_sha256": json_sha256(document)}
+
+
+def _recipe(store: Store) -> Iterator[Upload]:
+    """Yield what rebuilds a dataset and describes it, and holds no row of it."""
+    recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
+    yield Upload.of_bytes(RECIPE_FILE, recipe.encode())
+    yield Upload.of_bytes(CLIPS_FILE, dump_lines(list(_clips(store))).encode())
+    for name in (STATS_FILE, REJECTS_FILE):
+        entry = store.meta["files"][name]
+        yield Upload(name, store.path / name, entry["size"], entry["sha256"])
+
+
+def _clips(store: Store) -> Iterator[dict[str, Any]]:
+    for clip in store.clips:
+        if not clip.source:
+            terms = store.licences[clip.licence].to_json() if clip.licence >= 0 else {}
+            about = {name: getattr(clip, name) for name in _ABOUT}
+            yield {"id": clip.id, **about, "lists": list(clip.lists), "made_of": clip.made_of, **terms}
+
+
+def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
+    taken = {DATASET_FILE, PUBLICATION_FILE, CARD_FILE, RECIPE_FILE, CLIPS_FILE, STATS_FILE, REJECTS_FILE}
+    for path in paths:
+        name = path.name
+        try:
+            check_names({"files": {name: {"size": 0, "sha256": "0" * 64}}, "shards": []}, str(path))
+        except DanceDataError:
+            raise UsageError(
+                "the name of this file cannot be published", where=path, allowed="letters, digits, and _ . + -"
+            ) from None
+        if name in taken:
+            raise UsageError("a publication has another file of this name", where=path, fix="rename it")
+        taken.add(name)
+        try:
+            yield Upload.of_bytes(name, read_regular(path, _MAX_BESIDE))
+        except OSError as error:
+            raise UsageError("the file cannot be read", where=path, found=str(error)) from error
+
+
+def _card(store: Store, place: Publication, progress: Progress) -> list[Upload]:
+    pictures: dict[str, tuple[str, bytes]] = {}
+    if not place.recipe_only:
+        try:
+            pictures = drawn_pictures(store, progress)
+        except UsageError as error:  # no matplotlib
+            progress.write(f"the card has no pictures: {error}")
+    words = {f"{PICTURES}/{name}": what for name, (what, _) in pictures.items()}
+    return [
+        Upload.of_bytes(CARD_FILE, card_text(store, words, place).encode()),
+        *(Upload.of_bytes(f"{PICTURES}/{name}", data) for name, (_, data) in pictures.items()),
+    ]

@@ -1,0 +1,83 @@
+"""Permission to publish a dataset: the licences of its source, of its clips and of its words decide."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from dancedata.core.errors import UsageError
+from dancedata.core.licence import Licence
+from dancedata.core.registry import DATASETS
+from dancedata.core.text import counted, quoted, shown
+from dancedata.store import Store
+from dancedata.store.licence import clips_by_terms
+
+#: Most characters of a clause.
+_CLAUSE = 600
+
+
+class Restriction(NamedTuple):
+    """What a licence does not allow to be passed on, and the clause of the licence."""
+
+    what: str
+    clause: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.clause}"
+
+
+def restrictions(store: Store) -> list[Restriction]:
+    """Return what of a dataset may not be passed on; empty if all may.
+
+    Clips with terms of their own are judged by these, other clips by the record of the dataset's plug-in; a licence
+    that is not known to allow it does not. Rows of audio features count as music: they are made of it.
+    """
+    return [*_of_dataset(store), *_of_clips(store), *_of_words(store)]
+
+
+def require_permission(store: Store, *, to: object) -> None:
+    """Raise UsageError with the clauses if a licence does not allow the dataset to be published."""
+    found = restrictions(store)
+    if found:
+        lines = "\n".join(f"  - {restriction}" for restriction in found)
+        raise UsageError(
+            "the licence of the source does not allow this dataset to be passed on",
+            where=str(store.path),
+            found=f"dataset {quoted(store.meta.get('dataset', ''))}, which holds\n{lines}\n",
+            fix=f"publish what rebuilds it from the user's own copy of the source: dancedata push {store.path} {to} "
+            '--recipe-only. If you hold the right to publish the data, state it: --rights "..."',
+        )
+
+
+def _of_dataset(store: Store) -> list[Restriction]:
+    terms = clips_by_terms(store) or {None: 1}
+    if all(licence is not None and licence.text for licence in terms):
+        return []
+    name = str(store.meta.get("dataset", ""))
+    reader = DATASETS.get(name) if name in DATASETS.names() else None
+    allowed = {
+        "motion": reader is not None and reader.may_share_motion,
+        "music": reader is not None and reader.may_share_audio,
+    }
+    held = {"motion": "motion"}
+    fields = [field for field in store.fields if store.field(field).kind == "audio"]
+    if fields:
+        held["music"] = f"features of music ({', '.join(fields)})"
+    clause = shown(store.meta.get("licence") or "no licence is recorded", _CLAUSE)
+    return [Restriction(what, clause) for kind, what in held.items() if not allowed[kind]]
+
+
+def _of_clips(store: Store) -> list[Restriction]:
+    return [
+        Restriction(counted(n, "clip"), shown(licence.text, _CLAUSE))
+        for licence, n in clips_by_terms(store).items()
+        if licence is not None and licence.text and not licence.may_share
+    ]
+
+
+def _of_words(store: Store) -> list[Restriction]:
+    named = [layer for layer in store.layers if layer.licence]
+    return [
+        Restriction(f"words or events ({layer.name})", shown(layer.licence, _CLAUSE))
+        for layer in named
+        if not Licence(layer.licence).may_share
+    ]
