@@ -14,14 +14,14 @@ from dancedata.metrics.groups import LIMB_RADIUS_M, segment_distances
 
 #: Seconds of a stretch whose lowest foot joint is the floor.
 STRETCH_S = 2.0
-#: Heights of an ankle and a toe of a flat foot above their own lowest tenth, metres: half of Lodge's limits, which also
-#: take in feet that swing. How long a foot stays there, seconds.
+#: Heights of an ankle and a toe of a flat foot above their own lowest tenth, metres: half of Lodge's limits, which
+#: also take in feet that swing. How long a foot stays there, seconds.
 _ANKLE_M, _TOE_M, _LEAST_CONTACT_S = 0.04, 0.025, 0.1
 #: A foot slides above this speed, metres per second (Lodge); shorter pauses do not divide a slide, seconds.
 _SLIDES_M_S, _PAUSE_S = 0.3, 0.05
 #: Angles beyond which joints are not bent, degrees. Knees and elbows, forwards and backwards: active range of motion
-#: (American Academy of Orthopaedic Surgeons 1965; Soucie et al. 2011, tables of ages 9 to 44) with the 30 degrees that
-#: fitted bodies of real dancers go beyond it.
+#: (American Academy of Orthopaedic Surgeons 1965; Soucie et al. 2011, tables of ages 9 to 44) with the 30 degrees
+#: that fitted bodies of real dancers go beyond it.
 HINGES = {
     "knee": (-35.0, 175.0),
     "elbow": (-40.0, 180.0),
@@ -36,7 +36,7 @@ _CORE = 0.6
 
 
 def floor_drift(joints: Float64Array, rate: float, skeleton: Skeleton) -> float:
-    """Return the largest difference of the lowest foot joints of two stretches of 2 s, metres; 0 for less than 2 s."""
+    """Return the largest difference of the lowest foot joints of two stretches of 2 s, metres; 0 below 2 s."""
     lowest = _lowest(joints, rate, skeleton)[1]
     return float(np.ptp(lowest)) if len(lowest) else 0.0
 
@@ -53,9 +53,9 @@ def _lowest(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[Floa
 def floor_trend(motion: Motion) -> tuple[float, float]:
     """Return the slope of the floor, metres per frame, and how far it moves over the motion, metres.
 
-    The Theil-Sen slope (the median of the slopes of all pairs) of the lowest foot joints of stretches of 2 s: jumps and
-    floor work move some of them. The second is 0 where the middle half of the stretches is scattered about the line by
-    more than half of what it rises, and for less than three stretches.
+    The Theil-Sen slope (the median of the slopes of all pairs) of the lowest foot joints of stretches of 2 s: jumps
+    and floor work move some of them. The second is 0 where the middle half of the stretches is scattered about the
+    line by more than half of what it rises, and for less than three stretches.
     """
     frames, heights = _lowest(motion.joints(), float(motion.grid.rate), motion.skeleton)
     if len(frames) < 3:
@@ -84,13 +84,15 @@ def sliding(joints: Float64Array, rate: float, skeleton: Skeleton, least: float)
     """Return the spans in which a foot on the floor slides by at least `least`, metres.
 
     A foot is on the floor while its ankle is at most 4 cm and its toe at most 2.5 cm above the tenth quantile of
-    their heights, for 0.1 s or more. Its speed is the lesser of the ankle's and the toe's, so that turns on one of them are no slide.
+    their heights, for 0.1 s or more. Its speed is the lesser of the ankle's and the toe's, so that turns on one of
+    them are no slide.
     """
     spans = []
     for ankle, toe in ((0, 2), (1, 3)):
         pair = [skeleton.feet[ankle], skeleton.feet[toe]]
         heights = joints[:, pair, 1]
-        low = (heights - np.quantile(heights, 0.1, axis=0) <= (_ANKLE_M, _TOE_M)).all(axis=1)
+        above = heights - np.quantile(heights, 0.1, axis=0)
+        low = np.asarray((above <= (_ANKLE_M, _TOE_M)).all(axis=1))
         on_floor = np.zeros(len(low), dtype=np.bool_)
         for start, stop in runs(low, _LEAST_CONTACT_S * rate):
             on_floor[start:stop] = True
@@ -123,7 +125,9 @@ def joint_limits(motion: Motion, least: float) -> tuple[Span, ...]:
     for side in ("left", "right"):
         for hinge, (low, high) in HINGES.items():
             joint = motion.skeleton.index(f"{side}_{hinge}")
-            bend = _bend(matrices[:, joint], motion.skeleton.offsets[motion.skeleton.parents.index(joint)], hinge, side)
+            bend = _bend(
+                matrices[:, joint], motion.skeleton.offsets[motion.skeleton.parents.index(joint)], hinge, side
+            )
             beyond.append(np.maximum(bend - high, low - bend))
             names.append(f"{side}_{hinge}")
     for joint, name in enumerate(joints):
@@ -144,7 +148,9 @@ def _bend(matrices: Float64Array, bone: npt.NDArray[np.float64], hinge: str, sid
         bend = np.degrees(np.arctan2(-turned[:, 2], -turned[:, 1]))
     else:
         bend = np.degrees(np.arctan2(turned[:, 2], turned[:, 0] if side == "left" else -turned[:, 0]))
-    return np.asarray(np.where(bend < -90, bend + 360, bend))  # a heel beyond the thigh, not a knee the wrong way round
+    return np.asarray(
+        np.where(bend < -90, bend + 360, bend)
+    )  # a heel beyond the thigh, not a knee the wrong way round
 
 
 def self_contact(joints: Float64Array, least: float) -> tuple[Span, ...]:
@@ -164,7 +170,7 @@ def self_contact(joints: Float64Array, least: float) -> tuple[Span, ...]:
 def _pairs() -> tuple[tuple[int, int], ...]:
     index = SMPL24.index
     pairs = []
-    for side, across in (("left", "right"), ("right", "left")):
+    for side in ("left", "right"):
         for limb in _ARMS:
             # An upper arm hangs at the chest.
             others = [*(_TRUNK if limb == "wrist" else ("neck", "head")), "left_knee", "right_knee"]
@@ -180,4 +186,3 @@ _PAIRS = _pairs()
 def has_body(motion: Motion) -> bool:
     """Whether a motion's joints begin with SMPL's 22 body joints."""
     return has_sides(motion.skeleton.joints)
-

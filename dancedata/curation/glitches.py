@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +19,16 @@ _TIMES = 6.0
 _RETURNS = 0.75
 #: And this part of the steps beside it.
 _BESIDE = 0.5
-#: Part of a spike that its first or last frame alone is off, or the frame beside: a half of one that jumps and returns
-#: at once, a fifth of a kick.
+#: Part of a spike that its first or last frame alone is off, or the frame beside: a half of one that jumps and
+#: returns at once, a fifth of a kick.
 _ABRUPT = 0.35
-#: A pose is frozen if no joint moves by more than this, metres, for this long; and if a joint moves by the third, metres
-#: per second, into the span and out of it.
+#: Part of the largest spike of a group that a joint has to be off to give it its name.
+_MOST = 0.8
+#: A pose is frozen if no joint moves by more than this, metres, for this long, and one moves by the third, metres per
+#: second, in the step before or after.
 _STILL_M, _LEAST_FROZEN_S, _FROM_M_S = 1e-5, 0.08, 0.3
-#: Above this frequency, hertz, or 0.8 of the Nyquist frequency, movement is jitter; and the stretches that are compared.
+#: Above this frequency, hertz, or 0.8 of the Nyquist frequency, movement is jitter; and the stretches that are
+#: compared.
 _JITTER_HZ, _STRETCH_S = 10.0, 0.5
 _MAD = 1.4826  # of the standard deviation of a normal distribution
 
@@ -82,9 +86,9 @@ def _excuses(tracks: Float64Array, width: int) -> Float64Array:
 def spikes(motion: Motion, least_m: float) -> list[Spike]:
     """Return the spikes of at least `least_m`, in order of their frames.
 
-    A spike is one frame or a few whose joint lies off the cubic through the two frames before and the two after, while
-    these agree with each other. Its frames are all off by at least `least_m`, and by six times the median of that in
-    a stretch of half a second: fast movement has large departures everywhere.
+    A spike is one frame or a few whose joint lies off the cubic through the two frames before and the two after,
+    while these agree with each other. Its frames are all off by at least `least_m`, and by six times the median of
+    that in a stretch of half a second: fast movement has large departures everywhere.
     """
     tracks = motion.joints()
     if len(tracks) < 5:
@@ -128,17 +132,17 @@ def _usual(off: Float64Array, rate: float) -> Float64Array:
 def frozen(motion: Motion) -> list[tuple[int, int]]:
     """Return the frames [start, stop) that repeat the frame before, while the dancer moves before or after.
 
-    The pose does not change for 0.08 s or more, and begins and ends at a speed that no body has: the mark of held
-    frames, not of a dancer who rests.
+    The pose does not change for 0.08 s or more, and a joint moves at 0.3 m/s in the step into the span or out of it: the
+    mark of held frames. A dancer who rests slows down first.
     """
     steps = _length(np.diff(motion.joints(), axis=0)).max(axis=1)
     rate = float(motion.grid.rate)
     limit = _FROM_M_S / rate
     spans = []
     for start, stop in runs(steps <= _STILL_M, max(2, _LEAST_FROZEN_S * rate)):
-        into = steps[start - 1] if start else np.inf
-        out = steps[stop] if stop < len(steps) else np.inf
-        if min(into, out) > limit and (start or stop < len(steps)):
+        into = steps[start - 1] if start else 0.0
+        out = steps[stop] if stop < len(steps) else 0.0
+        if max(into, out) > limit:
             spans.append((start + 1, stop + 1))
     return spans
 
@@ -175,10 +179,26 @@ def low_pass(values: Float64Array, rate: float, hertz: float) -> Float64Array | 
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=min(15, len(values) - 1)))
 
 
+def spike_groups(found: Sequence[Spike]) -> list[list[Spike]]:
+    """Return spikes in groups that share frames, or lie side by side."""
+    groups: list[list[Spike]] = []
+    for spike in found:
+        if groups and spike.start <= max(other.end for other in groups[-1]):
+            groups[-1].append(spike)
+        else:
+            groups.append([spike])
+    return groups
+
+
 def spike_spans(motion: Motion, least_m: float) -> tuple[Span, ...]:
-    """Return `spikes` as spans."""
-    names = motion.skeleton.joints
-    return tuple(Span(s.start, s.end, s.size_m, names[s.joint]) for s in spikes(motion, least_m))
+    """Return a span for each group of `spikes`, with the first joint from the root that is off by most of it."""
+    spans = []
+    for group in spike_groups(spikes(motion, least_m)):
+        largest = max(spike.size_m for spike in group)
+        joint = min(spike.joint for spike in group if spike.size_m >= _MOST * largest)
+        start, end = min(spike.start for spike in group), max(spike.end for spike in group)
+        spans.append(Span(start, end, largest, motion.skeleton.joints[joint]))
+    return tuple(spans)
 
 
 def _length(vectors: Float64Array) -> Float64Array:

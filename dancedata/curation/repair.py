@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from dancedata.core.quality import Flag
 from dancedata.core.rotations import Float64Array, rotation, slerp
 from dancedata.core.skeleton import Skeleton
 from dancedata.curation.anatomy import floor_trend
-from dancedata.curation.glitches import Spike, frozen, jitter, low_pass, spikes
+from dancedata.curation.glitches import frozen, jitter, low_pass, spike_groups, spikes
 
 #: Raised by hand when a repair gives other numbers for the same motion.
 VERSION = 1
@@ -81,12 +81,12 @@ class Repaired:
 def repair_spikes(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
     """Interpolate the frames of spikes, from the frame before to the one after.
 
-    First of the joints above the spike alone, those that are turned there. Where that leaves a spike at least as large,
-    as with joints that compensate each other, of the whole pose. Where that does not help either, frames stay as they
-    are. Rotations are interpolated by slerp, places by a cubic.
+    First of the joints above the spike alone, those that are turned there. Where that leaves a spike at least as
+    large, as with joints that compensate each other, of the whole pose. Where that does not help either, frames stay
+    as they are. Rotations are interpolated by slerp, places by a cubic.
     """
     flags: list[Flag] = []
-    for group in _groups(spikes(motion, least_m)):
+    for group in spike_groups(spikes(motion, least_m)):
         start, stop = min(s.start for s in group), max(s.end for s in group)
         above = {joint for spike in group for joint in _above(motion.skeleton, spike.joint)}
         largest = max(spike.size_m for spike in group)
@@ -100,23 +100,13 @@ def repair_spikes(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
     return motion, sorted(flags, key=lambda flag: (flag.frame or 0, flag.joint))
 
 
-def _groups(found: Sequence[Spike]) -> list[list[Spike]]:
-    """Return spikes in groups that share frames, or lie side by side."""
-    groups: list[list[Spike]] = []
-    for spike in found:
-        if groups and spike.start <= max(other.end for other in groups[-1]):
-            groups[-1].append(spike)
-        else:
-            groups.append([spike])
-    return groups
-
-
 def _interpolated(
     motion: Motion, start: int, stop: int, joints: Collection[int]
 ) -> tuple[Motion, list[tuple[int, int]]]:
     """Return the motion with frames [start, stop) interpolated, and the frames and joints that changed.
 
-    Of `joints` those that are turned by more than 2 degrees there, and the place if it is off by more than a centimetre.
+    Of `joints` those that are turned by more than 2 degrees there, and the place if it is off by more than a
+    centimetre.
     """
     translation, rotations = np.array(motion.translation), np.array(motion.rotations)
     frames, before = np.arange(start, stop), start - 1
@@ -144,7 +134,7 @@ def _largest(motion: Motion, start: int, stop: int) -> float:
 def fill_gaps(motion: Motion, longest_s: float) -> tuple[Motion, list[Flag]]:
     """Interpolate frozen spans of at most `longest_s` from the last frame before them to the first one after."""
     rate = float(motion.grid.rate)
-    spans = [(a, b) for a, b in frozen(motion) if 0 < a and b < motion.n_frames and b - a <= longest_s * rate]
+    spans = [(a, b) for a, b in frozen(motion) if a > 0 and b < motion.n_frames and b - a <= longest_s * rate]
     if not spans:
         return motion, []
     translation, rotations = np.array(motion.translation), np.array(motion.rotations)
@@ -233,5 +223,3 @@ def _rotvecs(quaternions: Float64Array) -> Float64Array:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_quat(quaternions).as_rotvec(), dtype=np.float64)
-
-

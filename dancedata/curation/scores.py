@@ -54,12 +54,13 @@ MEASURES: Mapping[str, Measure] = {
     "frozen": Measure("a pose held while the dancer moves", "s", 0.1, 0.08, "spans", "repeated frames"),
     "jitter": Measure(
         "movement above 10 Hz", "m", 0.006, 0.003, "spans",
-        "Winter 2009, Biomechanics and Motor Control, 3.4: human movement lies below 6 to 10 Hz",
+        "Winter 2009, Biomechanics and Motor Control of Human Movement: movement lies below 6 to 10 Hz",
     ),
     "sliding": Measure(
-        "feet that slide on the floor", "m", 0.4, 0.05, "spans", "Li et al. 2024, Lodge: 0.3 m/s; EDGE 2023, PFC: one foot stands"
+        "feet that slide on the floor", "m", 0.4, 0.05, "spans",
+        "Li et al. 2024, Lodge: the speed of 0.3 m/s; Tseng et al. 2023, EDGE, 5.2: the slower of ankle and toe",
     ),
-    "penetration": Measure("joints below the floor", "m", 0.1, 0.03, "spans", "Yuan et al. 2023, PhysDiff, section 4.1"),
+    "penetration": Measure("joints below the floor", "m", 0.1, 0.03, "spans", "Yuan et al. 2023, PhysDiff"),
     "floor_drift": Measure("a floor that rises or sinks", "m", 0.05, 0.0, "clip", "Theil-Sen slope, Sen 1968"),
     "bone_spread": Measure("bones that change their length", "m", 0.01, 0.0, "clip", "1 % to 99 % quantile"),
     "joint_limits": Measure(
@@ -67,7 +68,7 @@ MEASURES: Mapping[str, Measure] = {
         "American Academy of Orthopaedic Surgeons 1965; Soucie et al. 2011, Haemophilia 17:500",
     ),
     "self_contact": Measure(
-        "limbs inside each other", "m", 0.07, 0.02, "spans", "capsules; Ericson 2005, Real-Time Collision Detection, 5.1.9"
+        "limbs inside each other", "m", 0.07, 0.02, "spans", "Ericson 2005, Real-Time Collision Detection, 5.1.9",
     ),
     "mirrored": Measure(
         "left and right of the legs or the body exchanged", "1", 0.0, 0.0, "clip", "core.sides: minus a cosine"

@@ -72,10 +72,12 @@ class CurationSpec:
         """Return notes on the source: what is left out, and what is repaired."""
         notes = []
         for rule in self.rules:
-            what = "clips" if rule.leave_out == "clip" else "windows with"
+            what = "clips with" if rule.leave_out == "clip" else "windows with"
             where = "" if rule.splits is None else f" of {', '.join(rule.splits)}"
             unit = MEASURES[rule.score].unit
-            notes.append(f"left out{where}: {what} {rule.score} above {rule.limit:g} {'' if unit == '1' else unit}".strip())
+            notes.append(
+                f"left out{where}: {what} {rule.score} above {rule.limit:g} {'' if unit == '1' else unit}".strip()
+            )
         if self.repairs:
             stages = ", ".join(f"{name} ({limit:g} {_UNITS[name]})" for name, limit in self.repairs.key().items())
             kept = "; fields NAME.original have the motion as it was" if self.repairs.original else ""
@@ -92,7 +94,9 @@ def _rules(value: Any) -> tuple[CurateRule, ...]:
     if value is None:
         return ()
     if not isinstance(value, Mapping):
-        raise UsageError("curate: not a mapping of scores", found=shown(repr(value)), allowed="such as {spikes: true}")
+        raise UsageError(
+            "curate: not a mapping of scores", found=shown(repr(value)), allowed="such as {spikes: true}"
+        )
     version = value.get("version", VERSION)
     if version != VERSION:
         raise UsageError("curate.version: scores of another version", found=shown(repr(version)), allowed=VERSION)
@@ -114,7 +118,9 @@ def _rule(score: str, value: Any) -> CurateRule:
     for key in keys:
         if key not in _RULE_KEYS:
             raise UsageError(f"{where}.{shown(str(key))}: unknown key", fix=did_you_mean(str(key), _RULE_KEYS))
-    limit = _number(keys.get("limit", measure.limit), f"{where}.limit", low=-1 if measure.unit == "1" else measure.least)
+    limit = _number(
+        keys.get("limit", measure.limit), f"{where}.limit", low=-1 if measure.unit == "1" else measure.least
+    )
     leave_out = keys.get("leave_out", "windows" if measure.of == "spans" else "clip")
     allowed = LEAVE_OUT if measure.of == "spans" else ("clip",)
     if leave_out not in allowed:
@@ -125,8 +131,12 @@ def _rule(score: str, value: Any) -> CurateRule:
         )
     splits = keys.get("splits")
     splits = [splits] if isinstance(splits, str) else splits
-    if splits is not None and not (isinstance(splits, Sequence) and splits and all(isinstance(s, str) for s in splits)):
-        raise UsageError(f"{where}.splits: must be a list of splits", found=shown(repr(splits)), allowed="such as [train]")
+    if splits is not None and not (
+        isinstance(splits, Sequence) and splits and all(isinstance(s, str) for s in splits)
+    ):
+        raise UsageError(
+            f"{where}.splits: must be a list of splits", found=shown(repr(splits)), allowed="such as [train]"
+        )
     return CurateRule(score, limit, leave_out, None if splits is None else tuple(sorted(set(splits))))
 
 
@@ -135,7 +145,9 @@ def _repairs(value: Any) -> Repairs:
         return Repairs()
     names = [*STAGES, "original"]
     if not isinstance(value, Mapping):
-        raise UsageError("repair: not a mapping of repairs", found=shown(repr(value)), allowed="such as {spikes: true}")
+        raise UsageError(
+            "repair: not a mapping of repairs", found=shown(repr(value)), allowed="such as {spikes: true}"
+        )
     limits: dict[str, float | None] = {}
     for key, limit in value.items():
         if key not in names:
@@ -152,5 +164,7 @@ def _repairs(value: Any) -> Repairs:
 def _number(value: Any, where: str, low: float) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not (is_number and low <= value <= _MAX):
-        raise UsageError(f"{where}: must be true, or a number", found=shown(repr(value)), allowed=f"{low:g} and above")
+        raise UsageError(
+            f"{where}: must be true, or a number", found=shown(repr(value)), allowed=f"{low:g} and above"
+        )
     return float(value)
