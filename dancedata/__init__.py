@@ -37,6 +37,7 @@ __all__ = [
     "open",
     "plan",
     "plot",
+    "quality",
     "readers",
     "report",
     "store",
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from dancedata.pipeline.decode_file import decode_file
     from dancedata.pipeline.decoding import decode, decode_group
     from dancedata.pipeline.diff import diff
+    from dancedata.pipeline.quality import quality
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
@@ -83,6 +85,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "load_plugins": "dancedata.core.plugin_files",
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.pipeline.commands",
+            "quality": "dancedata.pipeline.quality",
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"),
     )

@@ -132,8 +132,8 @@ def _usual(off: Float64Array, rate: float) -> Float64Array:
 def frozen(motion: Motion) -> list[tuple[int, int]]:
     """Return the frames [start, stop) that repeat the frame before, while the dancer moves before or after.
 
-    The pose does not change for 0.08 s or more, and a joint moves at 0.3 m/s in the step into the span or out of it: the
-    mark of held frames. A dancer who rests slows down first.
+    The pose does not change for 0.08 s or more, and a joint moves at 0.3 m/s in the step into the span or out of it:
+    the mark of held frames. A dancer who rests slows down first.
     """
     steps = _length(np.diff(motion.joints(), axis=0)).max(axis=1)
     rate = float(motion.grid.rate)

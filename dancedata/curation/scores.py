@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -109,8 +109,8 @@ class Score:
         return cls(obj["value"], tuple(Span(*span) for span in obj["spans"]))
 
 
-def score_motion(motion: Motion) -> dict[str, Score]:
-    """Return the scores of a motion, by the names of `MEASURES`; values are rounded to a millionth.
+def score_motion(motion: Motion, names: Iterable[str] = MEASURES) -> dict[str, Score]:
+    """Return the scores of a motion, by default all of `MEASURES`; values are rounded to a millionth.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def score_motion(motion: Motion) -> dict[str, Score]:
     Score(value=0.0, spans=())
     """
     cached = motion.with_cache()
-    return {name: _rounded(_SCORES[name](cached, measure.least)) for name, measure in MEASURES.items()}
+    return {name: _rounded(_SCORES[name](cached, MEASURES[name].least)) for name in names}
 
 
 def _rounded(score: Score) -> Score:

@@ -315,8 +315,9 @@ def _losses(curation: Mapping[str, Any]) -> list[str]:
     for score, rule in curation.items():
         clips, windows = rule["of"]
         unit = "" if rule["unit"] == "1" else f" {shown(rule['unit'])}"
+        what = "clips" if rule["leave_out"] == "clip" else "windows"
         lines.append(
-            f"  curate leaves out {'clips' if rule['leave_out'] == 'clip' else 'windows'} with {shown(score)} above {rule['limit']:g}{unit}; "
+            f"  curate leaves out {what} with {shown(score)} above {rule['limit']:g}{unit}; "
             f"at other limits, of {counted(clips, 'clip')} and {counted(windows, 'window')}:"
         )
         rows = [[f"{row['limit']:g}{unit}", row["clips"], row["windows"]] for row in rule["losses"]]
