@@ -38,6 +38,7 @@ __all__ = [
     "plan",
     "plot",
     "push",
+    "quality",
     "readers",
     "report",
     "store",
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from dancedata.pipeline.decoding import decode, decode_group
     from dancedata.pipeline.diff import diff
     from dancedata.publish.push import push
+    from dancedata.pipeline.quality import quality
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
@@ -86,6 +88,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.pipeline.commands",
             "push": "dancedata.publish.push",
+            "quality": "dancedata.pipeline.quality",
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"),
     )

@@ -37,6 +37,7 @@ from dancedata.cli.options import (
     print_result,
 )  # fmt: skip
 from dancedata.cli.pages import report, view
+from dancedata.cli.quality import quality
 from dancedata.cli.study import study, study_results
 from dancedata.cli.terminal import say
 from dancedata.cli.weights import hf, jukebox
@@ -47,7 +48,7 @@ from dancedata.core.version import __version__
 
 #: Groups of commands in the help; most characters of a sentence there.
 _ORDER = {
-    "Make a dataset": ("manifest", "build", "plan", "check", "align"),
+    "Make a dataset": ("manifest", "build", "plan", "check", "quality", "align"),
     "Look at it": ("view", "report", "info", "study", "study-results"),
     "Use it": ("export", "evaluate", "decode"),
 }
@@ -116,6 +117,7 @@ app.add_typer(jukebox, name="jukebox")
 app.add_typer(hf, name="hf")
 app.command("align")(align)
 app.command("evaluate")(evaluate)
+app.command("quality")(quality)
 app.command("view")(view)
 app.command("report")(report)
 app.command("study")(study)

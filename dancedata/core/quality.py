@@ -1,4 +1,4 @@
-"""Quality flags for suspicious motion. It is flagged, never repaired."""
+"""Quality flags for suspicious motion. It is flagged; only the stage `repair` of a recipe changes it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,6 +30,8 @@ IMPLAUSIBLE = (
 #: Flags of a whole clip that may be as it should be.
 DOUBTFUL = ("crossed_legs", "stretched_bone")
 OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL)
+#: Flags of what a recipe's `repair` changed: of a frame, and of all frames of a clip.
+REPAIRED = ("repaired_spike", "repaired_gap", "repaired_floor", "repaired_jitter")
 #: Bones of a capture that keep their length within this are rigid, metres.
 _RIGID_M = 0.001
 #: Range of the vertical movement of the root, as a multiple of the movement implied by the pose. Jumps increase it:
@@ -51,6 +53,8 @@ class Flag:
     ----------
     kind
         "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres.
+        "repaired_spike" and "_gap": the frame was changed, of a spike by its size, metres, or of a gap by its length,
+        seconds; "repaired_floor" and "_jitter": all frames were, by its drift or jitter, metres.
         "retarget_residual": value is the largest residual of a run of frames, metres, see `dancedata.retarget`.
         Those in `OF_CLIPS` concern the whole clip.
         "implausible_body": value is the size of the skeleton, metres. "implausible_root": value

@@ -293,12 +293,12 @@ def _bodies_meet(first: Float64Array, second: Float64Array, radius: Float64Array
         near = np.flatnonzero((apart < radius[a[1]] + radius.max()) & ~meet)
         one, other = limb[near], second[near]
         for b in limbs if len(near) else ():
-            distance = _segment_distances(one[:, 0], one[:, 1], other[:, b[0]], other[:, b[1]])
+            distance = segment_distances(one[:, 0], one[:, 1], other[:, b[0]], other[:, b[1]])
             meet[near] |= distance < radius[a[1]] + radius[b[1]]
     return meet
 
 
-def _segment_distances(p: Float64Array, q: Float64Array, r: Float64Array, s: Float64Array) -> Float64Array:
+def segment_distances(p: Float64Array, q: Float64Array, r: Float64Array, s: Float64Array) -> Float64Array:
     """Return the distances (T,) of the segments p q and r s, each point (T, 3).
 
     Ericson 2005, Real-Time Collision Detection, 5.1.9.

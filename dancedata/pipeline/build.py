@@ -160,6 +160,7 @@ class _Build:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
         stored = {clip.id for clip in computed.clips}
         meta = {**_meta(self.recipe, sources, record.to_json(stored)), "quality_flags": len(computed.quality)}
+        meta |= {"curation": dict(computed.losses)} if computed.losses else {}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
         return True
@@ -209,7 +210,11 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
         "source_sha256": sources.sha256,
         "source": {
             "layout": sources.scan.layout,
-            "notes": [*sources.scan.notes, *([] if recipe.retarget is None else [recipe.retarget.note()])],
+            "notes": [
+                *sources.scan.notes,
+                *([] if recipe.retarget is None else [recipe.retarget.note()]),
+                *recipe.curation.notes(),
+            ],
             "clips": dict(left_out),
         },
         "dataset": recipe.dataset.name,

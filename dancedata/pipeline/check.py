@@ -28,6 +28,7 @@ from dancedata.files.atomic import PREFIX
 from dancedata.pipeline.audio import SignalId
 from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import compute_clips
+from dancedata.pipeline.curation import curate
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.rejects import NOT_IN_SOURCE, NOTED, attempt, implausible_problems, relative_to
 from dancedata.pipeline.sources import identify, scan_source
@@ -120,14 +121,15 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
             lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in own]
             return computed.rejects, computed.quality, lengths
         encoded, unreadable = encode_clips(cache, recipe, sources, jobs=workers, progress=progress)
-        _, without_windows = cut_windows(recipe, encoded)
+        curated = curate(cache, recipe, encoded, sources.content, jobs=workers, progress=progress)
+        _, without_windows = cut_windows(recipe, curated.clips, curated.faults)
         quality = [{"clip": clip.source.ref.id, **flag} for clip in encoded for flag in clip.motion.flags]
         lengths = [
             (c.source.ref.id, float(c.motion.n_source / c.motion.source_rate), _seconds(c.source.signal))
             for c in encoded
             if c.source.signal is not None
         ]
-        return [*sources.rejects, *unreadable, *without_windows], quality, lengths
+        return [*sources.rejects, *unreadable, *curated.rejects, *without_windows], quality, lengths
 
     with workers_for(recipe, source, store_cache, jobs) as workers:
         rejects, quality, lengths = with_lost_entries(store_cache, examined, progress)

@@ -1,6 +1,7 @@
 """The stages in their order."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -11,6 +12,7 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.pipeline.copies import CopySource, make_copies
+from dancedata.pipeline.curation import curate
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.facts import compute_facts
 from dancedata.pipeline.features import extract_features, stored_clip
@@ -35,18 +37,22 @@ class ComputedClips:
         Everything that was left out.
     quality
         Rows of quality.jsonl.
+    losses
+        Of the rules of `curate`, see `curation.losses`.
     """
 
     clips: tuple[StoredClip, ...]
     rejects: tuple[Reject, ...]
     quality: tuple[dict[str, Any], ...]
+    losses: Mapping[str, Any] = field(default_factory=dict)
 
 
 def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress) -> ComputedClips:
     """Encode all motion, cut windows, extract all features."""
     check_ids([(clip.ref.id, clip.ref.split) for clip in sources.clips], recipe.augment)
     encoded, unreadable = encode_clips(cache, recipe, sources, jobs=jobs, progress=progress)
-    windowed, without_windows = cut_windows(recipe, encoded)
+    curated = curate(cache, recipe, encoded, sources.content, jobs=jobs, progress=progress)
+    windowed, without_windows = cut_windows(recipe, curated.clips, curated.faults)
     extracted, without_features = extract_features(cache, recipe, windowed, jobs=jobs, progress=progress)
     extracted, incomplete = whole_groups(recipe, extracted, sources.scan.clips, lambda clip: clip.source.ref)
     sizes = sizes_of(sources.scan.clips)
@@ -70,11 +76,22 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
         for clip, segments in zip(extracted, with_mirrored_words(segments_of, recipe.segments.lexicons), strict=True)
     ]
     originals = [CopySource(c, e.source) for c, e in zip(clips, extracted, strict=True)]
-    copies, not_copied = make_copies(cache, recipe, originals, sources.content, jobs=jobs, progress=progress)
+    copies, not_copied = make_copies(
+        cache, recipe, originals, sources.content, curated.faults, jobs=jobs, progress=progress
+    )
     return ComputedClips(
         clips=(*clips, *copies),
-        rejects=(*sources.rejects, *unreadable, *without_windows, *without_features, *incomplete, *not_copied),
+        rejects=(
+            *sources.rejects,
+            *unreadable,
+            *curated.rejects,
+            *without_windows,
+            *without_features,
+            *incomplete,
+            *not_copied,
+        ),
         quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.motion.flags),
+        losses=curated.losses,
     )
 
 

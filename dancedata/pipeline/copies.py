@@ -4,9 +4,10 @@ Motion that an augmentation changes is encoded as that of clips is. Copies at an
 that cut windows and extract features.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from dancedata.core.text import counted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
+from dancedata.pipeline.curation import Fault
 from dancedata.pipeline.encode import EncodedClip, encode_sources
 from dancedata.pipeline.facts import compute_facts
 from dancedata.pipeline.features import extract_features, stored_clip
@@ -49,6 +51,7 @@ class _Context:
     recipe: Recipe
     spec: CopySpec
     content: Mapping[str, str]
+    faults: Mapping[str, Collection[Fault]]
     jobs: Jobs
     progress: Progress
 
@@ -58,13 +61,15 @@ def make_copies(
     recipe: Recipe,
     originals: Sequence[CopySource],
     content: Mapping[str, str],
+    faults: Mapping[str, Collection[Fault]] = MappingProxyType({}),
     *,
     jobs: Jobs,
     progress: Progress,
 ) -> tuple[list[StoredClip], list[Reject]]:
     """Return the copies that the recipe's augmentations make, and a reject for each that fails.
 
-    `content` is the SHA-256 of the files that the dataset's parameters name.
+    `content` is the SHA-256 of the files that the dataset's parameters name. `faults` are those of clips, for which
+    windows of copies at another speed are left out as well.
     """
     originals = [original for original in originals if is_copied(original.clip.split)]
     fields = {field.name: field for field in recipe.clip_fields}
@@ -72,7 +77,7 @@ def make_copies(
     stored: list[StoredClip] = []
     rejects: list[Reject] = []
     for spec in recipe.augment:
-        context = _Context(cache, recipe, spec, content, jobs, progress)
+        context = _Context(cache, recipe, spec, content, faults, jobs, progress)
         rejects += _without_words(spec, [original.clip for original in originals])
         if any(original.clip.group for original in originals):
             require_acts_on(spec)
@@ -133,7 +138,8 @@ def _retimed(context: _Context, originals: Sequence[CopySource], rejects: list[R
         EncodedClip(_faster(spec, original.source), motion)
         for original, motion in _encoded(context, originals, rejects)
     ]
-    windowed, without_windows = cut_windows(recipe, encoded)
+    faults = {spec.clip_id(clip): of_clip for clip, of_clip in context.faults.items()}
+    windowed, without_windows = cut_windows(recipe, encoded, faults)
     extracted, without_features = extract_features(
         context.cache, recipe, windowed, jobs=context.jobs, progress=context.progress
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.licence import Licence
-from dancedata.core.quality import OF_CLIPS
+from dancedata.core.quality import OF_CLIPS, REPAIRED
 from dancedata.core.text import counted, shown, size_text, table
 from dancedata.pipeline.rejects import NOT_IN_SOURCE, NOTED, describe_implausible, left_out_lines
 from dancedata.store import Problem, Store, open_store
@@ -74,7 +74,8 @@ def describe_built(path: Path) -> str:
             f"  {windows_text(windows['length'], windows['stride'])} at {store.fps} per second; {', '.join(fields)}",
             *_left_out(store, details=False),
             *describe_implausible(store.quality),
-            *_flagged([flag for flag in store.quality if flag["kind"] not in OF_CLIPS]),
+            *_repaired(store.quality),
+            *_flagged([flag for flag in store.quality if flag["kind"] not in (*OF_CLIPS, *REPAIRED)]),
         ]
     return "\n".join([*lines, _next_steps(path)])
 
@@ -150,6 +151,9 @@ def dataset_card(
     counts = Counter(r.reason for r in computed.rejects)
     reasons = [f"- {reason}: {n}" for reason, n in sorted(counts.items())] or ["- nothing"]
     flags = f"{len(computed.quality)} quality flags among the segments; what they point at was not repaired."
+    if recipe.curation.repairs:
+        changed = sum(flag["kind"] in REPAIRED for flag in computed.quality)
+        flags = f"{len(computed.quality)} quality flags among the segments, {changed} of them of repaired frames."
     parts = [
         f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
         _splits_table(recipe, computed, splits, songs),
@@ -246,7 +250,8 @@ def describe_store(path: Path) -> str:
         info = _store_json(store, path)
         left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
         columns, terms = free_columns(store), terms_text(clips_by_terms(store))
-        quality = _describe_quality([f for f in store.quality if f.get("kind") not in OF_CLIPS])
+        quality = _describe_quality([f for f in store.quality if f.get("kind") not in (*OF_CLIPS, *REPAIRED)])
+        quality = [*_repaired(store.quality), *quality, *_losses(store.meta.get("curation", {}))]
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
     lines = [
         f"{shown(info.get('name', path.name))}: {shown(path)} ({size_text(info['bytes'])})",
@@ -289,6 +294,34 @@ def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
             f"    {shown(clip)}: {len(of_clip)} in {frames} frame steps, the worst {kind} of {joint} "
             f"at source frame {worst.get('frame')}: {worst.get('value', 0):.1f} {unit}"
         )
+    return lines
+
+
+def _repaired(flags: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each kind of repair: in how many frames, or whole clips."""
+    lines = []
+    for kind in REPAIRED:
+        of_kind = [flag for flag in flags if flag.get("kind") == kind]
+        frames = len({(flag["clip"], flag["frame"]) for flag in of_kind if "frame" in flag})
+        clips = counted(len({flag["clip"] for flag in of_kind}), "clip")
+        where = f"{counted(frames, 'frame')} of {clips}" if frames else clips
+        lines += [f"  repaired: {kind.removeprefix('repaired_')} in {where}"] if of_kind else []
+    return lines
+
+
+def _losses(curation: Mapping[str, Any]) -> list[str]:
+    """Return the lines on what each rule of `curate` leaves out, and would at other limits."""
+    lines = []
+    for score, rule in curation.items():
+        clips, windows = rule["of"]
+        unit = "" if rule["unit"] == "1" else f" {shown(rule['unit'])}"
+        what = "clips" if rule["leave_out"] == "clip" else "windows"
+        lines.append(
+            f"  curate leaves out {what} with {shown(score)} above {rule['limit']:g}{unit}; "
+            f"at other limits, of {counted(clips, 'clip')} and {counted(windows, 'window')}:"
+        )
+        rows = [[f"{row['limit']:g}{unit}", row["clips"], row["windows"]] for row in rule["losses"]]
+        lines += [f"  {line}" for line in table(["limit", "clips lost", "windows lost"], rows)]
     return lines
 
 

@@ -16,7 +16,7 @@ from dancedata.execution.units import Jobs, run_units
 from dancedata.files.regular_file import sha256_file
 from dancedata.metrics.events import Event, events
 from dancedata.pipeline.groups import group_motions
-from dancedata.pipeline.motion import MotionKeys
+from dancedata.pipeline.motion import MotionKeys, prepared
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
 from dancedata.pipeline.sources import SourceClip
 from dancedata.recipes.copies import CopySpec
@@ -71,7 +71,7 @@ def find_facts(
 ) -> list[list[Row]]:
     """Compute the events of a single dancer or a group, or of their copies, and publish them."""
     spec, refs = recipe.segments.facts or FactsSpec(), [ref for ref, _ in unit]
-    motions = group_motions(recipe, refs, copies) if refs[0].group else [_motion(recipe, refs[0], copies)]
+    motions = motions_of(recipe, refs, copies)
     for ref, sha256 in unit:
         if sha256_file(ref.motion_path) != sha256:
             raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
@@ -83,11 +83,11 @@ def find_facts(
     return rows
 
 
-def _motion(recipe: Recipe, ref: ClipRef, copies: CopySpec | None) -> Motion:
-    motion = recipe.dataset.load(ref)
-    if recipe.retarget is not None:
-        motion = recipe.retarget.apply(motion, where=str(ref.motion_path), grouped=False).motion
-    return motion if copies is None else copies.motion_of(motion, ref.id)
+def motions_of(recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | None = None) -> list[Motion]:
+    """Return the motion of a single dancer or of those of a group, as it is encoded."""
+    if refs[0].group:
+        return group_motions(recipe, refs, copies)
+    return [prepared(recipe, refs[0], recipe.dataset.load(refs[0]), copies)[0]]
 
 
 def _row(event: Event, rate: str) -> Row:

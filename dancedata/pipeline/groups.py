@@ -89,12 +89,23 @@ def require_places(recipe: Recipe) -> None:
             found=f"groups in the source of {recipe.dataset.name}",
             fix="leave out retarget, and choose a representation that the dancers' own skeleton fits",
         )
+    if recipe.curation.repairs.floor is not None:
+        raise UsageError(
+            "the floor of groups cannot be repaired: each dancer would get a floor of his own",
+            where="repair.floor",
+            found=f"groups in the source of {recipe.dataset.name}",
+            fix="leave out repair.floor",
+        )
     if recipe.scope == "window":
         raise UsageError("groups are stored whole", found="scope: window", fix="build with scope: track")
 
 
-def group_motions(recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | None = None) -> list[Motion]:
+def group_motions(
+    recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | None = None, *, repaired: bool = True
+) -> list[Motion]:
     """Load the dancers of a group, cut to one length, with one trim_start; or their copies, changed as one world.
+
+    Each is repaired as the recipe asks for, or is as it was.
 
     DataError for other rates, and for lengths that differ by more than `TOLERANCE_S`.
     """
@@ -115,6 +126,7 @@ def group_motions(recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | No
         )
     trim = max(motion.trim_start for motion in motions)
     motions = [replace(motion.part(0, min(lengths)), trim_start=min(trim, min(lengths) - 1)) for motion in motions]
+    motions = [recipe.curation.repairs.apply(motion).motion for motion in motions] if repaired else motions
     return motions if copies is None else _copied(motions, refs, copies)
 
 

@@ -26,6 +26,7 @@ from dancedata.core.quality import (
     quality_flags,
 )
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.curation.repair import VERSION as REPAIR_VERSION
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.reference_process import expected
 from dancedata.files.regular_file import sha256_file
@@ -117,7 +118,7 @@ class MotionKeys:
         dataset = recipe.dataset
         loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
         loading += [] if copies is None else [copies.key()]
-        self._retarget = recipe.retarget
+        self._retarget, self._repairs = recipe.retarget, recipe.curation.repairs
         limits = [MAX_TURN_DEG_S, MAX_ROOT_SPEED_M_S, *PLAUSIBLE_BODY_M, *PLAUSIBLE_ROOT]
         self._content = dict(content)
         arithmetic = expected()
@@ -150,15 +151,18 @@ class MotionKeys:
             stage["retarget"] = self._retarget.key(grouped=bool(ref.group))
             body = SKELETONS[self._retarget.skeleton]
 
-        def key(common: str, **crossing: int) -> str:
-            return Cache.key("clip", common=common, clip=clip_identity(ref), file=sha256, **stage, **crossing)
+        def key(common: str, *, repaired: bool, **crossing: int) -> str:
+            repairs = {"repair": [REPAIR_VERSION, self._repairs.key()]} if repaired and self._repairs else {}
+            identity = clip_identity(ref)
+            return Cache.key("clip", common=common, clip=identity, file=sha256, **stage, **repairs, **crossing)
 
+        unrepaired = {field.name for field in self._recipe.motion if not field.repaired}
         crossing = {clip_field.name for clip_field in self._recipe.clip_fields if _crosses(clip_field, body)}
         fields = {
-            name: key(common, **({"crossing": CROSSING} if name in crossing else {}))
+            name: key(common, repaired=name not in unrepaired, **({"crossing": CROSSING} if name in crossing else {}))
             for name, common in self._fields.items()
         }
-        return ClipKeys(key(self._clip), fields, self._content)
+        return ClipKeys(key(self._clip, repaired=True), fields, self._content)
 
 
 def clip_identity(ref: ClipRef) -> list[Any]:
@@ -208,13 +212,36 @@ def _encode_missing(
     info, arrays = _encoded(cache, keys)
     if info is not None and None not in arrays.values():
         return info, arrays
-    motion = recipe.dataset.load(ref)
-    residuals: list[Flag] = []
+    loaded = recipe.dataset.load(ref)
+    motion, flags = prepared(recipe, ref, loaded, copies)
+    original = prepared(recipe, ref, loaded, copies, repaired=False)[0] if _keeps_original(recipe) else motion
+    return _published(cache, recipe, ref, keys, sha256, _Versions(motion, original, tuple(flags)), arrays)
+
+
+class _Versions(NamedTuple):
+    """A clip's motion, as it was before repairs, and the flags of what was done to it."""
+
+    motion: Motion
+    original: Motion
+    flags: tuple[Flag, ...] = ()
+
+
+def prepared(
+    recipe: Recipe, ref: ClipRef, loaded: Motion, copies: CopySpec | None = None, *, repaired: bool = True
+) -> tuple[Motion, list[Flag]]:
+    """Repair and retarget the loaded motion of a single dancer, or change it for a copy; and return flags."""
+    motion, flags = loaded, []
+    if repaired:
+        repairs = recipe.curation.repairs.apply(motion)
+        motion, flags = repairs.motion, [*repairs.flags]
     if recipe.retarget is not None:
         result = recipe.retarget.apply(motion, where=str(ref.motion_path), grouped=bool(ref.group))
-        motion, residuals = result.motion, result.flags()
-    motion = motion if copies is None else copies.motion_of(motion, ref.id)
-    return _published(cache, recipe, ref, keys, sha256, motion, arrays, residuals=residuals)
+        motion, flags = result.motion, [*flags, *result.flags()]
+    return (motion if copies is None else copies.motion_of(motion, ref.id)), flags
+
+
+def _keeps_original(recipe: Recipe) -> bool:
+    return not all(field.repaired for field in recipe.motion)
 
 
 def _published(
@@ -223,16 +250,20 @@ def _published(
     ref: ClipRef,
     keys: ClipKeys,
     sha256: str,
-    motion: Motion,
+    versions: _Versions,
     arrays: dict[str, CachedArray | None],
     floors: Mapping[str, float] = MappingProxyType({}),
-    residuals: Sequence[Flag] = (),
 ) -> tuple[ClipInfo, dict[str, CachedArray | None]]:
     """Encode a loaded motion for the fields that are missing, and publish them; `floors` are those of its group."""
+    motion, original, done = versions
     if motion.rotations.size * 3 <= _REMEMBERED:
-        motion = motion.with_cache()  # for all fields, and in window scope for all windows
+        # For all fields, and in window scope for all windows.
+        motion, same = motion.with_cache(), original is motion
+        original = motion if same else original.with_cache()
     encoded = {
-        f.name: _encode(recipe, f, motion, floors.get(f.name)) for f in recipe.clip_fields if arrays[f.name] is None
+        f.name: _encode(recipe, f, original if _unrepaired(f) else motion, floors.get(f.name))
+        for f in recipe.clip_fields
+        if arrays[f.name] is None
     }
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
@@ -240,12 +271,16 @@ def _published(
     for named in sorted({*content, *keys.content}):
         if content.get(named) != keys.content.get(named):
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
-    flags = [f.to_json() for f in [*quality_flags(motion), *residuals]]
+    flags = [f.to_json() for f in [*quality_flags(motion), *done]]
     info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _EXAMINED)
     for name, array in encoded.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
     cache.put_json("clips", keys.info, info)
     return info, arrays
+
+
+def _unrepaired(clip_field: MotionField | KeyMotionField) -> bool:
+    return isinstance(clip_field, MotionField) and not clip_field.repaired
 
 
 def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
@@ -285,12 +320,18 @@ def encode_group(
         with cache.lock("clips", members[0][2].info):
             encoded = [_encoded(cache, keys) for _, _, keys in members]
             if any(info is None or None in arrays.values() for info, arrays in encoded):
-                motions = group_motions(recipe, refs, copies)
+                group = _group_versions(recipe, refs, copies)
                 grounded = [f for f in recipe.motion if f.representation.grounded]
-                floors = {f.name: min(f.representation.floor(m.resampled(f.grid)) for m in motions) for f in grounded}
+                floors = {
+                    f.name: min(
+                        f.representation.floor((v.motion if f.repaired else v.original).resampled(f.grid))
+                        for v in group
+                    )
+                    for f in grounded
+                }
                 encoded = [
-                    _published(cache, recipe, ref, keys, sha256, motion, arrays, floors)
-                    for (ref, sha256, keys), motion, (_, arrays) in zip(members, motions, encoded, strict=True)
+                    _published(cache, recipe, ref, keys, sha256, versions, arrays, floors)
+                    for (ref, sha256, keys), versions, (_, arrays) in zip(members, group, encoded, strict=True)
                 ]
         return [_result(recipe, info, arrays) for info, arrays in encoded if info is not None]
     except DataError as error:
@@ -299,6 +340,15 @@ def encode_group(
             return [reject_of(error, clip=ref.id, file=ref.motion_path) for ref in refs]
         others = iter(encode_group(cache, recipe, [m for k, m in enumerate(members) if k not in unusable], copies))
         return [unusable[k] if k in unusable else next(others) for k in range(len(members))]
+
+
+def _group_versions(recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | None) -> list[_Versions]:
+    motions = group_motions(recipe, refs, copies)
+    if not recipe.curation.repairs:
+        return [_Versions(motion, motion) for motion in motions]
+    flags = [recipe.curation.repairs.apply(m).flags for m in group_motions(recipe, refs, repaired=False)]
+    originals = group_motions(recipe, refs, copies, repaired=False) if _keeps_original(recipe) else motions
+    return [_Versions(*of_dancer) for of_dancer in zip(motions, originals, flags, strict=True)]
 
 
 def cached_group(cache: Cache, recipe: Recipe, keys: Sequence[ClipKeys]) -> list[MotionResult | Reject] | None:

@@ -175,6 +175,10 @@ class Plan:
             notes.append(
                 f"windows of {where} are counted before the {chosen.name} filter, which reads encoded motion"
             )
+        curation = self.recipe.curation
+        if curation.rules:
+            scores = ", ".join(rule.score for rule in curation.rules)
+            notes.append(f"clips and windows are counted before curate ({scores}), which reads motion")
         # A note: where a cluster builds, the weights need not be on the node that plans.
         return notes + [f"a build here ends with: {why}" for why in map(not_ready, self.recipe.audio) if why]
 

@@ -31,6 +31,7 @@ BY_CHOICE = {
     "no_audio",
     "still",
     "filtered",
+    "curated",
     "short_field",
     "unmirrored_words",
     "unused_segments",
@@ -223,7 +224,8 @@ def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
         return [f"{reason}: {counted(len(rejects), 'clip')}", *_songs(songs, rejects)]
     names = list(dict.fromkeys(r.clip or r.file for r in rejects))
     # A clip may lose windows and stay.
-    number = counted(len(rejects), "window") if reason == "short_field" else str(len(rejects))
+    windows = reason == "short_field" or (reason == "curated" and all(r.window is not None for r in rejects))
+    number = counted(len(rejects), "window") if windows else str(len(rejects))
     line = f"{reason}: {number} ({listed(names, _NAMED)})"
     if details and rejects[0].detail:
         line += f": {rejects[0].detail}"

@@ -1,8 +1,9 @@
 """Stage 3, encoded clips -> windowed clips: the windows that have motion, music and movement."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from types import MappingProxyType
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.pipeline.audio import row_at, window_samples
+from dancedata.pipeline.curation import Fault, without_faults
 from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.feature_files import starts_within
 from dancedata.pipeline.groups import groups_of
@@ -28,8 +30,10 @@ class WindowedClip:
     starts: tuple[int, ...]
 
 
-def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[WindowedClip], list[Reject]]:
-    """Cut clips into windows. Windows without music, and windows that the filter leaves out, become rejects."""
+def cut_windows(
+    recipe: Recipe, clips: Sequence[EncodedClip], faults: Mapping[str, Collection[Fault]] = MappingProxyType({})
+) -> tuple[list[WindowedClip], list[Reject]]:
+    """Cut clips into windows. Windows without music, with faults, or that the filter leaves out, become rejects."""
     cut: dict[str, tuple[int, ...]] = {}
     rejects = []
     for clip in clips:
@@ -40,6 +44,9 @@ def cut_windows(recipe: Recipe, clips: Sequence[EncodedClip]) -> tuple[list[Wind
         rejects += problems
         of_motion = clip.motion.n_source, clip.motion.source_rate
         cut[ref.id], problems = starts_within(recipe, ref, clip.source.files, starts, of_motion)
+        rejects += problems
+        of_clip = faults.get(ref.id, ())
+        cut[ref.id], problems = without_faults(recipe, ref, of_clip, cut[ref.id], motion.source_rate)
         rejects += problems
     left = [clip for clip in clips if cut[clip.source.ref.id]]
     groups = groups_of(left, lambda clip: clip.source.ref)

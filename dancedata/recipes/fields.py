@@ -100,12 +100,19 @@ class FieldSpec(ABC):
 
 @dataclass(frozen=True)
 class MotionField(FieldSpec):
-    """A field that follows from a clip's motion: a representation with its contact rule."""
+    """A field that follows from a clip's motion: a representation with its contact rule.
+
+    Attributes
+    ----------
+    repaired
+        False for the motion as it was before the recipe's repairs.
+    """
 
     kind: ClassVar[Literal["motion"]] = "motion"
 
     representation: Representation
     contacts: ContactRule | None
+    repaired: bool = True
 
     @property
     def columns(self) -> Columns:

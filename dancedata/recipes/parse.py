@@ -17,12 +17,14 @@ from dancedata.core.plugin_files import load_plugins
 from dancedata.core.registry import DATASETS, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
-from dancedata.recipes.fields import WindowSpec
+from dancedata.recipes.curation import CurationSpec, parse_curation
+from dancedata.recipes.fields import MotionField, WindowSpec
 from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, make_slots, slot_keys
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.retarget import parse_retarget
 from dancedata.recipes.segments import SegmentSpec, parse_segments
 from dancedata.recipes.yaml import load_yaml, read_yaml
+from dancedata.store.motion_fields import ORIGINAL
 
 #: Characters shown of a PyYAML error, which has several lines.
 _YAML_PROBLEM = 600
@@ -185,9 +187,18 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     by_window = document.get("scope") == "window"
     retarget = problems.catch(partial(parse_retarget, document.get("retarget")))
     segments = problems.catch(partial(parse_segments, document.get("segments")))
+    curation = problems.catch(partial(parse_curation, document.get("curate"), document.get("repair")))
     slots = make_slots(document, grid, windows, by_window=by_window, problems=problems)
     dataset, windows = slots.dataset, slots.windows
-    if problems or not (top and store and groups) or grid is None or dataset is None or windows is None:
+    motion = problems.catch(partial(_with_originals, slots.motion, curation or CurationSpec()))
+    if (
+        problems
+        or not (top and store and groups)
+        or grid is None
+        or dataset is None
+        or windows is None
+        or motion is None
+    ):
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
     return Recipe(
@@ -197,7 +208,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         grid=grid,
         scope="window" if by_window else "track",
         windows=windows,
-        motion=slots.motion,
+        motion=motion,
         audio=slots.audio,
         keymotion=slots.keymotion,
         augment=slots.augment,
@@ -205,7 +216,22 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         incomplete_groups=groups["incomplete"],
         retarget=retarget,
         segments=segments or SegmentSpec(),
+        curation=curation or CurationSpec(),
     )
+
+
+def _with_originals(fields: tuple[MotionField, ...], curation: CurationSpec) -> tuple[MotionField, ...]:
+    """Return the motion fields with one more for each, of the motion before repairs, if the recipe keeps it."""
+    if not curation.repairs or not curation.repairs.original:
+        return fields
+    originals = [replace(field, name=f"{field.name}{ORIGINAL}", repaired=False) for field in fields]
+    taken = {field.name for field in fields} & {field.name for field in originals}
+    if taken:
+        raise UsageError(
+            f"motion.{min(taken)}: this is the name of the field with the motion before repairs",
+            fix="give it another name, or leave the original out: repair.original=false",
+        )
+    return tuple(sorted((*fields, *originals), key=lambda field: field.name))
 
 
 def _windows(keys: Mapping[str, Any], grid: FrameGrid) -> WindowSpec:
@@ -292,7 +318,7 @@ _KEYS = {
         "windows": _Key(_MISSING),
         **dict.fromkeys(("motion", "audio", "keymotion", "augment"), _Key()),
         "retarget": _Key(),
-        "segments": _Key(),
+        **dict.fromkeys(("segments", "curate", "repair"), _Key()),
         "store": _Key({}),
         "groups": _Key({}),
     },

@@ -15,6 +15,7 @@ from dancedata.core.plugin_files import PluginFile, plugin_file
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.skeleton import Skeleton
 from dancedata.recipes.copies import CopySpec, augment_document
+from dancedata.recipes.curation import CurationSpec
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
 from dancedata.recipes.retarget import RetargetSpec
@@ -39,6 +40,7 @@ class Recipe:
     incomplete_groups: Literal["set_aside", "keep"] = "set_aside"
     retarget: RetargetSpec | None = None
     segments: SegmentSpec = SegmentSpec()  # noqa: RUF009 (frozen)
+    curation: CurationSpec = CurationSpec()  # noqa: RUF009 (frozen)
 
     def __repr__(self) -> str:
         fields = ", ".join(field.name for field in self.fields)
@@ -104,7 +106,7 @@ class Recipe:
             "fps": str(self.grid),
             "scope": self.scope,
             "windows": self.windows.document(),
-            "motion": {field.name: field.document() for field in self.motion},
+            "motion": {field.name: field.document() for field in self.motion if field.repaired},
             "audio": {field.name: field.document() for field in self.audio},
             "keymotion": {field.name: field.document() for field in self.keymotion},
             "augment": augment_document(self.augment),
@@ -114,7 +116,8 @@ class Recipe:
         }
         # Absent by default, so that hashes of earlier recipes hold.
         document |= {} if self.retarget is None else {"retarget": self.retarget.document()}
-        return document | ({"segments": segments} if (segments := self.segments.document()) else {})
+        document |= {"segments": segments} if (segments := self.segments.document()) else {}
+        return document | self.curation.document()
 
     @cached_property
     def sha256(self) -> str:

@@ -24,6 +24,8 @@ from dancedata.store.dataset import Store
 from dancedata.store.scaling import Scaling
 from dancedata.store.schema import Field
 
+#: End of the name of a field with the motion as it was before the recipe's repairs.
+ORIGINAL = ".original"
 _POSITION = "position"
 _AS_STORED = Scaling()
 
@@ -43,7 +45,8 @@ BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
 def _entry(recipe: object, field: str) -> dict[str, Any]:
     """Return what a recipe states of a motion field; empty for anything else."""
     motion = recipe.get("motion") if isinstance(recipe, Mapping) else None
-    entry = motion.get(field) if isinstance(motion, Mapping) else None
+    # A field with the motion before repairs has the parameters of the repaired one.
+    entry = motion.get(field, motion.get(field.removesuffix(ORIGINAL))) if isinstance(motion, Mapping) else None
     return dict(entry) if isinstance(entry, Mapping) else {}
 
 
