@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
-from dancedata.card.head import OTHER, head, strictest
 from dancedata.core.text import counted, shown
 from dancedata.store import Store
+from dancedata.store.hub_head import OTHER, head, strictest
 from dancedata.store.licence import clips_by_terms, terms_text
 
 #: Found in files that this module wrote, and only there.
@@ -42,8 +42,8 @@ def card_text(store: Store, pictures: Mapping[str, str]) -> str:
     description = _text(str(meta.get("recipe", {}).get("description") or "Built by dancedata."))
     images = "\n".join(f"![{_text(what)}]({address})\n" for address, what in pictures.items())
     return "\n".join(
-        [head(store, splits), MARK, "", f"# {name}", "", description, "", images, _splits(store, splits),
-         _fields(store), _terms(store), _reading(splits, store), _again(store)]
+        [head(store, splits, {"default": "{}-*.h5"}), MARK, "", f"# {name}", "", description, "", images,
+         _splits(store, splits), _fields(store), _terms(store), _reading(splits, store), _again(store)]
     )  # fmt: skip
 
 

@@ -26,6 +26,7 @@ MODULES = {
     "smpl": ("smplx", "torch"),
     "report": ("matplotlib",),
     "pandas": ("pandas",),
+    "parquet": ("pyarrow",),
     "video": ("imageio_ffmpeg", "PIL"),
     "remote": ("huggingface_hub", "obstore"),
 }

@@ -2,10 +2,10 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from dancedata.core.licence import Licence
-from dancedata.store import Store
+from dancedata.store.dataset import Store
 from dancedata.store.licence import clips_by_terms
 
 #: Licences of hubs by what they are written as, the strictest last; unknown ones are stricter than all of them.
@@ -24,6 +24,7 @@ _LICENCES = (
     ("cc-by-nc-nd-4.0", r"cc[ -]by[ -]nc[ -]nd[ -]4\.0"),
 )
 OTHER = "other"
+_SPLIT = re.compile(r"\w+(\.\w+)*\Z")
 #: Upper ends of the sizes of hubs, in thousands.
 _SIZES = ((1, "n<1K"), (10, "1K<n<10K"), (100, "10K<n<100K"), (1000, "100K<n<1M"), (10_000, "1M<n<10M"))
 
@@ -59,8 +60,21 @@ def size_category(n: int) -> str:
     return next((name for end, name in _SIZES if n < 1000 * end), "n>10M")
 
 
-def head(store: Store, splits: Sequence[str]) -> str:
-    """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup."""
+def unnamed_splits(splits: Sequence[str]) -> list[str]:
+    """Return the splits whose name hubs do not take (``datasets.NamedSplit``): one with a hyphen or a plus."""
+    return [split for split in splits if not _SPLIT.match(split)]
+
+
+def head(store: Store, splits: Sequence[str], files: Mapping[str, str], *, viewer: bool = False) -> str:
+    """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup.
+
+    Parameters
+    ----------
+    files
+        By configuration, the first being the default: path of a split's files, such as ``data/{}-*.parquet``.
+    viewer
+        Whether a hub can show the files as a table.
+    """
     name, licence = strictest(store)
     n = sum(len(store.windows(split)) for split in splits) or len(store.clips)
     kinds = {store.field(field).kind for field in store.fields}
@@ -73,11 +87,15 @@ def head(store: Store, splits: Sequence[str]) -> str:
         "size_categories:", f"- {size_category(n)}",
         "task_categories:", "- other",
         "tags:", *(f"- {tag}" for tag in tags),
-        "viewer: false",
-        "configs:", "- config_name: default", "  data_files:",
-        *(f"  - split: {_quoted(split)}\n    path: {_quoted(f'{split}-*.h5')}" for split in splits),
+        *(() if viewer else ("viewer: false",)),
+        "configs:", *(line for config, path in files.items() for line in _config(config, splits, path)),
     ]  # fmt: skip
     return "\n".join(["---", *lines, "---", ""])
+
+
+def _config(name: str, splits: Sequence[str], path: str) -> list[str]:
+    entries = [f"  - split: {_quoted(split)}\n    path: {_quoted(path.format(split))}" for split in splits]
+    return [f"- config_name: {name}", "  data_files:", *entries]
 
 
 def _quoted(text: str) -> str:
