@@ -27,6 +27,7 @@ MODULES = {
     "report": ("matplotlib",),
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
+    "lightning": ("lightning", "torch"),
     "video": ("imageio_ffmpeg", "PIL"),
     "remote": ("huggingface_hub", "obstore"),
 }
