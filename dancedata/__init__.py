@@ -61,8 +61,8 @@ if TYPE_CHECKING:
     from dancedata.pipeline.decode_file import decode_file
     from dancedata.pipeline.decoding import decode, decode_group
     from dancedata.pipeline.diff import diff
-    from dancedata.publish.push import push
     from dancedata.pipeline.quality import quality
+    from dancedata.publish.push import push
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(

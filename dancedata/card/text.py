@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
-from dancedata.card.head import OTHER, Publication, citations, head, strictest
 from dancedata.core.text import counted, shown
 from dancedata.store import Store
+from dancedata.store.hub_head import OTHER, Publication, citations, head, strictest
 from dancedata.store.licence import clips_by_terms, terms_text
 
 #: Found in files that this module wrote, and only there.
@@ -44,8 +44,9 @@ def card_text(store: Store, pictures: Mapping[str, str], place: Publication | No
     description = _text(str(meta.get("recipe", {}).get("description") or "Built by dancedata."))
     images = "\n".join(f"![{_text(what)}]({address})\n" for address, what in pictures.items())
     return "\n".join(
-        [head(store, splits, place), MARK, "", f"# {name}", "", description, "", images, _splits(store, splits),
-         _fields(store), _terms(store, place), _reading(splits, store, place), _again(store, place)]
+        [head(store, splits, _files(place), place=place), MARK, "", f"# {name}", "", description, "", images,
+         _splits(store, splits), _fields(store), _terms(store, place), _reading(splits, store, place),
+         _again(store, place)]
     )  # fmt: skip
 
 
@@ -57,6 +58,11 @@ def _text(text: str) -> str:
 def _table(head_row: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     lines = [head_row, ["---"] * len(head_row), *rows]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines) + "\n"
+
+
+def _files(place: Publication | None) -> dict[str, str]:
+    """Return the files that hubs show: none where a recipe alone is published."""
+    return {} if place is not None and place.recipe_only else {"default": "{}-*.h5"}
 
 
 def _splits(store: Store, splits: Sequence[str]) -> str:

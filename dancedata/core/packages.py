@@ -29,6 +29,8 @@ MODULES = {
     "smpl": ("smplx", "torch"),
     "report": ("matplotlib",),
     "pandas": ("pandas",),
+    "parquet": ("pyarrow",),
+    "lightning": ("lightning", "torch"),
     "video": ("imageio_ffmpeg", "PIL"),
     "remote": ("huggingface_hub", "obstore"),
 }

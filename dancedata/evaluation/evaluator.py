@@ -71,6 +71,11 @@ class Evaluator:
     music_field
         Audio field that rows of music are of; None without music.
 
+    Attributes
+    ----------
+    store, field
+        Dataset that `of` was given, and its motion field; None and "" for an evaluator that was made otherwise.
+
     Examples
     --------
     >>> from torch.utils.data import DataLoader
@@ -95,7 +100,9 @@ class Evaluator:
         self.protocol = _of_dancers(protocol)
         self.reader = reader
         self.pool = pool
-        self._music_field = music_field
+        self.music_field = music_field
+        self.store: Store | None = None
+        self.field = ""
         self._about_music: tuple[str, ...] = ()
         problem = columns_problem(reader, self.protocol.motion)
         if problem:
@@ -174,6 +181,7 @@ class Evaluator:
         )
         pool_of_truth = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
         evaluator = cls(rules, reader, pool_of_truth, music_field=None if beats is None else dataset.field(beats))
+        evaluator.store, evaluator.field = dataset, name
         evaluator._about_music = () if rules.music is None else tuple(about_windows(dataset, rules.music))
         return evaluator
 
@@ -271,7 +279,7 @@ class Evaluator:
 
     def _beats(self, music: npt.NDArray[Any], whole: int, sizes: Sequence[int], padded: bool) -> list[MusicBeats]:
         """Return the beats of each sample, of motion of `sizes` rows in a batch of `whole` rows."""
-        field = self._music_field
+        field = self.music_field
         if field is None:
             raise UsageError(
                 "the dataset has no beats of this protocol", found=f"protocol {self.protocol.name}",
@@ -381,7 +389,7 @@ class Evaluator:
         """Return a warning if all samples are without music, and the protocol takes it."""
         if not any(measure.metric.needs_music for measure in self.protocol.measures):
             return []
-        field = self._music_field
+        field = self.music_field
         if field is None:
             return ["no beats of music: the dataset has no audio field with those of this protocol"]
         return [f"no beats of music: give update(..., music=batch[{field.name!r}])"]

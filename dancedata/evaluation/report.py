@@ -1,13 +1,16 @@
 """Reports of evaluations, and the list of protocols, as text, tables and JSON."""
 
+from __future__ import annotations
+
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip
@@ -16,6 +19,9 @@ from dancedata.evaluation.protocol import PROTOCOLS, Protocol
 from dancedata.evaluation.scores import Score, describe_outcome, halves_of, scores_of
 from dancedata.execution.cache import package_version
 from dancedata.recipes.documents import document_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: Names of scores as in papers.
 LABELS = {
@@ -101,6 +107,31 @@ class Report:
     def __str__(self) -> str:
         return describe(self)
 
+    def to_pandas(self, table: str = "scores") -> DataFrame:
+        """Return a table as a pandas DataFrame.
+
+        Parameters
+        ----------
+        table
+            "scores": a row a score, with its interval as "low" and "high", what stands beside it, and the number of
+            clips without a value. "clips": the rows of `per_clip`.
+
+        Raises
+        ------
+        UsageError
+            For another table.
+        MissingPackageError
+            Without pandas.
+        """
+        tables: dict[str, Sequence[Mapping[str, Any]]] = {
+            "scores": [_score_row(score) for score in self.scores],
+            "clips": self.per_clip,
+        }
+        if table not in tables:
+            raise UsageError(f"no table named {table!r}", fix=did_you_mean(table, tables))
+        frame: DataFrame = load("pandas", "pandas", what="to_pandas").DataFrame.from_records(list(tables[table]))
+        return frame
+
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
         return {
@@ -121,6 +152,13 @@ class Report:
             "versions": dict(self.versions),
             "citation": self.protocol.citation,
         }
+
+
+def _score_row(score: Score) -> dict[str, Any]:
+    row = _score_json(score)
+    low, high = row.pop("interval_95") or (None, None)
+    value = row.pop("value")
+    return {"score": score.name, "value": value, "low": low, "high": high, **row, "undefined": score.n_undefined}
 
 
 def _score_json(score: Score) -> dict[str, Any]:

@@ -7,15 +7,15 @@ import json
 import tarfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import UsageError
 from dancedata.core.typing import override
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing, field_json, record_json
-from dancedata.exports.base.needs import needs_fields, needs_music_from_start, needs_names, needs_track_scope
+from dancedata.exports._samples import SampleExport
+from dancedata.exports.base.job import EXPORTS, ExportJob, Missing, field_json, record_json
+from dancedata.exports.base.needs import needs_names
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -27,17 +27,11 @@ Member = tuple[str, bytes]
 
 @EXPORTS.register("webdataset")
 @dataclass(frozen=True)
-class WebDataset(Export):
+class WebDataset(SampleExport):
     """<split>-000000.tar, ...: samples of one .npy per field and one .json, by the key before the first point.
 
     Attributes
     ----------
-    samples
-        ``windows``: those of the dataset. ``clips``: whole clips.
-    fields
-        Names of the fields to write; none: all.
-    shard_mb
-        Size of a shard in MiB; a sample is never split.
     seed
         Samples are shuffled within each split, as readers of streams shuffle only within a buffer; below 0: they keep
         the dataset's order.
@@ -47,25 +41,11 @@ class WebDataset(Export):
     recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
     reference: ClassVar[str] = "webdataset (github.com/webdataset/webdataset)"
 
-    samples: Literal["windows", "clips"] = "windows"
-    fields: tuple[str, ...] = ()
-    shard_mb: float = 256
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.shard_mb <= 1 << 20:
-            raise UsageError(
-                "webdataset: invalid value for shard_mb", found=self.shard_mb, allowed="MiB above 0, up to 1048576"
-            )
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
-        missing = needs_fields(job, self.fields)
-        if len(set(self.fields)) < len(self.fields):
-            missing.append(Missing("fields has a name twice", "name each once"))
-        if self.samples == "clips":
-            missing += needs_track_scope(job) + needs_music_from_start(job.clips())
-        return missing + needs_names(
+        return super().missing(job) + needs_names(
             job.clips(), lambda name: "." not in name, "without points: a key ends at the first"
         )
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import yaml
 
-from dancedata.card.head import Publication
 from dancedata.card.text import card_text, plain_recipe
 from dancedata.card.write import drawn_pictures
 from dancedata.core.errors import DanceDataError, UsageError
@@ -20,6 +19,7 @@ from dancedata.files.regular_file import read_regular
 from dancedata.remote.cached import check_names, remote_files
 from dancedata.remote.fetch import DATASET_FILE, MAX_DESCRIPTION, PUBLICATION_FILE
 from dancedata.store import Store
+from dancedata.store.hub_head import Publication
 from dancedata.store.schema import CARD_FILE, REJECTS_FILE, STATS_FILE
 from dancedata.store.writer import dump_json, dump_lines
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dancedata.card.head import Publication
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, size_text
 from dancedata.execution.progress import Progress
@@ -20,6 +19,7 @@ from dancedata.remote import require_whole
 from dancedata.remote.address import BUCKETS, Address, is_address, parse_address
 from dancedata.remote.cached import is_offline
 from dancedata.store import Store, open_store
+from dancedata.store.hub_head import Publication
 
 _ALLOWED = "hf://datasets/ORG/NAME, s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX"
 _TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.store.clip_columns import FREE
@@ -26,25 +27,37 @@ def table(store: Store, name: str) -> DataFrame:
     return frame
 
 
-def _clips(store: Store) -> Iterator[dict[str, Any]]:
-    free = dict.fromkeys(name for split in store.splits for name in store.tables(split).types)
-    for clip in store.clips:
-        row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
-        row |= {name: _plain(value) for name, value in asdict(clip.record).items() if name not in {*row, "columns"}}
-        row["licence"] = _licence(store, clip)
-        yield row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
+def free_types(store: Store) -> dict[str, str]:
+    """Return the types of the free columns, by name with the prefix."""
+    return {name: kind for split in store.splits for name, kind in store.tables(split).types.items()}
+
+
+def clip_row(store: Store, clip: ClipView, free: Iterable[str]) -> dict[str, Any]:
+    """Return a clip's row of the table of clips; `free` has the names of the free columns."""
+    row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
+    row |= {name: _plain(value) for name, value in asdict(clip.record).items() if name not in {*row, "columns"}}
+    row["licence"] = _licence(store, clip)
+    return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
 
 
 def _licence(store: Store, clip: ClipView) -> str:
     return (store.licences[clip.licence].text if clip.licence >= 0 else "") or str(store.meta.get("licence") or "")
 
 
+def window_row(store: Store, split: str, window: Window) -> dict[str, Any]:
+    """Return a row of the table of windows."""
+    seconds = float(store.grid.seconds(window.start)), float(store.grid.seconds(window.length))
+    return {"clip": window.clip, "split": split, "start": window.start, "length": window.length,
+            "start_s": seconds[0], "length_s": seconds[1]}  # fmt: skip
+
+
+def _clips(store: Store) -> Iterator[dict[str, Any]]:
+    free = free_types(store)
+    return (clip_row(store, clip, free) for clip in store.clips)
+
+
 def _windows(store: Store) -> Iterator[dict[str, Any]]:
-    for split in store.splits:
-        for window in store.windows(split):
-            seconds = float(store.grid.seconds(window.start)), float(store.grid.seconds(window.length))
-            yield {"clip": window.clip, "split": split, "start": window.start, "length": window.length,
-                   "start_s": seconds[0], "length_s": seconds[1]}  # fmt: skip
+    return (window_row(store, split, window) for split in store.splits for window in store.windows(split))
 
 
 def _plain(value: Any) -> Any:

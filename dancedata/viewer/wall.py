@@ -79,7 +79,7 @@ class Wall(SceneList):
         single = [item for item in self.scenes.items if not item.members]
         if self.comparisons:
             names = (self._name, *(comparison.name for comparison in self.comparisons))
-            return [(item.id, [(item, name) for name in names]) for item in single]
+            return [(item.name, [(item, name) for name in names]) for item in single]
         songs: dict[str, list[tuple[Item, str]]] = {}
         for item in single:
             if not item.source:  # not beside its own copies
@@ -112,7 +112,7 @@ class Wall(SceneList):
         members = tuple(
             Scene(
                 member, self.grid, "", figure.shifted(place), figure.movement if figure.n_frames > 1 else None,
-                Rhythm.none(), first.windows, (), (), numbers=_numbers(as_read, first.rhythm, truth),
+                first.rhythm, first.windows, (), (), numbers=_numbers(as_read, first.rhythm, truth),
             )
             for (member, as_read, figure), place in zip(takes, shifts, strict=True)
         )  # fmt: skip

@@ -9,12 +9,12 @@ import pytest
 import yaml
 
 from dancedata.card import write_card
-from dancedata.card.head import hub_licence, size_category, strictest
 from dancedata.card.text import without_paths
 from dancedata.core.errors import UsageError
 from dancedata.core.licence import Licence
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
+from dancedata.store.hub_head import hub_licence, size_category, strictest
 from tests.commands import run
 from tests.messages import raises_message
 from tests.report.conftest import HOSTILE, demo, hostile, relabelled  # noqa: F401 (the datasets of reports)

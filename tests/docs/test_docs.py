@@ -185,9 +185,10 @@ def test_the_page_of_exports_prints_the_output_shown(
     demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(demo)
-    (code,), (output,) = _blocks("docs/exports.md", "python"), _blocks("docs/exports.md", "text")
-    exec(compile(code, "exports.md", "exec"), {})
-    assert capsys.readouterr().out == output
+    names: dict[str, object] = {}
+    for code, output in zip(_blocks("docs/exports.md", "python"), _blocks("docs/exports.md", "text"), strict=True):
+        exec(compile(code, "exports.md", "exec"), names)
+        assert capsys.readouterr().out == output
 
 
 def test_the_page_of_exports_names_every_target_and_option() -> None:

@@ -61,6 +61,19 @@ def test_numbers_that_overflow_are_undefined_by_name(store: Store, bootstrap: in
     assert "the numbers overflow (not_finite)" in str(report)
 
 
+def test_scores_and_clips_as_tables_of_pandas(store: Store) -> None:
+    report = dancedata.evaluate(store, metrics=["pfc", "skating"])
+    scores = report.to_pandas().set_index("score")
+    assert list(scores.index) == [score.name for score in report.scores]
+    pfc = next(score for score in report.scores if score.name == "pfc")
+    assert pfc.interval is not None
+    assert (scores.loc["pfc", "value"], scores.loc["pfc", "low"]) == (report["pfc"], pfc.interval.low)
+    clips = report.to_pandas("clips")
+    assert clips.to_dict("records") == [dict(row) for row in report.per_clip]
+    with raises_message(UsageError):
+        report.to_pandas("score")
+
+
 def test_intervals_stay_within_the_range_of_a_score(store: Store) -> None:
     report = dancedata.evaluate(store, metrics=["pfc", "skating"])
     intervals = {score.name: score.interval for score in report.scores}

@@ -209,7 +209,9 @@ def _paths(hub: UploadHub, match: Any, body: bytes) -> tuple[int, Any]:
 
 def _preupload(hub: UploadHub, match: Any, body: bytes) -> tuple[int, Any]:
     files = json.loads(body)["files"]
-    modes = [{"path": f["path"], "uploadMode": "lfs" if _is_large(f["path"], f["size"]) else "regular"} for f in files]
+    modes = [
+        {"path": f["path"], "uploadMode": "lfs" if _is_large(f["path"], f["size"]) else "regular"} for f in files
+    ]
     return 200, {"files": [{**mode, "shouldIgnore": False, "oid": None} for mode in modes]}
 
 

@@ -153,6 +153,10 @@ class Export(Plugin):
             Its methods write files by their path below the folder of the export.
         """
 
+    def head(self, job: ExportJob) -> str:
+        """Return what the README begins with, such as the YAML that hubs read; by default nothing."""
+        return ""
+
     @abstractmethod
     def guide(self, job: ExportJob) -> str:
         """Return Markdown for the README of the export.

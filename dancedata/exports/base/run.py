@@ -29,6 +29,7 @@ def readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
     reads = f" Files as `{target.reference}` reads them." if target.reference else ""
     listed = ", ".join(f"`{folder}/`" for folder in target.listed_folders)
     parts = [
+        *filter(None, [target.head(job)]),
         f"# {name}, exported as {target.name}\n",
         f"Written by `dancedata export --to {target.name}`.{reads} `export.json` has the parameters, the hash of the "
         f"dataset, and every file with its size and SHA-256.\n",

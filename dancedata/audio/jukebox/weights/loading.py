@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from accelerate import init_empty_weights  # type: ignore[import-untyped]
-from accelerate.utils import set_module_tensor_to_device  # type: ignore[import-untyped]
+from accelerate import init_empty_weights
+from accelerate.utils import set_module_tensor_to_device
 from torch.nn.functional import conv1d, relu
 
 from dancedata.audio.jukebox.config import JukeboxConfig

@@ -2,14 +2,14 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import yaml
 
 from dancedata.core.licence import Licence
 from dancedata.core.text import shown
-from dancedata.store import Store
+from dancedata.store.dataset import Store
 from dancedata.store.licence import clips_by_terms
 
 #: Licences of hubs by what they are written as, the strictest last; unknown ones are stricter than all of them.
@@ -28,6 +28,7 @@ _LICENCES = (
     ("cc-by-nc-nd-4.0", r"cc[ -]by[ -]nc[ -]nd[ -]4\.0"),
 )
 OTHER = "other"
+_SPLIT = re.compile(r"\w+(\.\w+)*\Z")
 #: Upper ends of the sizes of hubs, in thousands.
 _SIZES = ((1, "n<1K"), (10, "1K<n<10K"), (100, "10K<n<100K"), (1000, "100K<n<1M"), (10_000, "1M<n<10M"))
 
@@ -88,8 +89,30 @@ class Publication:
     recipe_only: bool = False
 
 
-def head(store: Store, splits: Sequence[str], place: Publication | None = None) -> str:
-    """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup."""
+def unnamed_splits(splits: Sequence[str]) -> list[str]:
+    """Return the splits whose name hubs do not take (``datasets.NamedSplit``): one with a hyphen or a plus."""
+    return [split for split in splits if not _SPLIT.match(split)]
+
+
+def head(
+    store: Store,
+    splits: Sequence[str],
+    files: Mapping[str, str],
+    *,
+    place: Publication | None = None,
+    viewer: bool = False,
+) -> str:
+    """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup.
+
+    Parameters
+    ----------
+    files
+        By configuration, the first being the default: path of a split's files, such as ``data/{}-*.parquet``.
+    place
+        Where and how it is published, if it is.
+    viewer
+        Whether a hub can show the files as a table.
+    """
     name, licence = strictest(store)
     n = sum(len(store.windows(split)) for split in splits) or len(store.clips)
     kinds = {store.field(field).kind for field in store.fields}
@@ -102,11 +125,10 @@ def head(store: Store, splits: Sequence[str], place: Publication | None = None) 
         "size_categories:", f"- {size_category(n)}",
         "task_categories:", "- other",
         "tags:", *(f"- {tag}" for tag in tags),
-        "viewer: false",
+        *(() if viewer else ("viewer: false",)),
     ]  # fmt: skip
-    if place is None or not place.recipe_only:
-        lines += ["configs:", "- config_name: default", "  data_files:"]
-        lines += [f"  - split: {_quoted(split)}\n    path: {_quoted(f'{split}-*.h5')}" for split in splits]
+    if files:
+        lines += ["configs:", *(line for config, path in files.items() for line in _config(config, splits, path))]
     if place is not None and place.gated:
         lines.append(f"extra_gated_prompt: {_quoted(_terms(licence))}")
     lines.append(yaml.safe_dump({"dancedata": _about(store, place)}, sort_keys=False, width=10_000).rstrip())
@@ -139,6 +161,11 @@ def _about(store: Store, place: Publication | None) -> dict[str, object]:
         "citation": [shown(text, 2000) for text in citations(store)],
     }
     return about | ({"rights": shown(place.rights, 2000)} if place is not None and place.rights else {})
+
+
+def _config(name: str, splits: Sequence[str], path: str) -> list[str]:
+    entries = [f"  - split: {_quoted(split)}\n    path: {_quoted(path.format(split))}" for split in splits]
+    return [f"- config_name: {name}", "  data_files:", *entries]
 
 
 def _quoted(text: str) -> str:

@@ -1,0 +1,91 @@
+"""A folder that load_from_disk of Hugging Face's datasets opens: Arrow files that are mapped, not read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dancedata.core.hashing import json_sha256
+from dancedata.core.text import listed
+from dancedata.core.typing import override
+from dancedata.exports._samples import SampleExport, SampleTable
+from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
+from dancedata.recipes.documents import document_of
+from dancedata.store.hub_head import unnamed_splits
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from dancedata.exports._samples import Sample
+    from dancedata.exports.base.folder import ExportFolder
+
+#: MiB of fields of a record batch.
+_BATCH_MB = 16
+
+
+@EXPORTS.register("hf-datasets")
+@dataclass(frozen=True)
+class HfDatasets(SampleExport):
+    """A DatasetDict as save_to_disk writes it: a row per window or clip, a column per field."""
+
+    reference: ClassVar[str] = "datasets (github.com/huggingface/datasets)"
+
+    @override
+    def missing(self, job: ExportJob) -> list[Missing]:
+        missing, unnamed = super().missing(job), unnamed_splits(job.store.splits)
+        if unnamed:
+            problem = f"datasets takes no split with this name: {listed(unnamed)}"
+            missing.append(Missing(problem, "names of splits of letters, digits and _, or --to parquet"))
+        return missing
+
+    @override
+    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        table, rows = self.table(job), {}
+        for split in job.store.splits:
+            shards = table.shards(split, self.shard_mb)
+            names = [f"data-{k:05d}-of-{len(shards):05d}.arrow" for k in range(len(shards))]
+            for name, samples in zip(names, job.each(f"files of {split}", shards), strict=True):
+                _write_file(table, folder, f"{split}/{name}", samples)
+                rows[f"{split}/{name}"] = len(samples)
+            folder.write_json(f"{split}/state.json", self._state(job, split, names))
+            folder.write_json(f"{split}/dataset_info.json", _info(job))
+        folder.write_json("dataset_dict.json", {"splits": list(job.store.splits)})
+        self.write_index(job, folder, rows)
+
+    @override
+    def guide(self, job: ExportJob) -> str:
+        split, field = job.store.splits[0], self.table(job).fields[0]
+        return (
+            f"A row is one of the {self.samples}. Columns of {field} and other fields hold its rows, not normalised; "
+            "`index.json` has the name of every column of a field, its rate, axes, statistics and scaler.\n\n"
+            "```python\nfrom datasets import load_from_disk\n\n"
+            f'{split} = load_from_disk(".")["{split}"].with_format("torch")\n'
+            f'rows = {split}[0]["{field}"]  # (L, {job.store.field(field).columns.width})\n```\n'
+        )
+
+    def _state(self, job: ExportJob, split: str, names: Sequence[str]) -> dict[str, Any]:
+        """Return state.json; equal exports have one fingerprint, by which datasets caches what is made of them."""
+        of = [job.store.meta.get("self_sha256"), document_of(self), self.version, split]
+        return {
+            "_data_files": [{"filename": name} for name in names],
+            "_fingerprint": json_sha256(of)[:16],
+            "_format_columns": None,
+            "_format_kwargs": {},
+            "_format_type": None,
+            "_output_all_columns": False,
+            "_split": split,
+        }
+
+
+def _info(job: ExportJob) -> dict[str, Any]:
+    """Return dataset_info.json without features, whose form differs by version: the schema of the files has them."""
+    meta = job.store.meta
+    texts = {"citation": meta.get("citation"), "license": meta.get("licence")}
+    return {"description": str(meta.get("name", "")), **{key: str(text or "") for key, text in texts.items()}}
+
+
+def _write_file(table: SampleTable, folder: ExportFolder, name: str, samples: Sequence[Sample]) -> None:
+    with folder.open_file(name) as file, import_module("pyarrow").ipc.new_stream(file, table.schema) as writer:
+        for batch in table.batches(samples, _BATCH_MB):
+            writer.write_batch(batch)

@@ -1,0 +1,199 @@
+"""SampleLog: what a validation generated, as numbers for a logger and a page."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy.typing as npt
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.text import counted
+from dancedata.evaluation.evaluator import Evaluator, Gather
+from dancedata.evaluation.report import Report
+from dancedata.evaluation.samples import as_numpy
+from dancedata.files import atomic
+from dancedata.files.atomic import require_free
+from dancedata.training.sample_page import WindowSample, sample_page
+
+if TYPE_CHECKING:
+    from accelerate import Accelerator
+    from torch import Tensor
+
+#: Most samples of a page: it holds all their motion.
+_MOST = 24
+#: In every page of the viewer.
+_MARK = b'id="dd-data"'
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A finished validation.
+
+    Attributes
+    ----------
+    step
+        Step of the training.
+    report
+        Of all samples; None where none could be measured.
+    numbers
+        Scores by name with the prefix, without undefined ones, and the number of samples that were left out.
+    page
+        The page; None without one, and in all processes but the main one.
+    """
+
+    step: int
+    report: Report | None
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    page: Path | None = None
+
+
+class SampleLog:
+    """Collects the samples of a validation; at its end come the numbers of an `Evaluator`, and a page of samples.
+
+    What a model generates does not end a training: samples that cannot be measured and pages that cannot be written
+    are warnings. A batch that is not one of the dataset's is an error.
+
+    Parameters
+    ----------
+    evaluator
+        Made by `Evaluator.of`.
+    folder
+        Where the pages are written, step-00000400.html and so on; made if it is not there. None: no pages.
+    wall
+        Samples of a page: the first of the main process, so with an order that does not change always the same ones.
+    prefix
+        Before the names of the scores.
+
+    Examples
+    --------
+    >>> from torch.utils.data import DataLoader
+    >>> from dancedata import Evaluator
+    >>> from dancedata.readers import WindowDataset
+    >>> from dancedata.training import SampleLog
+    >>> log = SampleLog(Evaluator.of("data/aistpp", "edge151", normalized=True), "runs/walls")
+    >>> for batch in DataLoader(WindowDataset("data/aistpp", "val", normalize=True), batch_size=4):
+    ...     log.update(batch["edge151"], batch)  # samples of a model that has heard batch["librosa35"]
+    >>> log.finish(step=400).page
+    PosixPath('runs/walls/step-00000400.html')
+    """
+
+    def __init__(
+        self, evaluator: Evaluator, folder: str | Path | None = None, *, wall: int = 6, prefix: str = "samples/"
+    ) -> None:
+        if not 1 <= wall <= _MOST:
+            raise UsageError("invalid number of samples of a page", found=wall, allowed=f"1 to {_MOST}")
+        if folder is not None and evaluator.store is None:
+            raise UsageError(
+                "this evaluator has no dataset, whose dances stand beside samples", fix="make it with Evaluator.of"
+            )
+        self.evaluator, self.wall, self.prefix = evaluator, wall, prefix
+        self.folder = None if folder is None else Path(folder).expanduser()
+        self._samples: list[WindowSample] = []
+
+    def __repr__(self) -> str:
+        return f"SampleLog({self.evaluator!r}, {str(self.folder)!r})"
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self.evaluator.reset()
+        self._samples = []
+
+    def update(self, motion: npt.ArrayLike | Tensor, batch: Mapping[str, Any]) -> None:
+        """Measure a batch of samples.
+
+        Parameters
+        ----------
+        motion
+            (B, L, D) columns, torch or numpy, on any device.
+        batch
+            The batch of a reader that they were generated for: it has the ids, the music where it was read, and the
+            lengths where it is padded.
+
+        Raises
+        ------
+        UsageError
+            As `Evaluator.update`; if the batch is not one of a reader.
+        """
+        missing = [key for key in ("id", "clip", "start", "length") if key not in batch]
+        if missing:
+            raise UsageError(
+                "this batch is not of a reader of the dataset", found=f"no key {missing[0]!r}",
+                allowed="batches of WindowDataset, or of ClipDataset with pad_clips",
+            )  # fmt: skip
+        field, music = self.evaluator.field, self.evaluator.music_field
+        lengths = batch.get("lengths", {}).get(field)
+        columns = as_numpy(motion)
+        heard = None if music is None else batch.get(music.name)
+        self.evaluator.update(columns, ids=batch["id"], music=heard, lengths=lengths)
+        places = zip(batch["clip"], batch["start"], batch["length"], strict=True)
+        for k, (clip, start, length) in enumerate(places):
+            if self.folder is not None and len(self._samples) < self.wall:
+                rows = columns[k] if lengths is None else columns[k, : int(lengths[k])]
+                self._samples.append(WindowSample(Window(clip, int(start), int(length)), rows.copy()))
+
+    def finish(
+        self,
+        step: int,
+        *,
+        gather: Gather | None = None,
+        main: bool = True,
+        accelerator: Accelerator | None = None,
+    ) -> Validation:
+        """Compute the scores of the samples of all processes, write the page, and forget the samples.
+
+        Every process has to call it.
+
+        Parameters
+        ----------
+        step
+            Step of the training, in the name of the page.
+        gather
+            As in `Evaluator.gather`.
+        main
+            Whether this process writes the page.
+        accelerator
+            Is asked in place of `main`, and its trackers get the numbers.
+        """
+        if accelerator is not None:
+            main = accelerator.is_main_process
+        self.evaluator.gather(gather, repeated="first")
+        done = Validation(step, *self._scores(), self._page(step) if main and self._samples else None)
+        if accelerator is not None:
+            accelerator.log(dict(done.numbers), step=step)
+        self.reset()
+        return done
+
+    def _scores(self) -> tuple[Report | None, dict[str, float]]:
+        if not len(self.evaluator):
+            raise UsageError("there are no samples", fix="give the batches of the validation to update")
+        try:
+            report = self.evaluator.compute()
+        except UsageError as error:
+            warnings.warn(f"{error}", stacklevel=3)
+            return None, {f"{self.prefix}left_out": float(len(self.evaluator))}
+        scores = {self.prefix + score.name: score.value for score in report.scores}
+        numbers = {name: value for name, value in scores.items() if value is not None}
+        return report, {**numbers, f"{self.prefix}left_out": float(len(report.left_out))}
+
+    def _page(self, step: int) -> Path | None:
+        """Write the page of a step; one of the same step, of an interrupted training, is replaced."""
+        evaluator, folder = self.evaluator, self.folder
+        if folder is None or evaluator.store is None:
+            return None
+        path = folder / f"step-{step:08d}.html"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            is_page = path.is_file() and _MARK in path.read_bytes()
+            require_free(path, [evaluator.store.path], "page", overwrite=is_page)
+            title = f"{counted(len(self._samples), 'sample')} at step {step}"
+            page = sample_page(evaluator.store, evaluator.field, evaluator.reader, self._samples, title)
+            atomic.write_bytes(path, page.encode())
+        except (OSError, DanceDataError) as error:
+            warnings.warn(f"{path}: the page of samples was not written: {error}", stacklevel=3)
+            return None
+        return path
