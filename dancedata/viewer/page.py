@@ -25,8 +25,12 @@ _OPERATOR = re.compile(
 )
 #: What a line has that may not be squeezed: other strings, escapes, regular expressions, nested templates.
 _INTRICATE = re.compile(r"[\"\\]|/(?! )|(?<! )/|`.*`.*`|^[^`]*`[^`]*$")
+#: Values of attributes that need no quotation marks.
+_QUOTED = re.compile(r'="([\w-]+)"(?=[ >])')
 #: What a style sheet does not need.
 _CSS = re.compile(r"/\*[^*]*\*/|;?\s*([{}])\s*|([:;,])\s+")
+#: Names of the browser that stand in a page hundreds of times.
+_GLOBAL = re.compile(r"\b(Math|document)\.")
 #: Line ends within brackets and after statements, with a semicolon before a closing brace.
 _BREAK = re.compile(r"(?<=[{,;(\[])\n|;?\n(?=\})|\n(?=[)\],])")
 
@@ -57,18 +61,34 @@ class Parts:
 @cache
 def page_parts() -> Parts:
     """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
-    script = "'use strict';\n(() => {\n" + "".join(_modules("viewer", {}).values()) + "})();\n"
+    text = _GLOBAL.sub(lambda match: f"${match[1][0]}.", "".join(_modules("viewer", {}).values()))
+    script = "'use strict';\n(() => {\nconst $M = Math, $d = document;\n" + text + "})();\n"
     css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))
-    return Parts(_CSS.sub(r"\1\2", css), body, _squeezed(script))
+    return Parts(_CSS.sub(r"\1\2", css), _QUOTED.sub(r"=\1", body), _squeezed(script))
 
 
 def _squeezed(script: str) -> str:
     """Return a script as Biome formats it without comments, and without most of its spaces and line ends."""
     lines = [
         line if _INTRICATE.search(line) else _OPERATOR.sub(lambda match: match[1] or match[2], line)
-        for line in _LAYOUT.sub("", script).split("\n")
+        for line in _merged(_LAYOUT.sub("", script).split("\n"))
     ]
     return _BREAK.sub("", "\n".join(lines))
+
+
+def _merged(lines: Sequence[str]) -> list[str]:
+    """Return lines without the keyword of a declaration that follows another one, which then ends with a comma."""
+    merged: list[str] = []
+    before = ""
+    for line in lines:
+        kind, _, declared = line.partition(" ")
+        if kind in {"const", "let"} and kind == before and merged[-1].endswith(";"):
+            merged[-1] = merged[-1][:-1] + ","
+            merged.append(declared)
+        else:
+            merged.append(line)
+        before = kind
+    return merged
 
 
 def _modules(name: str, read: dict[str, str]) -> dict[str, str]:

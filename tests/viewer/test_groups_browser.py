@@ -102,7 +102,7 @@ def test_a_click_on_a_dancer_or_his_lane_shows_him_alone(browser: Browser, serve
     browser.js(f"{V}.chooseDancer(null)")
     browser.js(click, "figure", 3, 3)
     assert shown(browser)["dancer"] is None
-    browser.js(click, "lanes", 20, 82)
+    browser.js(click, "lanes", 20, browser.js(f"return {V}.rows.dancer0.y") + 4)
     assert shown(browser)["dancer"] == 0
 
 

@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import dancedata
 from dancedata.viewer import Scenes, server
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
@@ -165,7 +167,7 @@ def test_the_first_minute_of_a_long_clip_comes_first(
 LONG = f"""
 const c = {V}.state.clip, f = c.figure, n = 54000;
 f.places = Float32Array.from({{length: n * f.width}}, (_, i) => f.places[i % f.places.length]);
-f.frames = n; f.contacts = new Uint8Array(n); c.seconds = 1800; c.n = n;
+f.frames = n; f.look = null; f.contacts = new Uint8Array(n); c.seconds = 1800; c.n = n;
 c.beats = Array.from({{length: 3600}}, (_, k) => k / 2);
 c.windows = Array.from({{length: 3500}}, (_, k) => [15 * k, 60]);
 c.flags = Array.from({{length: 600}}, (_, k) => [k * k * 0.005, 'fast_turn', 'head', 1, 'deg']);
@@ -235,3 +237,162 @@ def test_a_window_under_the_pointer_is_named_and_a_click_loops_it(browser: Brows
     browser.wait("return !document.querySelector('[data-dd=toast]').textContent")
     pointer(browser, "lanes", "pointerdown", x, y)
     assert browser.js(f"return {V}.state.loop") == [30, 90]
+
+
+@pytest.fixture(scope="module")
+def walls(odd: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[int, str]]:
+    """Addresses of a clip beside 8 and 11 comparisons, by the number of dancers."""
+    folder = tmp_path_factory.mktemp("walls")
+    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    for k in range(11):
+        (folder / f"model-{k}").mkdir()
+        np.savez(folder / f"model-{k}" / "wav.npz", joints=joints, fps=FPS)
+    with ExitStack() as stack:
+        yield {
+            n: stack.enter_context(
+                serving(
+                    ViewRequest(odd, "wav", compare=tuple(folder / f"model-{k}" for k in range(n - 1)), wall=True)
+                )
+            )
+            for n in (9, 12)
+        }
+
+
+@pytest.mark.parametrize("dancers", [9, 12])
+@pytest.mark.parametrize("size", [(1366, 625), (1280, 720), (800, 900), (420, 860)])
+def test_the_dancers_of_a_wall_have_most_of_the_page(
+    browser: Browser, walls: dict[int, str], dancers: int, size: tuple[int, int]
+) -> None:
+    browser.size(*size)
+    browser.open(walls[dancers])
+    browser.later(DRAWN)
+    stage = box(browser, "stage")["height"]
+    assert stage >= 0.55 * size[1] - 1
+    assert browser.js("return document.querySelector('[data-dd=dancers]').children.length") == dancers + 1
+    assert box(browser, "dancers")["height"] <= 30  # one row
+    assert browser.js("return document.documentElement.scrollWidth <= innerWidth")
+    wide = size[0] > 1000
+    if wide:  # numbers stand in the lanes, of which none is hidden
+        tl = "const b = document.querySelector('[data-dd=tl]'); return b.scrollHeight - b.clientHeight"
+        assert browser.js(tl) <= 0
+        assert browser.js("return document.documentElement.scrollHeight <= innerHeight")
+    small = "return document.querySelector('[data-dd=dancers] small').offsetParent !== null"
+    assert browser.js(small) != wide
+    titles = browser.js("return [...document.querySelector('[data-dd=dancers]').children].map(b => b.title)")
+    assert all("sliding" in title for title in titles[1:])
+    assert browser.log() == []
+
+
+def test_numbers_of_a_wall_stand_beside_its_lanes(browser: Browser, walls: dict[int, str]) -> None:
+    browser.size(1366, 625)
+    browser.open(walls[12])
+    browser.js(
+        "window.texts = []; const p = CanvasRenderingContext2D.prototype, text = p.fillText;"
+        "p.fillText = function (t, ...r) { texts.push(t); return text.call(this, t, ...r) };"
+        "dispatchEvent(new Event('resize'));"
+        "document.querySelector('[data-dd=zoomin]').click();"
+    )
+    browser.later(DRAWN)
+    texts = browser.js("return texts")
+    numbers = browser.js(f"return {V}.state.clip.members.map(m => m.numbers)")
+    assert {name for pairs in numbers for name, _ in pairs} <= set(texts)
+    assert {value for pairs in numbers for _, value in pairs} <= set(texts)
+    assert len(numbers) == 12
+    browser.driver.refresh()
+
+
+def test_the_lanes_can_be_higher_than_the_wall_leaves_them(browser: Browser, walls: dict[int, str]) -> None:
+    browser.size(800, 900)
+    browser.open(walls[12])
+    browser.later(DRAWN)
+    before = box(browser, "stage")["height"]
+    browser.js("document.querySelector('[data-dd=edge]').focus()")
+    for _ in range(6):
+        browser.key("\ue013")  # up
+    assert box(browser, "stage")["height"] <= before
+    assert browser.js("return document.documentElement.scrollHeight <= innerHeight")
+
+
+def test_the_overview_of_a_long_clip_moves_the_lanes(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav", "&theme=dark"))
+    browser.wait(f"return {V}.state.clip.sound")
+    assert browser.js(f"return {V}.rows.map") is None  # six seconds need none
+    browser.js(LONG + f"{V}.state.clip.flagTimes = []; dispatchEvent(new Event('resize'));")
+    browser.js("document.querySelector('[data-dd=lanes]').dispatchEvent(new MouseEvent('dblclick'))")
+    browser.later(DRAWN)
+    lanes, row = box(browser, "lanes"), browser.js(f"return {V}.rows.map")
+    y = lanes["top"] + row["y"] + 8
+
+    def x(second: float) -> float:
+        return float(lanes["left"] + 74 + (lanes["width"] - 74) * second / 1800)
+
+    def drag(start: float, end: float) -> list[float]:
+        pointer(browser, "lanes", "pointerdown", x(start), y)
+        pointer(browser, "lanes", "pointermove", x(end), y)
+        pointer(browser, "lanes", "pointerup", x(end), y)
+        pointer(browser, "lanes", "pointermove", x(1), y)  # no longer held
+        browser.later(DRAWN)
+        return browser.js(f"return [{V}.view.from, {V}.view.to]")
+
+    near = 1.5 * 1800 / (lanes["width"] - 74)  # of a pixel and a half
+    assert drag(600, 900) == pytest.approx([600, 900], abs=near)  # a new range
+    assert drag(700, 1000) == pytest.approx([900, 1200], abs=2 * near)  # all of it
+    assert drag(1200, 1500) == pytest.approx([900, 1500], abs=3 * near)  # its end
+    assert drag(900, 1400) == pytest.approx([1400, 1500], abs=4 * near)  # its begin
+    assert drag(200, 200) == pytest.approx([150, 250], abs=5 * near)  # beside it
+    assert drag(200, -900) == pytest.approx([0, 100], abs=6 * near)
+    assert browser.js(f"return {V}.state.t") == 0  # nothing was sought
+    # The other way: what is sought is shown, and keys move the range.
+    browser.js(f"{V}.seek(1000)")
+    browser.later(DRAWN)
+    begin, end = browser.js(f"return [{V}.view.from, {V}.view.to]")
+    assert begin < 1000 < end
+    browser.js("document.activeElement.blur()")
+    browser.key(".")
+    browser.later(DRAWN)
+    assert browser.js(f"return {V}.view.from") == pytest.approx(begin + (end - begin) / 2)
+    assert browser.log() == []
+    browser.driver.refresh()
+
+
+def test_left_and_right_are_told_apart_without_colours(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav", "&theme=dark"))
+    browser.js(
+        "window.texts = []; const p = CanvasRenderingContext2D.prototype, text = p.fillText;"
+        "p.fillText = function (t, ...r) { texts.push([t, ...r]); return text.call(this, t, ...r) };"
+    )
+    browser.js(f"{V}.state.dirty = true")
+    browser.later(DRAWN)
+    assert not {"L", "R"} & {text for text, *_ in browser.js("return texts")}
+    pointer(browser, "figure", "pointerenter", 500, 200)
+    browser.later(DRAWN)
+    written = {text: (x, y) for text, x, y in browser.js("return texts") if text in {"L", "R"}}
+    hands = browser.js(
+        f"const f = {V}.state.clip.figure; return ['left_hand', 'right_hand'].map(name => f.joints.indexOf(name))"
+    )
+    places = browser.js(f"return {V}.pointsNow()")
+    for text, joint in zip("LR", hands, strict=True):
+        assert written[text] == pytest.approx(places[joint][:2], abs=0.5)
+    pointer(browser, "figure", "pointerleave", 500, 200)
+    browser.js("texts.length = 0")
+    browser.later(DRAWN)
+    assert not {"L", "R"} & {text for text, *_ in browser.js("return texts")}
+    # Lanes of the left are full, those of the right striped.
+    browser.js(f"{V}.state.clip.figure.contacts.fill(15); dispatchEvent(new Event('resize'))")
+    browser.js("document.querySelector('[data-dd=zoomin]').click()")
+    browser.later(DRAWN)
+    row, feet = browser.js(f"return {V}.rows.contact"), browser.js(f"return {V}.state.clip.figure.feet")
+    share = []
+    for k in range(len(feet)):
+        pixels = np.array(
+            browser.js(
+                "const c = document.querySelector('[data-dd=lanes]');"
+                "return Array.from(c.getContext('2d').getImageData(300, arguments[0], 300, arguments[1]).data)",
+                row["y"] + k * row["h"] + 1, row["h"] - 5,
+            )
+        ).reshape(-1, 4)[:, :3]  # fmt: skip
+        panel = (0x1B, 0x1E, 0x24)
+        share.append(float((np.abs(pixels - panel).sum(axis=1) < 90).mean()))
+    assert share[:2] == [0, 0]
+    assert all(0.15 < part < 0.6 for part in share[2:])
+    browser.driver.refresh()

@@ -5,8 +5,10 @@ import json
 import re
 import shutil
 import subprocess
+from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -166,3 +168,13 @@ def test_a_page_without_data_is_small() -> None:
     parts = page_parts()
     assert len((parts.css + parts.html + parts.script).encode()) < 110_000
     assert not re.search(r"^(?:[ \t]|//|\n)", parts.script, flags=re.MULTILINE)  # no layout of the source
+
+
+def test_modules_share_no_name() -> None:
+    """They become one script, in which a second function of a name would silently take the place of the first."""
+    names: list[str] = []
+    for path in files("dancedata.viewer").joinpath("static", "js").iterdir():
+        text = path.read_text(encoding="utf-8")
+        names += re.findall(r"^(?:export )?(?:async )?(?:const|let|function|class) (\w+)", text, flags=re.MULTILINE)
+    assert len(names) > 300
+    assert [name for name, count in Counter(names).items() if count > 1] == []

@@ -1,9 +1,11 @@
 // The time axis: its canvas, its scale, and what is drawn in every lane. Heights in CSS pixels.
 import { el } from './data.js';
 import { css, ratio } from './figure.js';
+import { duration, state } from './state.js';
 
 export const lanes = el('lanes');
-export const LABEL = 74;
+// Width left of the time axis: names, and on walls what is measured.
+export let LABEL = 74;
 export const view = { from: 0, to: 0 };
 // Top and height of each lane, by name.
 export const rows = {};
@@ -51,6 +53,30 @@ export function drawSpeed(c, dancer, row, max, colour, size) {
     c.lineTo(x - r, y);
     c.fill();
   }
+}
+
+export function setLabel(width) {
+  LABEL = width;
+}
+
+export function zoomTo(from, to) {
+  const length = Math.max(Math.min(duration(), 0.5), Math.min(duration(), to - from));
+  view.from = Math.max(0, Math.min(duration() - length, from));
+  view.to = view.from + length;
+  state.dirty = true;
+}
+
+export function zoomAround(s, factor) {
+  const at = Math.max(view.from, Math.min(view.to, s));
+  const span = Math.max(0.5, (view.to - view.from) * factor);
+  const left = ((at - view.from) / (view.to - view.from)) * span;
+  zoomTo(at - left, at - left + span);
+}
+
+// By a share of what is seen.
+export function moveBy(share) {
+  const by = (view.to - view.from) * share;
+  zoomTo(view.from + by, view.to + by);
 }
 
 // Bars from the first to the last frame of each stretch.

@@ -1,4 +1,5 @@
 // The body: round cones along the bones, lit from above and the right, and soft blobs for shadows.
+import { make } from './data.js';
 
 export const channels = colour => [1, 3, 5].map(i => Number.parseInt(colour.slice(i, i + 2), 16));
 
@@ -107,7 +108,7 @@ const spots = new Map();
 // A round spot that fades towards its edge.
 export function spotOf(colour) {
   if (!spots.has(colour)) {
-    const spot = document.createElement('canvas');
+    const spot = make('canvas');
     spot.width = spot.height = 64;
     const pen = spot.getContext('2d');
     const fade = pen.createRadialGradient(32, 32, 0, 32, 32, 32);

@@ -1,6 +1,6 @@
 // The camera: turned, moved and zoomed by pointers and keys, with views from the front, left, back and top.
 import { together } from './dancers.js';
-import { el, root } from './data.js';
+import { el, on, root } from './data.js';
 import { canvas, facingNow } from './figure.js';
 import { wholePage } from './link.js';
 import { camera, state } from './state.js';
@@ -43,12 +43,12 @@ export function fullScreen() {
 export function startCamera(click) {
   const down = new Map();
   let moved = 0;
-  canvas.addEventListener('pointerdown', e => {
+  on(canvas, 'pointerdown', e => {
     if (!down.size) moved = 0;
     down.set(e.pointerId, [e.clientX, e.clientY]);
     canvas.setPointerCapture(e.pointerId);
   });
-  canvas.addEventListener('pointermove', e => {
+  on(canvas, 'pointermove', e => {
     const from = down.get(e.pointerId);
     if (!from) return;
     const [dx, dy] = [e.clientX - from[0], e.clientY - from[1]];
@@ -62,12 +62,18 @@ export function startCamera(click) {
     else turn(-dx * 0.008, dy * 0.006);
     down.set(e.pointerId, [e.clientX, e.clientY]);
   });
-  canvas.addEventListener('pointerup', e => {
+  on(canvas, 'pointerup', e => {
     if (down.has(e.pointerId) && down.size === 1 && moved < 4) click(e);
   });
-  for (const end of ['pointerup', 'pointercancel']) canvas.addEventListener(end, e => down.delete(e.pointerId));
-  canvas.addEventListener('dblclick', () => lookFrom('reset'));
-  canvas.addEventListener(
+  for (const end of ['pointerup', 'pointercancel']) on(canvas, end, e => down.delete(e.pointerId));
+  for (const kind of ['enter', 'leave'])
+    on(canvas, `pointer${kind}`, () => {
+      state.pointed = kind === 'enter';
+      state.dirty = true;
+    });
+  on(canvas, 'dblclick', () => lookFrom('reset'));
+  on(
+    canvas,
     'wheel',
     e => {
       if (!wholePage && !root.contains(document.activeElement)) return;
@@ -76,7 +82,7 @@ export function startCamera(click) {
     },
     { passive: false },
   );
-  el('camera').addEventListener('change', () => {
+  on(el('camera'), 'change', () => {
     lookFrom(el('camera').value);
     el('camera').value = '';
     el('camera').blur();

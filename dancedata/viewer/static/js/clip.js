@@ -2,7 +2,20 @@
 import { view } from './axis.js';
 import { play, setLoop } from './clock.js';
 import { chooseOf, collidesAt, coloursOf, nearestAt, otherOf, together, touching } from './dancers.js';
-import { el, head, loadClip, loadMusic, loadOther, loadRest, loadTurns, page, plain, root } from './data.js';
+import {
+  el,
+  head,
+  loadClip,
+  loadMusic,
+  loadOther,
+  loadRest,
+  loadTurns,
+  make,
+  on,
+  page,
+  plain,
+  root,
+} from './data.js';
 import { flagsNear } from './figure.js';
 import { canSkin } from './gl.js';
 import { enableControls } from './layout.js';
@@ -164,31 +177,28 @@ function showDancers() {
   root.classList.toggle('crowd', !!together());
   if (!members) return;
   const button = (text, k, tones) => {
-    const found = document.createElement('button');
+    const found = make('button');
     found.setAttribute('aria-pressed', state.dancer === k);
     for (const tone of tones) {
-      const mark = document.createElement('i');
+      const mark = make('i');
       mark.style.background = tone;
       found.append(mark);
     }
     found.append(text, ...numbersOf(k === null ? null : members[k]));
-    found.addEventListener('click', e => {
+    found.title = k === null ? 'The whole group  ( G )' : found.lastChild.textContent;
+    on(found, 'click', e => {
       chooseDancer(k);
       if (e.detail) document.activeElement?.blur();
     });
     return found;
   };
-  const all = button('all', null, []);
-  all.title = 'The whole group  ( G )';
-  box.replaceChildren(all, ...members.map((m, k) => button(m.called, k, coloursOf(m).slice(1))));
+  box.replaceChildren(button('all', null, []), ...members.map((m, k) => button(m.called, k, coloursOf(m).slice(1))));
 }
 
 // What is measured of a dancer of a wall.
 function numbersOf(member) {
   if (!member?.numbers) return [];
-  const small = document.createElement('small');
-  small.textContent = member.numbers.map(pair => pair.join(' ')).join(' · ');
-  return [small];
+  return [make('small', member.numbers.map(pair => pair.join(' ')).join(' · '))];
 }
 
 export function showAbout() {
@@ -221,6 +231,7 @@ export function showAbout() {
     .filter(Boolean)
     .map(plain)
     .join('  ·  ');
+  el('meta').title = el('meta').textContent;
   const whole = clip.flags.filter(flag => flag[0] === null).map(flagText);
   el('notes').textContent = [...whole, ...clip.notes, clip.silence, state.other?.note]
     .filter(Boolean)

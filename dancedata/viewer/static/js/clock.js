@@ -1,5 +1,5 @@
 // Time: the clock of the sound, where there is any; else that of the page.
-import { el } from './data.js';
+import { el, on } from './data.js';
 import { writeLink } from './link.js';
 import { camera, duration, frameRate, loopSeconds, state } from './state.js';
 
@@ -82,7 +82,7 @@ export function playSilently() {
     await wakeSound();
     restart();
   };
-  for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, wake, { once: true, capture: true });
+  for (const kind of ['pointerdown', 'keydown']) on(window, kind, wake, { once: true, capture: true });
 }
 
 export async function play(on) {

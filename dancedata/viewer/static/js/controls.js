@@ -1,18 +1,18 @@
 // Buttons, keys, themes and the camera.
-import { lanes } from './axis.js';
+import { lanes, moveBy, zoomAround } from './axis.js';
 import { fullScreen, lookFrom, startCamera, turn } from './camera.js';
 import { chooseDancer, compareWith, nextDancer, openItem, readySkin, setBody, showAbout } from './clip.js';
 import { advance, play, restart, seek, setGain, setLoop } from './clock.js';
 import { dancerAt } from './crowd.js';
 import { together } from './dancers.js';
-import { el, head, plain } from './data.js';
+import { el, head, make, on, plain } from './data.js';
 import { canvas, ratio, readColours } from './figure.js';
 import { canSkin } from './gl.js';
 import { linkNow, writeLink } from './link.js';
 import { step } from './list.js';
 import { noteNow, rejectNow, saveMarks, starNow } from './marks.js';
 import { camera, duration, failed, frameRate, SKIN, state } from './state.js';
-import { loopAt, redraw, zoomAround } from './timeline.js';
+import { loopAt, redraw } from './timeline.js';
 
 export function setTheme(name, chosen) {
   document.documentElement.dataset.theme = name === 'light' ? 'light' : 'dark';
@@ -115,6 +115,8 @@ const KEYS = [
   ...Object.keys(RATES).map(k => [k, k, `${RATES[k]} times the speed`, () => setRate(RATES[k])]),
   ['+', '+', 'zoom the time axis in', () => zoomAround(state.t, 0.7)],
   ['-', '-', 'zoom it out', () => zoomAround(state.t, 1 / 0.7)],
+  [',', ',', 'move the zoomed time axis back', () => moveBy(-0.5)],
+  ['.', '.', 'move it on', () => moveBy(0.5)],
   [
     '/',
     '/',
@@ -144,7 +146,7 @@ export function onKey(e) {
 
 export function startControls() {
   const click = (name, action) =>
-    el(name).addEventListener('click', e => {
+    on(el(name), 'click', e => {
       action(e);
       if (e.detail) el(name).blur();
     });
@@ -170,15 +172,15 @@ export function startControls() {
     writeLink();
   });
   click('link', copyLink);
-  el('rate').addEventListener('change', () => {
+  on(el('rate'), 'change', () => {
     setRate(+el('rate').value);
     el('rate').blur();
   });
-  el('with').addEventListener('change', () => {
+  on(el('with'), 'change', () => {
     compareWith(el('with').value).catch(failed);
     el('with').blur();
   });
-  el('field').addEventListener('change', () => {
+  on(el('field'), 'change', () => {
     const t = state.t;
     const loop = state.loop;
     openItem(state.item, { t, loop, field: el('field').value, dancer: state.dancer });
@@ -194,9 +196,7 @@ export function startControls() {
   el('field').hidden = head.fields.length < 2;
   for (const [, label, what] of KEYS) {
     const row = el('keytable').insertRow();
-    const kbd = document.createElement('kbd');
-    kbd.textContent = label;
-    row.insertCell().append(kbd);
+    row.insertCell().append(make('kbd', label));
     row.insertCell().textContent = what;
   }
   click('zoomin', () => zoomAround(state.t, 0.5));
@@ -204,13 +204,13 @@ export function startControls() {
   click('full', fullScreen);
   click('marks', saveMarks);
   click('follow', toggle('follow'));
-  el('volume').addEventListener('input', () => {
+  on(el('volume'), 'input', () => {
     setMode('mute', false);
     state.volume = +el('volume').value;
     setGain();
   });
-  el('volume').addEventListener('change', () => el('volume').blur());
-  lanes.addEventListener('dancer', e => chooseDancer(e.detail));
+  on(el('volume'), 'change', () => el('volume').blur());
+  on(lanes, 'dancer', e => chooseDancer(e.detail));
   startCamera(e => {
     if (!together()) return;
     const box = canvas.getBoundingClientRect();

@@ -2,6 +2,8 @@
 export const page = JSON.parse(document.getElementById('dd-data').textContent);
 export const root = document.querySelector('[data-dd=root]');
 export const el = name => root.querySelector(`[data-dd="${name}"]`);
+export const make = (tag, text = '') => Object.assign(document.createElement(tag), { textContent: text });
+export const on = (target, kind, act, options) => target.addEventListener(kind, act, options);
 export const head = page.head;
 const clipRows = page.list.clips;
 
@@ -157,7 +159,7 @@ window.dancedataClip = (number, payload) => {
 function sideFile(number, address) {
   return new Promise((done, fail) => {
     waiting.set(number, done);
-    const script = document.createElement('script');
+    const script = make('script');
     script.src = address;
     script.onerror = () => fail(new Error('the file with this clip is missing'));
     document.head.append(script);

@@ -211,7 +211,33 @@ export function drawBody(figure, places, frame, options) {
     if (p)
       pen.fillText(label, p[0], Math.min(canvas.height - 34 * ratio, p[1] + ((0.24 * figure.tall) / 1.7) * p[3]));
   }
+  if (state.pointed && !thin) drawHands(figure, points);
   return points;
+}
+
+// The last joint of a side's arm, whatever its hand is called.
+const handOf = (figure, side) =>
+  ['hand', 'wrist']
+    .map(name =>
+      figure.joints.findLastIndex((joint, j) => figure.sides[j] === side && joint.toLowerCase().endsWith(name)),
+    )
+    .find(j => j >= 0);
+
+function drawHands(figure, points) {
+  pen.font = `700 ${13 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+  pen.textAlign = 'center';
+  pen.textBaseline = 'middle';
+  pen.lineWidth = 3.5 * ratio;
+  pen.lineJoin = 'round';
+  pen.strokeStyle = css.bg;
+  pen.fillStyle = css.ink;
+  for (const side of [1, 2]) {
+    const p = points[handOf(figure, side)];
+    if (!p) continue;
+    pen.strokeText(' LR'[side], p[0], p[1]);
+    pen.fillText(' LR'[side], p[0], p[1]);
+  }
+  pen.textBaseline = 'alphabetic';
 }
 
 function drawSticks(figure, points, thin, tones) {
@@ -285,6 +311,10 @@ const there = new Float32Array(3 * 1024);
 
 // The cones of the clip's figure, as they are drawn now.
 export const conesNow = () => conesOf(state.clip.figure, here, lookAt(state.clip.figure, state.t, false));
+
+// Where the joints are on the canvas, of a dancer alone.
+export const pointsNow = () =>
+  Array.from({ length: state.clip.figure.count }, (_, j) => project(here[3 * j], here[3 * j + 1], here[3 * j + 2]));
 
 // Where the joints of the skin are now, from their rest pose: three rows of a matrix each.
 export const placingNow = swap =>

@@ -1,6 +1,6 @@
 // Draws skins by WebGL 2 into a picture of its own, which is laid over the stage.
 import { channels } from './body.js';
-import { model } from './data.js';
+import { make, model, on } from './data.js';
 import { grow } from './skin.js';
 import { camera, state } from './state.js';
 
@@ -69,10 +69,10 @@ function attribute(k, data, size, type, whole) {
 function start(slowly) {
   if (gl || tried.has(slowly)) return;
   tried.add(slowly);
-  const picture = document.createElement('canvas');
+  const picture = make('canvas');
   gl = picture.getContext('webgl2', { antialias: true, failIfMajorPerformanceCaveat: !slowly });
   if (!gl) return;
-  picture.addEventListener('webglcontextlost', () => {
+  on(picture, 'webglcontextlost', () => {
     gl = null;
     grown.clear();
     state.dirty = true;

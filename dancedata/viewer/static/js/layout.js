@@ -1,5 +1,5 @@
 // The page's layout: controls that find no room are in a sheet, and the edge above the lanes can be moved.
-import { el, root } from './data.js';
+import { el, on, root } from './data.js';
 import { state } from './state.js';
 
 const bar = el('bar');
@@ -37,8 +37,9 @@ function fitControls() {
 
 // Height of the lanes, CSS pixels; null: as high as they are.
 function setLanesHeight(height) {
-  const most = lanesBox.scrollHeight;
+  const most = Math.min(lanesBox.scrollHeight, lanesBox.offsetHeight + el('stage').offsetHeight - 120);
   const kept = height === null ? null : Math.max(40, Math.min(most, height));
+  root.classList.toggle('dragged', kept !== null);
   lanesBox.style.height = kept === null ? '' : `${kept}px`;
   el('edge').setAttribute('aria-valuenow', Math.round((100 * (kept ?? most)) / most));
   state.dirty = true;
@@ -53,23 +54,23 @@ export function enableControls(on) {
 
 export function startLayout() {
   enableControls(false);
-  el('more').addEventListener('click', () => showMore(!root.classList.contains('more')));
+  on(el('more'), 'click', () => showMore(!root.classList.contains('more')));
   new ResizeObserver(fitControls).observe(bar);
   const edge = el('edge');
   let from = null;
-  edge.addEventListener('pointerdown', e => {
+  on(edge, 'pointerdown', e => {
     from = e.clientY + lanesBox.offsetHeight;
     edge.setPointerCapture(e.pointerId);
   });
-  edge.addEventListener('pointermove', e => {
+  on(edge, 'pointermove', e => {
     if (from !== null) setLanesHeight(from - e.clientY);
   });
   for (const end of ['pointerup', 'pointercancel'])
-    edge.addEventListener(end, () => {
+    on(edge, end, () => {
       from = null;
     });
-  edge.addEventListener('dblclick', () => setLanesHeight(null));
-  edge.addEventListener('keydown', e => {
+  on(edge, 'dblclick', () => setLanesHeight(null));
+  on(edge, 'keydown', e => {
     const by = { ArrowUp: 16, ArrowDown: -16 }[e.key];
     if (by) setLanesHeight(lanesBox.offsetHeight + by);
   });

@@ -1,5 +1,5 @@
 // The list of clips: filters, order, and rows that exist only while they are seen.
-import { el, fetched, items, page, plain } from './data.js';
+import { el, fetched, items, make, on, page, plain } from './data.js';
 import { failed, state } from './state.js';
 
 const ROW = 46;
@@ -49,10 +49,9 @@ function filterItems() {
 }
 
 function rowOf(item, place) {
-  const row = document.createElement('div');
-  const name = document.createElement('b');
-  const count = document.createElement('span');
-  const about = document.createElement('small');
+  const row = make('div');
+  const name = make('b');
+  const count = make('span');
   row.className = 'item';
   row.id = `dd-item-${item.number}`;
   row.setAttribute('role', 'option');
@@ -61,11 +60,7 @@ function rowOf(item, place) {
   row.title = plain(item.name);
   // The ends of long names are what differs: the middle gives way.
   const cut = row.title.length > 24 ? row.title.length - 12 : row.title.length;
-  for (const part of [row.title.slice(0, cut), row.title.slice(cut)]) {
-    const piece = document.createElement('span');
-    piece.textContent = part;
-    name.append(piece);
-  }
+  name.append(make('span', row.title.slice(0, cut)), make('span', row.title.slice(cut)));
   count.className = 'n';
   if (item.flags) {
     count.textContent = `▲ ${item.flags}`;
@@ -74,9 +69,12 @@ function rowOf(item, place) {
   const signs = signsOf(item);
   if (signs) count.textContent = `${signs} ${count.textContent}`;
   const sliding = el('sort').value === 'sliding' && item.sliding !== undefined && item.sliding !== null;
-  about.textContent = (sliding ? `slides ${(item.sliding * 100).toFixed(1)} cm/s  ·  ` : '') + plain(describe(item));
+  const about = make(
+    'small',
+    (sliding ? `slides ${(item.sliding * 100).toFixed(1)} cm/s  ·  ` : '') + plain(describe(item)),
+  );
   row.append(name, count, about);
-  row.addEventListener('click', () => open(item));
+  on(row, 'click', () => open(item));
   return row;
 }
 
@@ -165,23 +163,23 @@ export function startList(openItem) {
   el('split').parentElement.hidden = el('split').hidden && el('genre').hidden;
   if (page.server) el('sort').append(new Option('most sliding first', 'sliding'));
   for (const name of ['q', 'split', 'genre', 'flagged'])
-    el(name).addEventListener('input', () => {
+    on(el(name), 'input', () => {
       listBox.scrollTop = 0;
       filterItems();
     });
-  el('sort').addEventListener('input', () => {
+  on(el('sort'), 'input', () => {
     listBox.scrollTop = 0;
     filterItems();
     if (el('sort').value === 'sliding') measureSliding().catch(failed);
   });
-  el('clear').addEventListener('click', () => {
+  on(el('clear'), 'click', () => {
     for (const name of ['q', 'split', 'genre']) el(name).value = '';
     el('flagged').checked = false;
     filterItems();
     el('q').focus();
   });
-  listBox.addEventListener('scroll', () => drawRows(false));
-  listBox.addEventListener('keydown', e => {
+  on(listBox, 'scroll', () => drawRows(false));
+  on(listBox, 'keydown', e => {
     const by = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[e.key];
     if (by) {
       e.preventDefault();
@@ -190,7 +188,7 @@ export function startList(openItem) {
     }
   });
   new ResizeObserver(() => drawRows(false)).observe(listBox);
-  el('drawer').addEventListener('click', () => {
+  on(el('drawer'), 'click', () => {
     const shownPicker = el('picker').classList.toggle('open');
     el('drawer').setAttribute('aria-expanded', shownPicker);
     drawRows(false);

@@ -1,5 +1,5 @@
 // Marks of the person who looks: stars, rejects and notes, kept in the browser, saved as rows of segments.
-import { el, head, page } from './data.js';
+import { el, head, make, page } from './data.js';
 import { drawRows } from './list.js';
 import { state } from './state.js';
 
@@ -94,7 +94,7 @@ export const marksFile = () =>
     .join('');
 
 export function saveMarks() {
-  const link = document.createElement('a');
+  const link = make('a');
   link.href = URL.createObjectURL(new Blob([marksFile()], { type: 'application/jsonl' }));
   link.download = 'marks.jsonl';
   link.click();

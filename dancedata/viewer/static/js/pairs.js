@@ -1,11 +1,15 @@
 // The lanes of a group: one for each dancer, and those of distances and contacts between them.
-import { contactSpans, drawCurve, drawSpans, drawSpeed, rows, xOf } from './axis.js';
+import { contactSpans, drawCurve, drawSpans, drawSpeed, lanes, rows, xOf } from './axis.js';
 import { coloursOf, together } from './dancers.js';
 import { css, ratio, triangle } from './figure.js';
+import { state } from './state.js';
 
 export function layOutGroup(clip, next, low) {
-  const tall = low ? 18 : clip.members.length > 4 ? 20 : 30;
-  for (const [k] of clip.members.entries()) next(`dancer${k}`, tall, 3);
+  const n = clip.members.length;
+  // The dancers on the stage have more than half of the page: what is left after the other rows is for their lanes.
+  const left = innerHeight * 0.45 - (low ? 156 : 250) - (clip.pairs.length ? 96 : 0);
+  const tall = Math.max(n > 6 ? 10 : 18, Math.min(low ? 18 : 30, Math.floor(left / n) - (low ? 1 : 3)));
+  for (const [k] of clip.members.entries()) next(`dancer${k}`, tall, tall < 12 ? 0 : 3);
   if (!clip.pairs.length) return;
   next('apart', 32, 5);
   if (clip.pairs.length === 1) next('facing', 26, 5);
@@ -13,10 +17,28 @@ export function layOutGroup(clip, next, low) {
   next('collide', 9, 5);
 }
 
+// Columns of what is measured of the dancers of a wall, beside their names: name and width.
+const columnsOf = clip => {
+  const most = clip.members.map(m => m.numbers || []).reduce((a, b) => (b.length > a.length ? b : a));
+  return most.map(([name]) => [name, { sliding: 62, distance: 58 }[name] || 44]);
+};
+
+// Width of those columns; 0 where the lanes are too narrow, or without any.
+export const numbersWidth = () =>
+  together() && lanes.clientWidth > 700 ? columnsOf(state.clip).reduce((sum, column) => sum + column[1], 0) : 0;
+
 export function labelGroup(label, clip) {
+  const columns = numbersWidth() ? columnsOf(clip) : [];
   for (const [k, dancer] of clip.members.entries()) {
     const row = rows[`dancer${k}`];
-    label(dancer.called.slice(0, 12), row.y + row.h / 2, coloursOf(dancer)[0]);
+    const y = row.y + row.h / 2;
+    label(dancer.called.slice(0, 12), y, coloursOf(dancer)[0]);
+    let x = 74;
+    for (const [name, wide] of columns) {
+      label(dancer.numbers?.find(pair => pair[0] === name)?.[1] || '', y, css.ink, x);
+      if (!k) label(name, rows.music.y + rows.music.h - 5, css.dim, x);
+      x += wide;
+    }
   }
   if (!clip.pairs.length) return;
   label(clip.pairs.length > 1 ? 'nearest' : 'apart', rows.apart.y + 9);
@@ -39,9 +61,9 @@ export function drawGroupLanes(c) {
 
 function drawDancer(c, dancer, row, max) {
   const [middle, left, right] = coloursOf(dancer);
-  const bar = row.h > 24 ? 4 : 3;
+  const bar = row.h > 24 ? 4 : row.h > 14 ? 3 : 2;
   if (dancer.speed) {
-    drawSpeed(c, dancer, { y: row.y, h: row.h - 2 * bar - 3 }, max, middle, row.h > 24 ? 3.4 : 2.6);
+    drawSpeed(c, dancer, { y: row.y, h: row.h - 2 * bar - 3 }, max, middle, row.h > 24 ? 3.4 : row.h > 14 ? 2.6 : 2);
   }
   if (dancer.figure)
     for (const [side, colour] of [

@@ -23,6 +23,8 @@ export const state = {
   volume: 1,
   follow: true,
   field: '',
+  // Whether the pointer is over the stage.
+  pointed: false,
   // The window under the pointer.
   hovered: null,
   drawn: 0,

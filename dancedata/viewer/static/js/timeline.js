@@ -1,15 +1,33 @@
 // The lanes of the time axis: music, speed, contacts, windows and flags, one below the other. Heights in CSS pixels.
-import { contactSpans, drawCurve, drawSpans, drawSpeed, LABEL, lanes, rows, view, xOf } from './axis.js';
+import {
+  contactSpans,
+  drawCurve,
+  drawSpans,
+  drawSpeed,
+  LABEL,
+  lanes,
+  moveBy,
+  rows,
+  setLabel,
+  view,
+  xOf,
+  zoomAround,
+  zoomTo,
+} from './axis.js';
 import { seek, setLoop } from './clock.js';
 import { together } from './dancers.js';
+import { make, on, root } from './data.js';
 import { css, ratio, triangle } from './figure.js';
 import { marksOf, signOf } from './marks.js';
-import { drawGroupLanes, drawPairs, labelGroup, layOutGroup } from './pairs.js';
+import { dragMap, drawMap, drawRange, dropMap, grabMap, inMap } from './overview.js';
+import { drawGroupLanes, drawPairs, labelGroup, layOutGroup, numbersWidth } from './pairs.js';
 import { duration, loopSeconds, state } from './state.js';
 import { drawWords, labelWords, layOutWords } from './words.js';
 
 const ink = lanes.getContext('2d');
 let base = null;
+// The time that was drawn last.
+let seen = 0;
 
 // A key motion this near to a beat hits it; one this near is early or late, milliseconds.
 const HIT_MS = 60;
@@ -27,14 +45,19 @@ const NO_CLIP = { onset: 1, speed: 1, figure: { feet: [0, 0, 0, 0] }, windows: [
 
 export function layOut(found) {
   const clip = found || NO_CLIP;
-  const low = innerHeight < 720;
+  const many = together()?.length > 6;
+  const low = innerHeight <= (together() ? 900 : 719);
+  root.classList.toggle('low', low);
+  const numbers = numbersWidth();
+  root.classList.toggle('tabled', !!numbers);
+  setLabel(74 + numbers);
   let y = 20;
   const next = (name, height, gap) => {
     rows[name] = { y, h: height };
-    y += height + (low ? Math.min(gap, 3) : gap);
+    y += height + (low ? Math.min(gap, many ? 1 : 3) : gap);
   };
   for (const name of Object.keys(rows)) delete rows[name];
-  next('music', clip.wave || clip.onset ? (low ? 34 : together() ? 44 : 58) : 18, 4);
+  next('music', clip.wave || clip.onset ? (low ? (many ? 26 : 34) : together() ? 44 : 58) : 18, 4);
   if (together()) layOutGroup(clip, next, low);
   else next('speed', clip.speed ? (low ? 28 : 40) : 14, 6);
   if (state.other?.distance) next('distance', 30, 6);
@@ -45,27 +68,19 @@ export function layOut(found) {
   if (found) layOutWords(clip, next);
   next('windows', 8, 7);
   next('flags', 15, 3);
+  if (duration() >= 60) next('map', 18, 3);
   lanes.style.height = `${y}px`;
 }
 
-const secondsAt = e => {
-  const box = lanes.getBoundingClientRect();
-  return view.from + ((e.clientX - box.left - LABEL) / (box.width - LABEL)) * (view.to - view.from);
-};
-
-function zoomTo(from, to) {
-  const length = Math.max(Math.min(duration(), 0.5), Math.min(duration(), to - from));
-  view.from = Math.max(0, Math.min(duration() - length, from));
-  view.to = view.from + length;
-  redraw();
-}
+const secondsAt = e => view.from + ((e.offsetX - LABEL) / (lanes.clientWidth - LABEL)) * (view.to - view.from);
 
 export function drawLanes() {
   if (!lanes.width) return; // not shown in a low page inside another one
   const clip = state.clip;
-  if (state.playing && view.to - view.from < duration() && (state.t > view.to || state.t < view.from)) {
-    zoomTo(state.t, state.t + view.to - view.from);
-  }
+  const span = view.to - view.from;
+  if (state.t !== seen && span < duration() && (state.t > view.to || state.t < view.from))
+    zoomTo(state.t - 0.05 * span, state.t + 0.95 * span);
+  seen = state.t;
   const key = [
     clip.number,
     clip.field,
@@ -79,7 +94,7 @@ export function drawLanes() {
     state.dancer,
   ].join(' ');
   if (!base || base.key !== key) {
-    const copy = document.createElement('canvas');
+    const copy = make('canvas');
     copy.width = lanes.width;
     copy.height = lanes.height;
     drawBase(copy.getContext('2d'), clip);
@@ -89,7 +104,7 @@ export function drawLanes() {
   ink.drawImage(base.copy, 0, 0);
   ink.save();
   ink.beginPath();
-  ink.rect(LABEL * ratio - 6 * ratio, 0, lanes.width, lanes.height);
+  ink.rect(LABEL * ratio - 6 * ratio, 0, lanes.width, rows.map ? (rows.map.y - 2) * ratio : lanes.height);
   ink.clip();
   const loop = loopSeconds();
   const top = 16 * ratio;
@@ -122,6 +137,7 @@ export function drawLanes() {
   ink.lineTo(x, 20 * ratio);
   ink.fill();
   ink.restore();
+  if (rows.map) drawRange(ink);
   lanes.setAttribute('aria-valuemax', duration().toFixed(2));
   lanes.setAttribute('aria-valuenow', state.t.toFixed(2));
   lanes.setAttribute('aria-valuetext', `${state.t.toFixed(2)} seconds, frame ${state.drawn}`);
@@ -129,12 +145,12 @@ export function drawLanes() {
 
 function drawBase(c, clip) {
   c.textBaseline = 'middle';
-  c.font = `${11 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+  c.font = `${(rows.dancer0?.h < 12 ? 10 : 11) * ratio}px system-ui,"DejaVu Sans",sans-serif`;
   drawAxis(c);
-  const label = (text, y, colour = css.dim) => {
+  const label = (text, y, colour = css.dim, x = 0) => {
     c.fillStyle = colour;
     c.textAlign = 'left';
-    c.fillText(text, 0, y * ratio);
+    c.fillText(text, x * ratio, y * ratio);
   };
   c.save();
   labelLanes(label, clip);
@@ -160,6 +176,7 @@ function drawBase(c, clip) {
   drawWords(c, clip);
   drawWindows(c, clip);
   drawFlags(c, clip);
+  if (rows.map) drawMap(c, clip);
   c.restore();
 }
 
@@ -182,6 +199,7 @@ function labelLanes(label, clip) {
   labelWords(label, clip);
   label('windows', mid('windows'));
   label('flags', mid('flags'));
+  if (rows.map) label('all', mid('map'));
 }
 
 const shortName = name =>
@@ -309,10 +327,29 @@ function drawMusic(c, clip) {
 
 function drawFeet(c, figure) {
   figure.feet.forEach((joint, bit) => {
-    c.fillStyle = [css.mid, css.left, css.right][figure.sides[joint]];
+    const side = figure.sides[joint];
+    c.fillStyle = side > 1 ? striped(c) : [css.mid, css.left][side];
     const { y, h } = rows.contact;
     drawSpans(c, contactSpans(figure, 1 << bit), figure.rate, y + orderOf(bit) * h, h - 3);
   });
+}
+
+// Stripes of the right side's colour: without colours, too, it is not the left.
+function striped(c) {
+  const tile = make('canvas');
+  const size = Math.round(5 * ratio);
+  tile.width = tile.height = size;
+  const pen = tile.getContext('2d');
+  pen.fillStyle = css.right;
+  pen.fillRect(0, 0, size, size);
+  pen.strokeStyle = css.panel;
+  pen.lineWidth = 1.3 * ratio;
+  for (const x of [-size, 0, size]) {
+    pen.moveTo(x, size);
+    pen.lineTo(x + size, 0);
+  }
+  pen.stroke();
+  return c.createPattern(tile, 'repeat');
 }
 
 // One tick for each first frame; those that would touch are one.
@@ -348,7 +385,8 @@ const overWindows = y => y >= rows.windows.y - 4 && y < rows.windows.y + rows.wi
 
 // The window under the pointer is a bar, and in words beside the clock.
 function hover(e) {
-  const y = e.clientY - lanes.getBoundingClientRect().top;
+  const y = e.offsetY;
+  lanes.style.cursor = inMap(y) ? 'ew-resize' : '';
   const found = state.clip && e.type !== 'pointerleave' && overWindows(y) ? windowAt(secondsAt(e), false) : null;
   if (found !== state.hovered) {
     state.hovered = found;
@@ -366,55 +404,48 @@ const laneAt = y => {
 };
 
 let scrubbing = false;
-lanes.addEventListener('pointerdown', e => {
+on(lanes, 'pointerdown', e => {
   if (!state.clip) return;
-  const y = e.clientY - lanes.getBoundingClientRect().top;
-  const k = together() && e.clientX - lanes.getBoundingClientRect().left < LABEL ? laneAt(y) : null;
+  const y = e.offsetY;
+  const k = together() && e.offsetX < LABEL ? laneAt(y) : null;
   if (k !== null) {
     lanes.dispatchEvent(new CustomEvent('dancer', { detail: k }));
     return;
   }
   if (overWindows(y) && loopAt(secondsAt(e), false)) return;
-  scrubbing = true;
   lanes.setPointerCapture(e.pointerId);
+  if (inMap(y)) {
+    grabMap(e.offsetX);
+    return;
+  }
+  scrubbing = true;
   seek(secondsAt(e));
 });
 
-lanes.addEventListener('pointermove', e => {
+on(lanes, 'pointermove', e => {
   if (scrubbing) seek(secondsAt(e));
-  else hover(e);
+  else if (!dragMap(e.offsetX)) hover(e);
 });
-lanes.addEventListener('pointerleave', hover);
+on(lanes, 'pointerleave', hover);
 
-lanes.addEventListener('pointerup', () => {
-  scrubbing = false;
-});
+for (const end of ['pointerup', 'pointercancel'])
+  on(lanes, end, () => {
+    scrubbing = false;
+    dropMap();
+  });
 
-lanes.addEventListener('pointercancel', () => {
-  scrubbing = false;
-});
-
-lanes.addEventListener('dblclick', () => zoomTo(0, duration()));
-lanes.addEventListener(
+on(lanes, 'dblclick', () => zoomTo(0, duration()));
+on(
+  lanes,
   'wheel',
   e => {
     if (!state.clip) return;
     e.preventDefault();
-    const span = view.to - view.from;
-    if (e.shiftKey || Math.abs(e.deltaX) > Math.abs(e.deltaY)) {
-      const by = span * (e.deltaX || e.deltaY) * 0.001;
-      zoomTo(view.from + by, view.to + by);
-    } else zoomAround(secondsAt(e), Math.exp(e.deltaY * 0.0015));
+    if (e.shiftKey || Math.abs(e.deltaX) > Math.abs(e.deltaY)) moveBy((e.deltaX || e.deltaY) * 0.001);
+    else zoomAround(secondsAt(e), Math.exp(e.deltaY * 0.0015));
   },
   { passive: false },
 );
-
-export function zoomAround(s, factor) {
-  const at = Math.max(view.from, Math.min(view.to, s));
-  const span = Math.max(0.5, (view.to - view.from) * factor);
-  const left = ((at - view.from) / (view.to - view.from)) * span;
-  zoomTo(at - left, at - left + span);
-}
 
 // Draws the time axis anew, and with it the page.
 export function redraw() {

@@ -1,12 +1,12 @@
 // The page: it follows its address, starts the controls, and draws.
-import { lanes, rows } from './axis.js';
+import { lanes, rows, view } from './axis.js';
 import { chooseDancer, openItem, readySkin, setBody, showNow } from './clip.js';
 import { advance, anchor, context, gain, metronome, play, playSilently, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
 import { drawCrowd } from './crowd.js';
 import { together } from './dancers.js';
-import { el, head, items, page, plain, root } from './data.js';
-import { canvas, conesNow, drawStage, far, placingNow, sizeCanvas } from './figure.js';
+import { el, head, items, on, page, plain, root } from './data.js';
+import { canvas, conesNow, drawStage, far, placingNow, pointsNow, sizeCanvas } from './figure.js';
 import { givesUp, skinPicture } from './gl.js';
 import { startLayout } from './layout.js';
 import { readLink, wholePage } from './link.js';
@@ -114,12 +114,12 @@ about();
 startControls();
 startLayout();
 layOut(null);
-addEventListener('resize', () => layOut(state.clip));
+on(window, 'resize', () => layOut(state.clip));
 startList(openItem);
 showSigns(item => [...new Set(marksOf(item).map(signOf))].join(''));
 showMarks();
-(wholePage ? window : root).addEventListener('keydown', onKey);
-window.addEventListener('hashchange', () => followLink().catch(failed));
+on(wholePage ? window : root, 'keydown', onKey);
+on(window, 'hashchange', () => followLink().catch(failed));
 setInterval(metronome, 40);
 requestAnimationFrame(tick);
 const ready = followLink()
@@ -141,6 +141,8 @@ window.dancedataViewer = {
   chooseDancer,
   marksFile,
   rows,
+  view,
+  pointsNow,
   setBody: async (level, chosen) => {
     setBody(level, chosen);
     await readySkin();
