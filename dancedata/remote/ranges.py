@@ -307,14 +307,14 @@ class _OtherProcess:
     """A bucket for a process that was forked after obstore was used: a process of its own asks for the ranges."""
 
     def __init__(self, address: Address) -> None:
-        self._address, self._lock = address, threading.Lock()
+        self.address, self._lock = address, threading.Lock()
         command = [sys.executable, "-c", f"from {__name__} import serve; serve()", str(address)]
         env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)  # noqa: S603
 
     def resolve(self) -> Address:
         """Return the address: a bucket has no commits."""
-        return self._address
+        return self.address
 
     def open(self, name: str, begin: int, end: int | None = None) -> Answer:
         """Ask for bytes of an object."""
@@ -326,7 +326,7 @@ class _OtherProcess:
                 self._process.stdin.flush()
                 result = pickle.load(self._process.stdout)  # noqa: S301 (our own process)
             except (OSError, EOFError, pickle.UnpicklingError) as error:
-                raise refused("the process that reads ranges has ended", self._address, shown(error)) from error
+                raise refused("the process that reads ranges has ended", self.address, shown(error)) from error
         if isinstance(result, BaseException):
             raise result
         return Answer(begin, _once(result))
