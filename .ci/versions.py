@@ -6,9 +6,9 @@
 
 Each row is a new environment of uv, a few commands in it, and a line of the table that is printed at the end: name,
 Python, command, result, seconds. It needs Python 3.11 or later, git, and the network for packages. Interpreters are
-those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without an interpreter is "not run", and so are rows that
-need torch, unless --torch: its wheels with CUDA are gigabytes. What is tested is the last commit. The exit code is 1 if
-a row that ran has failed.
+those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without an interpreter is "not run", and so are rows
+that need torch, unless --torch: its wheels with CUDA are gigabytes. What is tested is the last commit. The exit code
+is 1 if a row that ran has failed.
 """
 
 from __future__ import annotations
