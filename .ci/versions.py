@@ -67,20 +67,25 @@ def rows() -> list[Row]:
     """Return the whole matrix."""
     tools = TEST_TOOLS
     pinned = ("-c", "constraints.txt")
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
     named = set(extras) - {"all", "dev"}
     if named != set(EXTRAS):
         sys.exit(f"extras of pyproject.toml without a command here, or the reverse: {sorted(named ^ set(EXTRAS))}")
     table = [Row(f"{p} pinned", p, (*pinned, "-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
     table += [Row(f"{p} newest", p, ("-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
-    lowest = ("--resolution", "lowest-direct", "-e", ".")
+    # The lowest versions that have wheels for the Python: those that are older than it cannot be built with it.
+    names = sorted({re.split(r"[^\w.-]", r)[0] for r in [*project["dependencies"], *sum(extras.values(), [])]})
+    wheels = [word for name in names if name != "dancedata" for word in ("--only-binary", name)]
+    lowest = ("--resolution", "lowest-direct", *wheels, "-e")
     table += [
-        Row(f"{p} lowest", p, (*lowest, "pytest>=8.3", "hypothesis>=6.112"), f"{CORE} && {BUILD}") for p in PYTHONS
+        Row(f"{p} lowest", p, (*lowest, ".", "pytest>=8.3", "hypothesis>=6.112"), f"{CORE} && {BUILD}")
+        for p in PYTHONS
     ]
     for name, command in EXTRAS.items():
         torch = any(requirement.startswith(("torch", "smplx")) for requirement in extras[name])
         table.append(Row(f"extra {name}", "3.11", (*pinned, "-e", f".[{name}]", *tools), command, torch))
-        low = (*lowest[:3], f".[{name}]", "pytest>=8.3", "hypothesis>=6.112")
+        low = (*lowest, f".[{name}]", "pytest>=8.3", "hypothesis>=6.112")
         table.append(Row(f"extra {name} lowest", "3.11", low, command, torch))
     table.append(Row("wheel alone", "3.11", (), "dancedata build demo && dancedata check data/demo"))
     return table
@@ -152,7 +157,8 @@ def run(row: Row, work: Path, uv: Path, say: bool) -> tuple[str, float]:
 
 def shown(row: Row) -> str:
     """Return the commands of a row as somebody would type them."""
-    install = f"uv pip install {shlex.join(row.install)}" if row.install else "uv pip install dancedata-*.whl"
+    words = re.sub(r"(--only-binary [\w-]+ )+", "--only-binary ... ", f"{shlex.join(row.install)} ")
+    install = f"uv pip install {words.strip()}" if row.install else "uv pip install dancedata-*.whl"
     return f"{install} && {row.command}"
 
 
