@@ -56,6 +56,7 @@ def refusals(root: Path) -> Iterator[str]:
     version = versions["dancedata/core/version.py"]
     if not FINAL.fullmatch(version):
         yield f"{version} is a version in development; set one with --prepare X.Y.Z"
+        return
     for name, other in versions.items():
         if other != version:
             yield f"{name} states {other or 'no version'}, dancedata/core/version.py {version}"
@@ -71,7 +72,7 @@ def refusals(root: Path) -> Iterator[str]:
             dates = f"CHANGELOG.md {headings[1][2] or 'none'}, CITATION.cff {released[1] if released else 'none'}"
             yield f"the dates of the release differ: {dates}"
     if changed := git("status", "--porcelain", root=root):
-        yield f"the working tree has changes: {', '.join(line[3:] for line in changed.splitlines()[:5])}"
+        yield f"the working tree has changes: {', '.join(line.split()[-1] for line in changed.splitlines()[:5])}"
     if git("tag", "--list", f"v{version}", root=root):
         yield f"the tag v{version} exists"
 
@@ -131,8 +132,7 @@ def validated(root: Path, work: Path, tools: Path) -> None:
     step("conda/recipe.yaml: rendered by rattler-build")
     script = (
         "import sys; from rattler_build import Stage0Recipe, VariantConfig; "
-        "r = Stage0Recipe.from_file(sys.argv[1]).render(VariantConfig()); "
-        "print([f'{v.recipe().package.name} {v.recipe().package.version}' for v in r])"
+        "print(*Stage0Recipe.from_file(sys.argv[1]).render(VariantConfig()))"
     )
     subprocess.run([tools / "python", "-c", script, root / "conda" / "recipe.yaml"], check=True)
 
@@ -204,7 +204,11 @@ def main() -> int:
         prepare(ROOT, options.prepare, datetime.now(UTC).date().isoformat())
         print(git("diff", "--stat"))
         return 0
-    return release(ROOT, options.tag)
+    try:
+        return release(ROOT, options.tag)
+    except subprocess.CalledProcessError as error:
+        print(f"refused: this command failed: {' '.join(map(str, error.cmd))}", file=sys.stderr)
+        return 1
 
 
 if __name__ == "__main__":

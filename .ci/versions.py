@@ -75,7 +75,8 @@ def rows() -> list[Row]:
     table = [Row(f"{p} pinned", p, (*pinned, "-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
     table += [Row(f"{p} newest", p, ("-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
     # The lowest versions that have wheels for the Python: those that are older than it cannot be built with it.
-    names = sorted({re.split(r"[^\w.-]", r)[0] for r in [*project["dependencies"], *sum(extras.values(), [])]})
+    direct = [project["dependencies"], *extras.values()]
+    names = sorted({re.split(r"[^\w.-]", requirement)[0] for of_one in direct for requirement in of_one})
     wheels = [word for name in names if name != "dancedata" for word in ("--only-binary", name)]
     lowest = ("--resolution", "lowest-direct", *wheels, "-e")
     table += [
