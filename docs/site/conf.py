@@ -26,7 +26,16 @@ author = "the dancedata authors"
 version = release = __version__
 copyright = author
 root_doc = "README"
-include_patterns = ["README.md", "CHANGELOG.md", "docs/**", "tests/golden/data/README.md"]
+include_patterns = [
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    "docs/**",
+    "benchmarks/history.md",
+    "tests/golden/data/README.md",
+    "tests/frozen/README.md",
+]
 exclude_patterns = [".*", "docs/site"]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
@@ -48,6 +57,17 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = f"dancedata {__version__}"
 html_additional_pages = {"index": "index.html"}
+# furo's own sidebar, and the list of versions that build.py names.
+html_sidebars = {
+    "**": [
+        "sidebar/brand.html",
+        "sidebar/search.html",
+        "sidebar/scroll-start.html",
+        "sidebar/navigation.html",
+        "sidebar/scroll-end.html",
+        "versions.html",
+    ]
+}
 html_copy_source = False
 html_show_sphinx = False
 templates_path = ["templates"]

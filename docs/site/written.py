@@ -33,17 +33,22 @@ class _Page(HTMLParser):
             self.loaded.add(address)
 
 
-def findings(site: Path) -> list[str]:
-    """Return a line for every link that leads nowhere and for everything that is loaded from another host."""
+def findings(site: Path, others: frozenset[Path] = frozenset()) -> list[str]:
+    """Return a line for every link that leads nowhere and for everything that is loaded from another host.
+
+    `others` are files beside the site, such as first pages of other versions, that need not exist.
+    """
     pages = {path: _Page(path.read_text(encoding="utf-8")) for path in sorted(site.rglob("*.html"))}
-    found = [line for path, page in pages.items() for line in _of_page(site, path, page, pages)]
+    found = [line for path, page in pages.items() for line in _of_page(site, path, page, pages, others)]
     for path in sorted(site.rglob("*.css")):
         addresses = _CSS_ADDRESS.findall(path.read_text(encoding="utf-8"))
         found += [f"{path.relative_to(site)}: loads {address}" for address in addresses]
     return found
 
 
-def _of_page(site: Path, path: Path, page: _Page, pages: dict[Path, _Page]) -> Iterator[str]:
+def _of_page(
+    site: Path, path: Path, page: _Page, pages: dict[Path, _Page], others: frozenset[Path]
+) -> Iterator[str]:
     name = path.relative_to(site)
     for address in sorted(page.loaded):
         if urlsplit(address).netloc:
@@ -53,6 +58,8 @@ def _of_page(site: Path, path: Path, page: _Page, pages: dict[Path, _Page]) -> I
         if parts.scheme or parts.netloc:
             continue
         target = Path(os.path.normpath(path.parent / unquote(parts.path))) if parts.path else path
+        if target in others:
+            continue
         # Fragments with "=" are moments in the viewer, not anchors.
         if not target.is_file():
             yield f"{name}: no such file: {address}"

@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 """The package in fresh environments: Pythons, lowest and newest dependencies, extras one by one.
 
-    .ci/versions                     # all of the matrix that this machine can make
-    .ci/versions 3.11 lowest remote  # the rows whose name holds one of these words
+    .ci/versions.py                     # all of the matrix that this machine can make
+    .ci/versions.py 3.11 lowest remote  # the rows whose name holds one of these words
 
-Each row is a new environment of uv (or pip, for the row README), a few commands in it, and a line of the table that is
-printed at the end: name, Python, command, result, seconds. Needs Python 3.11 or later, and the network for packages.
-Interpreters: PATH, pyenv, uv's own, or PYTHON_3_14=/path/to/python. A row without an interpreter is "not run", and so
-are rows that need torch, unless --torch: its wheels with CUDA are gigabytes. Exit code 1 if a row that ran has failed.
+Each row is a new environment of uv, a few commands in it, and a line of the table that is printed at the end: name,
+Python, command, result, seconds. It needs Python 3.11 or later, git, and the network for packages. Interpreters are
+those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without an interpreter is "not run", and so are rows
+that need torch, unless --torch: its wheels with CUDA are gigabytes. What is tested is the last commit. The exit code
+is 1 if a row that ran has failed.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ TEST_TOOLS = ("pytest", "pytest-xdist", "hypothesis")
 CORE = "python -m pytest -q -p no:cacheprovider -o filterwarnings=default tests/core tests/contacts tests/frozen"
 BUILD = "dancedata build demo --quiet && dancedata check data/demo && dancedata doctor"
 #: What shows that an extra works, in an environment with nothing else.
+HERE = "dancedata build demo --quiet"
 EXTRAS = {
     "torch": "python -m pytest -q -o filterwarnings=default tests/readers/test_windows.py tests/frozen",
     "jukebox": "python -c 'import torch, accelerate, safetensors'",
@@ -39,12 +41,11 @@ EXTRAS = {
     "beats": "python -m pytest -q -o filterwarnings=default tests/audio/test_beats.py",
     "smpl": "python -c 'import smplx, torch'",
     "dask": "dancedata build demo --backend dask --quiet && dancedata check data/demo",
-    "report": "dancedata build demo --quiet && dancedata report data/demo --to report.html && test -s report.html && "
+    "report": f"{HERE} && dancedata report data/demo --to report.html && test -s report.html && "
     "python -m pytest -q -o filterwarnings=default tests/plot",
-    "pandas": "dancedata build demo --quiet && python -c 'import dancedata; d = dancedata.open(\"data/demo\").to_pandas(); "
-    "assert len(d) == 42'",
-    "video": "dancedata build demo --quiet && dancedata view data/demo --video clip.mp4 && test -s clip.mp4",
-    "remote": "python -c 'import huggingface_hub, obstore; import dancedata.remote' && dancedata build demo --quiet && "
+    "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",
+    "video": f"{HERE} && dancedata view data/demo --video clip.mp4 && test -s clip.mp4",
+    "remote": f"python -c 'import huggingface_hub, obstore' && {HERE} && "
     "(python -m http.server 8765 --bind 127.0.0.1 >/dev/null 2>&1 & p=$!; trap 'kill $p' EXIT; sleep 2; "
     "dancedata pull http://127.0.0.1:8765/data/demo/ && dancedata info http://127.0.0.1:8765/data/demo/)",
     "docs": "python docs/site/build.py site",
@@ -66,18 +67,26 @@ def rows() -> list[Row]:
     """Return the whole matrix."""
     tools = TEST_TOOLS
     pinned = ("-c", "constraints.txt")
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
     named = set(extras) - {"all", "dev"}
     if named != set(EXTRAS):
         sys.exit(f"extras of pyproject.toml without a command here, or the reverse: {sorted(named ^ set(EXTRAS))}")
     table = [Row(f"{p} pinned", p, (*pinned, "-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
     table += [Row(f"{p} newest", p, ("-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
-    lowest = ("--resolution", "lowest-direct", "-e", ".")
-    table += [Row(f"{p} lowest", p, (*lowest, "pytest>=8.3", "hypothesis>=6.112"), f"{CORE} && {BUILD}") for p in PYTHONS]
+    # The lowest versions that have wheels for the Python: those that are older than it cannot be built with it.
+    direct = [project["dependencies"], *extras.values()]
+    names = sorted({re.split(r"[^\w.-]", requirement)[0] for of_one in direct for requirement in of_one})
+    wheels = [word for name in names if name != "dancedata" for word in ("--only-binary", name)]
+    lowest = ("--resolution", "lowest-direct", *wheels, "-e")
+    table += [
+        Row(f"{p} lowest", p, (*lowest, ".", "pytest>=8.3", "hypothesis>=6.112"), f"{CORE} && {BUILD}")
+        for p in PYTHONS
+    ]
     for name, command in EXTRAS.items():
         torch = any(requirement.startswith(("torch", "smplx")) for requirement in extras[name])
         table.append(Row(f"extra {name}", "3.11", (*pinned, "-e", f".[{name}]", *tools), command, torch))
-        low = (*lowest[:3], f".[{name}]", "pytest>=8.3", "hypothesis>=6.112")
+        low = (*lowest, f".[{name}]", "pytest>=8.3", "hypothesis>=6.112")
         table.append(Row(f"extra {name} lowest", "3.11", low, command, torch))
     table.append(Row("wheel alone", "3.11", (), "dancedata build demo && dancedata check data/demo"))
     return table
@@ -87,7 +96,11 @@ def interpreter(version: str) -> str | None:
     """Return the path of an interpreter of a version, None without one."""
     name = os.environ.get(f"PYTHON_{version.replace('.', '_')}")
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
-    named = [name, *map(str, sorted(pyenv.glob(f"{version}.*/bin/python"), reverse=True)), shutil.which(f"python{version}")]
+    named = [
+        name,
+        *map(str, sorted(pyenv.glob(f"{version}.*/bin/python"), reverse=True)),
+        shutil.which(f"python{version}"),
+    ]
     for path in filter(None, named):
         ask = [path, "-c", "import sys; print('.'.join(map(str, sys.version_info[:2])))"]
         answer = subprocess.run(ask, capture_output=True, text=True, check=False)
@@ -137,12 +150,16 @@ def run(row: Row, work: Path, uv: Path, say: bool) -> tuple[str, float]:
     if say or result.startswith("failed"):
         print(text[-4000:], flush=True)
     tests = re.findall(r"^(?:\d+ \w+, )*\d+ passed.*? in ", text, flags=re.MULTILINE)
-    return f"{result}{'; ' if tests else ''}{'; '.join(line.removesuffix(' in ') for line in tests)}", time.monotonic() - start
+    return (
+        f"{result}{'; ' if tests else ''}{'; '.join(line.removesuffix(' in ') for line in tests)}",
+        time.monotonic() - start,
+    )
 
 
 def shown(row: Row) -> str:
     """Return the commands of a row as somebody would type them."""
-    install = f"uv pip install {shlex.join(row.install)}" if row.install else "uv pip install dancedata-*.whl"
+    words = re.sub(r"(--only-binary [\w-]+ )+", "--only-binary ... ", f"{shlex.join(row.install)} ")
+    install = f"uv pip install {words.strip()}" if row.install else "uv pip install dancedata-*.whl"
     return f"{install} && {row.command}"
 
 
