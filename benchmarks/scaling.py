@@ -2,6 +2,7 @@
 
     python benchmarks/scaling.py throughput          # the demo's feature and representation
     python benchmarks/scaling.py units               # cost of scheduling, cache and publishing per unit
+    python benchmarks/scaling.py clusters [ROUNDS]   # cost of scheduling per unit on each engine
     python benchmarks/scaling.py corpus [N ...]      # default 1000 10000 100000 clips of four frames
 
 It prints measurements and asserts nothing. Only times of the same machine are comparable.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import shutil
 import subprocess
@@ -19,8 +21,10 @@ import tempfile
 import time
 import wave
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,8 +37,9 @@ from dancedata.core.plugins import AudioFeature, Dataset, Representation
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache
+from dancedata.execution.executors.base import Executor
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import run_units
+from dancedata.execution.units import run_units, start_workers
 from dancedata.pipeline.build import build
 from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.plan import make_plan
@@ -221,6 +226,61 @@ def units(n: int = 2000) -> None:
         print(f"{'publishing 90 kB, flushed to disk (units above 0.5 s)':<58} {spent:8.1f} us per unit")
 
 
+ENGINES = ("processes", "tcp", "ray://auto", "joblib:loky", "joblib:threading", "joblib:spark")
+
+
+def clusters(rounds: int = 3) -> None:
+    """Print the cost of scheduling a unit on each engine with two workers, in turn, and as a multiple of processes'.
+
+    Units do nothing, or sleep 50 ms: then, how much longer the stage takes than half of the sum.
+    """
+    spent: dict[str, list[tuple[float, float]]] = {engine: [] for engine in ENGINES}
+    os.environ.setdefault("PYSPARK_SUBMIT_ARGS", "--master local[2] pyspark-shell")
+    with tempfile.TemporaryDirectory(prefix="scaling-") as name, ExitStack() as stack:
+        executors = {}
+        for engine in ENGINES:
+            try:
+                scheduler = _cluster(engine, stack)
+                started = start_workers(2, Cache(Path(name)), Path(name), set(), scheduler=scheduler)
+                executors[engine] = stack.enter_context(started)
+            except ImportError as error:
+                print(f"{engine:<18} left out: {error}")
+        for turn in range(rounds + 1):
+            for engine, executor in executors.items():
+                empty, sleeping = (500, 80) if turn else (20, 4)  # the first turn starts workers
+                costs = (_timed(abs, -1, empty, executor) / empty, _timed(time.sleep, 0.05, sleeping, executor))
+                spent[engine] += [costs] * bool(turn)
+        base = median(cost for cost, _ in spent["processes"])
+        for engine in executors:
+            cost, total = (median(times) for times in zip(*spent[engine], strict=True))
+            ideal = 80 / 2 * 0.05
+            print(
+                f"{engine:<18} empty unit {cost * 1e3:8.2f} ms, {cost / base:6.1f} times processes;  "
+                f"units of 50 ms: {100 * (total / ideal - 1):5.1f} % above two workers without cost"
+            )
+
+
+def _cluster(engine: str, stack: ExitStack) -> str | None:
+    """Start a cluster of two workers here; returns its address."""
+    if engine == "tcp":
+        from distributed import LocalCluster
+
+        cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+        return str(stack.enter_context(cluster).scheduler_address)
+    if engine == "ray://auto":
+        import ray
+
+        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+        stack.callback(ray.shutdown)
+    return None if engine == "processes" else engine
+
+
+def _timed(function: Callable[[Any], Any], argument: Any, n: int, executor: Executor) -> float:
+    begun = time.perf_counter()
+    run_units(function, [(argument,)] * n, jobs=executor, label="x", progress=Progress(quiet=True), exact=False)
+    return time.perf_counter() - begun
+
+
 def throughput(songs: int = 20, clips: int = 8) -> None:
     """Build a synthetic corpus with 1 and 2 jobs, and again from the cache."""
     settings = [f"dataset.synthetic.songs={songs}", f"dataset.synthetic.clips_per_song={clips}"]
@@ -252,7 +312,7 @@ def _peak_mb() -> float:
 def main() -> None:
     """Run the chosen benchmark."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["throughput", "units", "corpus"])
+    parser.add_argument("what", choices=["throughput", "units", "clusters", "corpus"])
     parser.add_argument("n", nargs="*", type=int)
     given = parser.parse_args()
     if given.what == "corpus" and len(given.n) != 1:
@@ -262,6 +322,8 @@ def main() -> None:
         corpus(given.n[0])
     elif given.what == "units":
         units()
+    elif given.what == "clusters":
+        clusters(*given.n)
     else:
         throughput()
 

@@ -3,14 +3,9 @@
 import os
 import shutil
 import signal
-import socket
 import subprocess
-import sys
-import tempfile
 import time
-import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -18,73 +13,18 @@ from typing import Any
 import pytest
 
 from dancedata.cli import interrupts
+from tests.clusters import SPARK, processes_of, ray_client_server, ray_cluster
 
 HAS_RAY = pytest.mark.skipif(not find_spec("ray"), reason="the extra ray is not installed")
 HAS_SPARK = pytest.mark.skipif(
     not (find_spec("joblibspark") and find_spec("pyspark")), reason="the extra spark is not installed"
 )
 
-RAY = """
-import sys
-import ray
-ray.init(num_cpus=int(sys.argv[1]), include_dashboard=False, _temp_dir=sys.argv[2], object_store_memory=10**8)
-print(ray.get_runtime_context().gcs_address, flush=True)
-sys.stdin.read()
-"""
-
-
-SPARK = {"PYSPARK_SUBMIT_ARGS": "--master local[2] pyspark-shell", "SPARK_LOCAL_IP": "127.0.0.1"}
-
-
-@contextmanager
-def ray_cluster(slow: Any, workers: int = 2) -> Iterator[subprocess.Popen[str]]:
-    """Run a Ray cluster of one machine; builds in the environment of `slow` find it by ray://auto."""
-    # Its sockets have paths of at most 107 characters, and a token keeps others out.
-    with tempfile.TemporaryDirectory(prefix="ray", dir="/tmp", ignore_cleanup_errors=True) as folder:
-        token = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex * 2, "RAY_USAGE_STATS_ENABLED": "0"}
-        slow.environment |= token
-        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-        command = [sys.executable, "-c", RAY, str(workers), folder]
-        with subprocess.Popen(command, env=slow.environment, text=True, start_new_session=True, **pipes) as process:
-            try:
-                slow.environment["RAY_ADDRESS"] = process.stdout.readline().strip()
-                yield process
-            finally:
-                process.stdin.close()
-                process.wait()
-
-
-def processes_of(parent: int) -> list[int]:
-    """Return the children of a process and theirs, those in other sessions too."""
-    parents = {}
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
-    found = [pid for pid, other in parents.items() if other == parent]
-    return found + [pid for child in found for pid in processes_of(child)]
-
-
-@contextmanager
-def ray_client_server(slow: Any) -> Iterator[int]:
-    """Run the server of Ray Client beside a cluster, as `ray start --head` does; gives its port."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "ray.util.client.server", "--host=127.0.0.1", f"--port={port}"]
-    command += [f"--address={slow.environment['RAY_ADDRESS']}"]
-    with subprocess.Popen(
-        command, env=slow.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as server:
-        try:
-            yield port
-        finally:
-            server.terminate()
-
 
 @pytest.fixture
 def ray_two(slow: Any) -> Iterator[None]:
     """Run two workers."""
-    with ray_cluster(slow):
+    with ray_cluster(slow.environment):
         yield
 
 
@@ -134,7 +74,7 @@ def test_a_unit_that_always_kills_its_worker_of_joblib_is_named(slow: Any, corpu
 def cluster(request: pytest.FixtureRequest, slow: Any) -> Iterator[list[str]]:
     """Two workers of each engine; gives the options of `build` that use it."""
     if request.param == "ray":
-        with ray_cluster(slow):
+        with ray_cluster(slow.environment):
             yield ["--scheduler", "ray://auto"]
     elif request.param == "spark":
         slow.environment |= SPARK
@@ -203,7 +143,7 @@ def test_a_build_resumes_after_a_lost_ray_cluster(
     slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any
 ):
     slow.sleep(30)
-    with ray_cluster(slow) as cluster:
+    with ray_cluster(slow.environment) as cluster:
         building = slow.start(corpus, out, "--scheduler", "ray://auto")
         while not slow.calls():
             time.sleep(0.1)
@@ -227,6 +167,6 @@ def test_a_build_resumes_after_a_lost_ray_cluster(
 def test_ray_client_gives_the_same_bytes(
     slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any
 ):
-    with ray_cluster(slow), ray_client_server(slow) as port:
+    with ray_cluster(slow.environment), ray_client_server(slow.environment) as port:
         slow.build(corpus, out, "--scheduler", f"ray://127.0.0.1:{port}")
     assert hashes(out) == undisturbed

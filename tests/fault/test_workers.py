@@ -14,43 +14,23 @@ from typing import Any
 import pytest
 
 from tests import warm
-
-CLUSTER = """
-import sys
-from distributed import LocalCluster
-if __name__ == "__main__":
-    n, threads = int(sys.argv[1]), int(sys.argv[2])
-    with LocalCluster(n_workers=n, threads_per_worker=threads, dashboard_address=None, memory_limit=0) as cluster:
-        print(cluster.scheduler_address, flush=True)
-        sys.stdin.read()
-"""
+from tests.clusters import DASK, PIPES, dask_cluster
 
 
-def run_cluster(slow: Any, folder: Path, workers: int, threads: int = 1) -> Iterator[list[str]]:
-    """Run a Dask cluster of processes; gives the options of `build` that use it."""
+@pytest.fixture
+def cluster(slow: Any) -> Iterator[list[str]]:
+    """Two workers; gives the options of `build` that use them."""
     pytest.importorskip("distributed")
-    script = folder / "cluster.py"
-    script.write_text(CLUSTER)
-    command = [sys.executable, str(script), str(workers), str(threads)]
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, env=slow.environment, text=True, **pipes) as process:
-        try:
-            yield ["--backend", "dask", "--scheduler", process.stdout.readline().strip()]
-        finally:
-            process.stdin.close()
-            process.wait()
+    with dask_cluster(slow.environment) as address:
+        yield ["--backend", "dask", "--scheduler", address]
 
 
 @pytest.fixture
-def cluster(slow: Any, tmp_path: Path) -> Iterator[list[str]]:
-    """Two workers."""
-    yield from run_cluster(slow, tmp_path, 2)
-
-
-@pytest.fixture
-def threads(slow: Any, tmp_path: Path) -> Iterator[list[str]]:
+def threads(slow: Any) -> Iterator[list[str]]:
     """A worker of two threads."""
-    yield from run_cluster(slow, tmp_path, 1, 2)
+    pytest.importorskip("distributed")
+    with dask_cluster(slow.environment, 1, 2) as address:
+        yield ["--scheduler", address]
 
 
 def test_a_worker_killed_under_loky_loses_only_its_unit(
@@ -110,15 +90,12 @@ def test_a_unit_that_always_kills_its_dask_worker_is_named(
 
 @pytest.mark.nightly
 def test_a_build_resumes_after_a_lost_scheduler(
-    slow: Any, corpus: Path, out: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
+    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any
 ):
     pytest.importorskip("distributed")
-    script = tmp_path / "cluster.py"
-    script.write_text(CLUSTER)
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    command = [sys.executable, str(script), "2", "1"]
+    command = [sys.executable, "-c", DASK, "2", "1"]
     slow.sleep(3)
-    with subprocess.Popen(command, env=slow.environment, text=True, start_new_session=True, **pipes) as cluster:
+    with subprocess.Popen(command, env=slow.environment, start_new_session=True, **PIPES) as cluster:
         address = cluster.stdout.readline().strip()
         building = slow.start(corpus, out, "--backend", "dask", "--scheduler", address)
         while not slow.calls():
