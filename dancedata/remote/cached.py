@@ -33,6 +33,7 @@ from dancedata.remote.fetch import (
     fetch_description,
     fetch_file,
     has_file,
+    resolved,
     source_of,
     written,
 )
@@ -89,22 +90,22 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     if address.is_pinned and remembered.exists():
         with suppress(StoreError):
             return _last(address, remembered, root)
-    resolved = source_of(address).resolve()
-    data, document = fetch_description(source_of(resolved), resolved)
-    _check_names(document, f"{resolved}/{DATASET_FILE}")
-    if resolved != address:
-        Progress().write(f"{address} is now commit {resolved.revision}")
+    place = resolved(address)
+    data, document = fetch_description(source_of(place), place)
+    _check_names(document, f"{place}/{DATASET_FILE}")
+    if place != address:
+        Progress().write(f"{address} is now commit {place.revision}")
     folder = root / DATASETS / str(document["self_sha256"])
     with written(folder / DATASET_FILE, len(data)):
         folder.mkdir(parents=True, exist_ok=True)
         mark(root)
         if not has_file(folder / DATASET_FILE, len(data)):
             write_bytes(folder / DATASET_FILE, data)
-        write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(resolved), str(address))))
-        for name in {str(address), str(resolved)}:
+        write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(place), str(address))))
+        for name in {str(address), str(place)}:
             remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(name.encode())}.json"
             remembered.parent.mkdir(exist_ok=True)
-            write_json(remembered, {"address": name, "self_sha256": folder.name, "resolved": str(resolved)})
+            write_json(remembered, {"address": name, "self_sha256": folder.name, "resolved": str(place)})
     return folder
 
 
@@ -260,4 +261,4 @@ def fetch_soon(paths: Sequence[Path]) -> None:
 
 def _quietly(folder: Path, files: list[RemoteFile]) -> None:
     with suppress(StoreError):  # the reader gets the error when it needs the file
-        fetch_files(folder, files, Progress(quiet=True))
+        fetch_files(folder, files, Progress(quiet=True), jobs=_AHEAD)

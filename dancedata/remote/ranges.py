@@ -23,8 +23,8 @@ from dancedata.files.atomic import write_bytes
 from dancedata.remote.address import BUCKETS, Address, parse_address
 from dancedata.remote.bucket import BucketSource, crossed_a_fork
 from dancedata.remote.cached import is_offline, origin_of
-from dancedata.remote.fetch import persist, source_of, steady
-from dancedata.remote.source import Answer, Interrupted, OutOfRange, Source, refused
+from dancedata.remote.fetch import persist, source_of
+from dancedata.remote.source import Answer, Interrupted, OutOfRange, Source, refused, steady
 
 #: Bytes that one request asks for, at most: pieces that follow each other come together.
 _RUN = 1 << 22
