@@ -255,10 +255,13 @@ def fetch_soon(paths: Sequence[Path]) -> None:
         return
     files = _listed(missing[0].parent)
     ahead = [files[path.name] for path in missing if path.name in files]
-    # A daemon: what it has when the process ends is kept, and the next one goes on from there.
-    threading.Thread(target=_quietly, args=(missing[0].parent, ahead), daemon=True, name="dancedata-ahead").start()
+    # The first one alone: it is needed first. A daemon: what it has when the process ends is kept, and the next one
+    # goes on from there.
+    arguments = missing[0].parent, ahead[:1], ahead[1:]
+    threading.Thread(target=_quietly, args=arguments, daemon=True, name="dancedata-ahead").start()
 
 
-def _quietly(folder: Path, files: list[RemoteFile]) -> None:
+def _quietly(folder: Path, *parts: list[RemoteFile]) -> None:
     with suppress(StoreError):  # the reader gets the error when it needs the file
-        fetch_files(folder, files, Progress(quiet=True), jobs=_AHEAD)
+        for files in filter(None, parts):
+            fetch_files(folder, files, Progress(quiet=True), jobs=_AHEAD)

@@ -25,8 +25,9 @@ from dancedata.remote.http import HttpSource
 from dancedata.remote.hub import HubSource
 from dancedata.remote.source import Interrupted, OutOfRange, Source, refused, steady
 
-#: Failures without a new byte after which a file is given up, and seconds to wait after the first; doubled each time.
-ATTEMPTS, WAIT_S = 6, 0.5
+#: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
+#: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
+ATTEMPTS, NEW_BYTES, WAIT_S = 6, 1000, 0.5
 #: Seconds of a wait that is shown.
 _SHOWN_S = 5.0
 #: Largest dataset.json, bytes.
@@ -229,14 +230,14 @@ def _append(source: Source, where: str, file: RemoteFile, part: _Part, report: R
 
 
 def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
-    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought no byte."""
+    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought nothing."""
     failures = 0
     while True:
         before = have()
         try:
             attempt()
         except Interrupted as error:
-            failures = 1 if have() > before else failures + 1
+            failures = 1 if have() >= before + NEW_BYTES else failures + 1
             if failures >= ATTEMPTS:
                 fix = "run the same command again later: it goes on from there"
                 raise refused(

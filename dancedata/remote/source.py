@@ -30,8 +30,11 @@ class Interrupted(Exception):  # noqa: N818 (a state of a download, not an error
         self.wait_s = wait_s
 
 
-class OutOfRange(Exception):  # noqa: N818
-    """The file is shorter than the part that was fetched before (HTTP 416)."""
+class OutOfRange(Interrupted):
+    """The file is shorter than the part that was fetched before."""
+
+    def __init__(self, problem: str = "HTTP 416") -> None:
+        super().__init__(problem)
 
 
 @dataclass
