@@ -341,9 +341,10 @@ def test_a_bucket_that_lies(published: Path, monkeypatch: pytest.MonkeyPatch) ->
             handler.wfile.write(data[3:13])
             return True
 
-        for lie in (whole, elsewhere, _with(lambda data: bytes(len(data)), **fixed)):
+        wrong = _with(lambda data: bytes(len(data)), **fixed)
+        problems = {whole: "does not give parts of files", elsewhere: "the server failed 2", wrong: "other bytes"}
+        for lie, problem in problems.items():
             server.fault(shard, *[lie] * 99)
-            with pytest.raises(StoreError) as caught:
+            with pytest.raises(StoreError, match=problem) as caught:
                 store.read(window, "pose")
-            print(caught.value)
             assert "secret" not in str(caught.value)
