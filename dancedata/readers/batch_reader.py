@@ -253,15 +253,19 @@ class BatchReader:
             layouts[field.name] = field.rows.shape, field.dtype
         return layouts
 
+    def read_ahead(self, places: Sequence[int]) -> None:
+        """Ask for the rows of the windows at `places`, in their order; returns at once."""
+        for field in self.fields:
+            # A window that is moved has the pages of its neighbours.
+            field.rows.read_ahead(places)
+
     def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`.
 
         Windows are read in the order of the files, independent of their order in the batch.
         """
         order = sorted(range(len(request)), key=request.places.__getitem__)
-        for field in self.fields:
-            # A window that is moved has the pages of its neighbours.
-            field.rows.read_ahead([request.places[nth] for nth in order])
+        self.read_ahead([request.places[nth] for nth in order])
         for field in self.fields:
             target = out[field.name]
             for nth, rows in self._rows(field, request, order, target):

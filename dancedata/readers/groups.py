@@ -298,7 +298,7 @@ class GroupReader(BatchReader):
     def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`."""
         order = sorted(range(len(request)), key=request.places.__getitem__)
-        self._read_ahead(request, order)
+        self.read_ahead([request.places[nth] for nth in order])
         chosen = self.chosen(request)
         for nth in order:
             place, members = request.places[nth], chosen[nth]
@@ -318,14 +318,12 @@ class GroupReader(BatchReader):
             for name in self._augmenter.dropped(request.epoch, place):
                 out[name][nth] = blank_of(self._store, name)
 
-    def _read_ahead(self, request: Request, order: Sequence[int]) -> None:
-        """Ask the system for the pages of the windows; of groups, for all dancers."""
+    @override
+    def read_ahead(self, places: Sequence[int]) -> None:
         begin = self._dataset._begin
+        dancers = [k for place in places for k in range(int(begin[place]), int(begin[place + 1]))]
         for field in self.fields:
-            places = [request.places[nth] for nth in order]
-            if field.name in self._per_dancer:
-                places = [k for place in places for k in range(int(begin[place]), int(begin[place + 1]))]
-            field.rows.read_ahead(places)
+            field.rows.read_ahead(dancers if field.name in self._per_dancer else places)
 
     def chosen(self, request: Request) -> list[IntArray]:
         """Return for each window of a request the positions of its dancers in their group, in their order."""

@@ -170,7 +170,7 @@ class EpochSampler(Sampler[int]):
         step = _CHUNK if self.block is None else -(-self.block // self.world_size)
         for first in range(position, len(order), step):
             if self.block is not None and read_soon is not None:
-                read_soon(order[first : first + (1 + _AHEAD) * step])
+                read_soon([order[k : k + step] for k in range(first, first + (1 + _AHEAD) * step, step)])
             for sample in order[first : first + step].tolist():
                 position += 1
                 if turn == self._turn:

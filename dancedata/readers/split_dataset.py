@@ -301,11 +301,12 @@ class SplitDataset(EpochDataset):
         """First samples (S,) of the shards, for an `EpochSampler` that reads neighbours together."""
         return np.flatnonzero(np.diff(self._shards_of_samples[1], prepend=-1))
 
-    def read_soon(self, indices: Sequence[int] | npt.NDArray[np.int64]) -> None:
-        """Fetch the shards of the next samples in the background, if they are those of an address."""
+    def read_soon(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
+        """Ask for the next blocks of samples of an address: for their shards in the background, or their ranges."""
         if self.store.origin is not None and self.store.stream is None:
             shards, numbers = self._shards_of_samples
-            fetch_soon([shards[number].path for number in dict.fromkeys(numbers[indices].tolist())])
+            order = dict.fromkeys(numbers[np.concatenate(blocks)].tolist())
+            fetch_soon([shards[number].path for number in order])
 
     @cached_property
     def _shards_of_samples(self) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:

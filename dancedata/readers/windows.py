@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch.utils.data import get_worker_info
 
@@ -269,6 +270,12 @@ class WindowDataset(SplitDataset):
             Sample({n: rows[nth] for n, rows in batch.rows.items()} | {k: v[nth] for k, v in metadata.items()}, batch)
             for nth in range(len(request))
         ]
+
+    @override
+    def read_soon(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
+        super().read_soon(blocks)
+        for indices in blocks if self.store.stream is not None else ():
+            self._batch_reader().read_ahead(np.sort(indices).tolist())
 
     def __repr__(self) -> str:
         normalized = ", ".join(self._normalizers) or "nothing"

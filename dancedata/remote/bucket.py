@@ -61,9 +61,9 @@ class BucketSource:
             fix = "set the client's own variables (AWS_ACCESS_KEY_ID, ...); public: AWS_SKIP_SIGNATURE=true"
             raise refused("the object store does not give this object to you", where, fix=fix) from None
         except (exceptions.BaseError, OSError) as error:
-            if end is not None and isinstance(error, exceptions.NotSupportedError):
-                raise no_ranges(where, shown(str(error).split("\n")[0], 100)) from None
-            raise _failed(error, begin or end or 0) from None
+            if "non-partial response" in str(error):
+                raise no_ranges(where, f"the whole object for bytes {begin} to {end}") from None
+            raise _failed(error, is_range=bool(begin or end)) from None
         if end is not None and tuple(result.range) != (begin, end):
             raise Interrupted(f"asked for bytes {begin} to {end}, got {result.range[0]} to {result.range[1]}")
         return Answer(begin, _chunks(result))
@@ -86,12 +86,12 @@ def _chunks(result: Any) -> Generator[bytes, None, None]:
         for chunk in result.stream(min_chunk_size=_CHUNK):
             yield bytes(chunk)
     except (exceptions.BaseError, OSError) as error:
-        raise _failed(error, 0) from None
+        raise _failed(error) from None
 
 
-def _failed(error: Exception, begin: int) -> Exception:
+def _failed(error: Exception, *, is_range: bool = False) -> Exception:
     """Return the failure; of obstore's long text the first line, which holds neither keys nor signatures."""
     text = str(error)
-    if begin and ("416" in text or "range" in text.lower()):
+    if is_range and "416" in text:
         return OutOfRange()
     return Interrupted(shown(f"{type(error).__name__}: " + text.split("\n")[0].split("?")[0], 200))

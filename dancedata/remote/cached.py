@@ -34,6 +34,7 @@ from dancedata.remote.fetch import (
     fetch_description,
     fetch_file,
     has_file,
+    resolved,
     source_of,
     written,
 )
@@ -91,22 +92,22 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     if address.is_pinned and remembered.exists():
         with suppress(StoreError):
             return _last(address, remembered, root)
-    resolved = source_of(address).resolve()
-    name, data, document = _description(resolved)
-    check_names(document, f"{resolved}/{name}")
-    if resolved != address:
-        Progress().write(f"{address} is now commit {resolved.revision}")
+    place = resolved(address)
+    name, data, document = _description(place)
+    check_names(document, f"{place}/{name}")
+    if place != address:
+        Progress().write(f"{address} is now commit {place.revision}")
     folder = root / DATASETS / str(document["self_sha256"])
     with written(folder / name, len(data)):
         folder.mkdir(parents=True, exist_ok=True)
         mark(root)
         if not has_file(folder / name, len(data)):
             write_bytes(folder / name, data)
-        write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(resolved), str(address))))
-        for text in {str(address), str(resolved)}:
+        write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(place), str(address))))
+        for text in {str(address), str(place)}:
             remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(text.encode())}.json"
             remembered.parent.mkdir(exist_ok=True)
-            write_json(remembered, {"address": text, "self_sha256": folder.name, "resolved": str(resolved)})
+            write_json(remembered, {"address": text, "self_sha256": folder.name, "resolved": str(place)})
     return folder
 
 
@@ -280,10 +281,13 @@ def fetch_soon(paths: Sequence[Path]) -> None:
         return
     files = _listed(missing[0].parent)
     ahead = [files[path.name] for path in missing if path.name in files]
-    # A daemon: what it has when the process ends is kept, and the next one goes on from there.
-    threading.Thread(target=_quietly, args=(missing[0].parent, ahead), daemon=True, name="dancedata-ahead").start()
+    # The first one alone: it is needed first. A daemon: what it has when the process ends is kept, and the next one
+    # goes on from there.
+    arguments = missing[0].parent, ahead[:1], ahead[1:]
+    threading.Thread(target=_quietly, args=arguments, daemon=True, name="dancedata-ahead").start()
 
 
-def _quietly(folder: Path, files: list[RemoteFile]) -> None:
+def _quietly(folder: Path, *parts: list[RemoteFile]) -> None:
     with suppress(StoreError):  # the reader gets the error when it needs the file
-        fetch_files(folder, files, Progress(quiet=True))
+        for files in filter(None, parts):
+            fetch_files(folder, files, Progress(quiet=True), jobs=_AHEAD)

@@ -8,26 +8,28 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.core.system import flush_folder
 from dancedata.core.text import size_text
 from dancedata.execution.cache_files import DATASETS, LOCKS, locked_file, mark_in_use
-from dancedata.files.regular_file import sha256_file
+from dancedata.execution.progress import Progress
 from dancedata.files.strict_json import parse_json
 from dancedata.remote.address import Address
 from dancedata.remote.bucket import BucketSource
 from dancedata.remote.http import HttpSource
 from dancedata.remote.hub import HubSource
-from dancedata.remote.source import Interrupted, OutOfRange, Source, refused
+from dancedata.remote.source import Interrupted, OutOfRange, Source, refused, steady
 
-#: Failures without a new byte after which a file is given up, and seconds to wait after the first; doubled each time.
-ATTEMPTS, WAIT_S = 6, 0.5
-#: A connection that brings fewer bytes than this in so many seconds is replaced by another.
-STALL_BYTES, STALL_S = 1024, 60.0
+#: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
+#: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
+ATTEMPTS, NEW_BYTES, WAIT_S = 6, 1000, 0.5
+#: Seconds of a wait that is shown.
+_SHOWN_S = 5.0
 #: Largest dataset.json, bytes.
 MAX_DESCRIPTION = 1 << 26
 DATASET_FILE = "dataset.json"
@@ -50,6 +52,13 @@ def source_of(address: Address) -> Source:
     if address.scheme == "hf":
         return HubSource(address)
     return HttpSource(address) if address.scheme in ("https", "http") else BucketSource(address)
+
+
+def resolved(address: Address) -> Address:
+    """Return the address whose content does not change: of a branch, that of its commit."""
+    answers: list[Address] = []
+    persist(lambda: answers.append(source_of(address).resolve()), lambda: 0, str(address))
+    return answers[0]
 
 
 def fetch_description(source: Source, address: Address, name: str) -> tuple[bytes, Mapping[str, Any]]:
@@ -136,26 +145,57 @@ def has_file(path: Path, size: int) -> bool:
     return path.is_file() and path.stat().st_size == size
 
 
-def _fetch(source: Source, where: str, file: RemoteFile, part: Path, target: Path, report: Report) -> None:
-    have = _size(part)
-    if have > file.size:
-        part.unlink()
-        have = 0
-    if file.size - have > _free(part):
+class _Part:
+    """The bytes of a file that were fetched: on the disk, and hashed as they arrive."""
+
+    def __init__(self, path: Path, size: int) -> None:
+        """Go on from what an earlier process has fetched, at most `size` bytes."""
+        self.path, self.have, self._digest = path, 0, sha256()
+        if path.exists() and path.stat().st_size <= size:
+            with open(path, "rb") as file:
+                while chunk := file.read(1 << 20):
+                    self._count(chunk)
+        else:
+            self.clear()
+
+    def _count(self, chunk: bytes) -> None:
+        self._digest.update(chunk)
+        self.have += len(chunk)
+
+    def clear(self) -> None:
+        """Begin anew, with an empty file."""
+        self.path.write_bytes(b"")
+        self.have, self._digest = 0, sha256()
+
+    def append(self, out: BinaryIO, chunk: bytes) -> None:
+        """Write a chunk at the end."""
+        out.write(chunk)
+        self._count(chunk)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all bytes."""
+        return self._digest.hexdigest()
+
+
+def _fetch(source: Source, where: str, file: RemoteFile, path: Path, target: Path, report: Report) -> None:
+    part = _Part(path, file.size)
+    if file.size - part.have > _free(path):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    report(have)
+    report(part.have)
     found = ""
     for _ in range(2):
-        persist(partial(_append, source, where, file, part, report), partial(_size, part), where)
-        found = sha256_file(part)
+        persist(partial(_append, source, where, file, part, report), lambda: part.have, where)
+        found = part.sha256
         if found == file.sha256:
-            with open(part, "rb") as written:
+            with open(path, "rb") as written:
                 os.fsync(written.fileno())
-            os.replace(part, target)
+            os.replace(path, target)
             flush_folder(target.parent)
             return
-        part.unlink()
-        report(-file.size)
+        report(-part.have)
+        part.clear()
+    path.unlink()
     raise refused(
         "the server sends other bytes than those of the dataset, twice",
         where,
@@ -164,60 +204,41 @@ def _fetch(source: Source, where: str, file: RemoteFile, part: Path, target: Pat
     )
 
 
-def _size(part: Path) -> int:
-    return part.stat().st_size if part.exists() else 0
-
-
-def _append(source: Source, where: str, file: RemoteFile, part: Path, report: Report) -> None:
+def _append(source: Source, where: str, file: RemoteFile, part: _Part, report: Report) -> None:
     """Append to the part what the server sends, up to the size of the file."""
-    have = _size(part)
-    if have >= file.size:
-        part.touch()
+    if part.have == file.size:
         return
     try:
-        answer = source.open(file.name, have)
+        answer = source.open(file.name, part.have)
     except OutOfRange:
-        if have == 0:
+        if part.have == 0:
             raise Interrupted("HTTP 416 for a whole file") from None
-        part.unlink()
-        report(-have)
+        report(-part.have)
+        part.clear()
         raise Interrupted("the file on the server is shorter than the part that was fetched before") from None
-    if answer.begin != have:  # the server ignores ranges
-        report(-have)
-        have = 0
-    with closing(answer.chunks), open(part, "ab" if have else "wb") as out:
+    if answer.begin != part.have:  # the server ignores ranges
+        report(-part.have)
+        part.clear()
+    with closing(answer.chunks), open(part.path, "ab") as out:
         mark_in_use(out.fileno())  # `cache prune` keeps it
         for chunk in steady(answer.chunks):
-            have += len(chunk)
-            if have > file.size:
+            if part.have + len(chunk) > file.size:
                 out.close()
-                part.unlink()
+                part.path.unlink()
                 raise refused(
                     "the server sends more bytes than the file has",
                     where,
                     f"more than {file.size:,} bytes",
                     "the dataset may have been replaced there; open the address again",
                 )
-            out.write(chunk)
+            part.append(out, chunk)
             report(len(chunk))
-    if have < file.size:
-        raise Interrupted(f"the answer ended after {have:,} of {file.size:,} bytes")
-
-
-def steady(chunks: Iterator[bytes]) -> Iterator[bytes]:
-    """Yield what a server sends; Interrupted if it sends too little for too long."""
-    since, arrived = time.monotonic(), 0
-    for chunk in chunks:
-        yield chunk
-        arrived += len(chunk)
-        if time.monotonic() - since > STALL_S:
-            if arrived < STALL_BYTES:
-                raise Interrupted(f"the server sent {arrived} bytes in {STALL_S:g} s")
-            since, arrived = time.monotonic(), 0
+    if part.have < file.size:
+        raise Interrupted(f"the answer ended after {part.have:,} of {file.size:,} bytes")
 
 
 def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
-    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought no new byte.
+    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought nothing new.
 
     Bytes that were there before, and were discarded, are not new: a server could go on so for ever.
     """
@@ -226,13 +247,16 @@ def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) ->
         try:
             attempt()
         except Interrupted as error:
-            failures = 1 if have() > most else failures + 1
+            failures = 1 if have() >= most + NEW_BYTES else failures + 1
             most = max(most, have())
             if failures >= ATTEMPTS:
                 fix = "run the same command again later: it goes on from there"
                 raise refused(
                     f"the server failed {failures} times", where, f"{error}; {have():,} bytes fetched", fix
                 ) from error
-            time.sleep(WAIT_S * 2 ** (failures - 1) if error.wait_s is None else error.wait_s)
+            seconds = WAIT_S * 2 ** (failures - 1) if error.wait_s is None else error.wait_s
+            if seconds > _SHOWN_S:
+                Progress().write(f"{where}: {error}; waiting {seconds:.0f} s")
+            time.sleep(seconds)
         else:
             return

@@ -5,8 +5,8 @@ import urllib.error
 import urllib.request
 from collections.abc import Generator, Mapping
 from email.utils import parsedate_to_datetime
-from http.client import HTTPException, HTTPResponse
-from time import time
+from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
+from time import monotonic, time
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -17,6 +17,8 @@ from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRan
 
 #: Seconds without a byte after which a connection is given up.
 TIMEOUT_S = 30.0
+#: Seconds for the lines of an answer's head, and between parts of its body; and bytes of these lines.
+HEAD_S, _HEAD_BYTES = 60.0, 1 << 20
 _CHUNK = 1 << 20
 #: Longest wait that a server may ask for.
 _MAX_WAIT_S = 300.0
@@ -56,7 +58,7 @@ class HttpSource:
             raise no_ranges(self._where(name), f"HTTP {response.status} for bytes {begin} to {end - 1}")
         if end is not None and response.url != asked:
             self._places[name] = response.url
-        return Answer(begin if response.status == 206 else 0, _chunks(response))
+        return Answer(begin if response.status == 206 else 0, body(response))
 
     def request(self, url: str, name: str, begin: int = 0, end: int | None = None) -> HTTPResponse:
         """Return the server's answer to GET."""
@@ -118,7 +120,8 @@ def _host(url: str) -> tuple[str, str]:
     return parts.scheme, parts.netloc
 
 
-def _chunks(response: HTTPResponse) -> Generator[bytes, None, None]:
+def body(response: HTTPResponse) -> Generator[bytes, None, None]:
+    """Yield the bytes of an answer as they arrive."""
     with response:
         while True:
             try:
@@ -141,6 +144,63 @@ def _wait(text: str | None) -> float | None:
     except ValueError:
         return None
     return min(max(seconds, 0.0), _MAX_WAIT_S)
+
+
+class _Lines:
+    """Bytes of an answer whose lines end: http.client reads as many heads, chunk sizes and trailers as are sent."""
+
+    def __init__(self, raw: Any) -> None:
+        self._raw, self._until, self._n_bytes = raw, monotonic() + HEAD_S, 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._raw, name)
+
+    def readline(self, limit: int = -1) -> bytes:
+        """Read a line as it arrives; TimeoutError if lines take too long, HTTPException if there are too many."""
+        line = bytearray()
+        while not line.endswith(b"\n") and not 0 <= limit <= len(line):
+            if monotonic() > self._until:
+                raise TimeoutError(f"its head, or a line of its body, was not complete in {HEAD_S:g} s")
+            seen = self._raw.peek(1)
+            n = seen.find(b"\n") + 1 or len(seen)
+            n = n if limit < 0 else min(n, limit - len(line))
+            if not n:
+                break
+            line += self._raw.read(n)
+            self._n_bytes += n
+            if self._n_bytes > _HEAD_BYTES:
+                raise HTTPException(f"more than {_HEAD_BYTES:,} bytes of head or trailer")
+        return bytes(line)
+
+    def read1(self, n: int = -1) -> bytes:
+        """Read what is there."""
+        data: bytes = self._raw.read1(n)
+        self._until, self._n_bytes = monotonic() + HEAD_S, 0
+        return data
+
+
+class _Answer(HTTPResponse):
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.fp: Any = _Lines(self.fp)
+
+
+class _Connection(HTTPConnection):
+    response_class = _Answer
+
+
+class _SafeConnection(HTTPSConnection):
+    response_class = _Answer
+
+
+class _Http(urllib.request.HTTPHandler):
+    def http_open(self, req: Any) -> Any:
+        return self.do_open(_Connection, req)
+
+
+class _Https(urllib.request.HTTPSHandler):
+    def https_open(self, req: Any) -> Any:
+        return self.do_open(_SafeConnection, req)
 
 
 class _Redirection(urllib.request.HTTPRedirectHandler):
@@ -184,8 +244,8 @@ def _opener() -> urllib.request.OpenerDirector:
     for handler in (
         urllib.request.ProxyHandler,
         urllib.request.UnknownHandler,
-        urllib.request.HTTPHandler,
-        urllib.request.HTTPSHandler,
+        _Http,
+        _Https,
         urllib.request.HTTPDefaultErrorHandler,
         _Redirection,
         urllib.request.HTTPErrorProcessor,

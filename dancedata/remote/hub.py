@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from contextlib import closing
 from typing import Any
 from urllib.parse import quote
 
@@ -11,10 +12,10 @@ from dancedata.core.text import quoted
 from dancedata.core.typing import override
 from dancedata.files.strict_json import parse_json
 from dancedata.remote.address import Address
-from dancedata.remote.http import HttpSource
-from dancedata.remote.source import NotThereError, refused
+from dancedata.remote.http import HttpSource, body
+from dancedata.remote.source import NotThereError, refused, steady
 
-_MAX_ANSWER = 1 << 26
+_MAX_ANSWER = 1 << 20
 _LOGIN = "log in with: hf auth login, or set HF_TOKEN"
 
 
@@ -43,8 +44,12 @@ class HubSource(HttpSource):
             return self.address
         revision = quote(self.address.revision, safe="")
         url = f"{self.endpoint}/api/datasets/{self.address.place}/revision/{revision}"
-        with self.request(url, "") as response:
-            text = response.read(_MAX_ANSWER)
+        text = bytearray()
+        with closing(body(self.request(url, ""))) as chunks:
+            for chunk in steady(chunks):
+                text += chunk
+                if len(text) > _MAX_ANSWER:
+                    raise refused("the hub's answer does not end", str(self.address), f"{len(text):,} bytes")
         try:
             commit = parse_json(text.decode("utf-8"))["sha"]
             resolved = self.address.at(commit)

@@ -23,8 +23,8 @@ from dancedata.files.atomic import write_bytes
 from dancedata.remote.address import BUCKETS, Address, parse_address
 from dancedata.remote.bucket import BucketSource, crossed_a_fork
 from dancedata.remote.cached import is_offline, origin_of
-from dancedata.remote.fetch import persist, source_of, steady
-from dancedata.remote.source import Answer, Interrupted, OutOfRange, Source, refused
+from dancedata.remote.fetch import persist, source_of
+from dancedata.remote.source import Answer, Interrupted, OutOfRange, Source, refused, steady
 
 #: Bytes that one request asks for, at most: pieces that follow each other come together.
 _RUN = 1 << 22
@@ -164,14 +164,15 @@ class _Pieces:
             wanted = {key: f for key, f in self._wanted.items() if key not in self._kept}
             self._wanted = {}
             keys = [(file.name, number) for number in numbers]
-            missing = wanted | {key: file for key in keys if key not in self._kept}
+            # In this order, so that those that are waited for come first, and later blocks last.
+            missing = {key: file for key in keys if key not in self._kept} | wanted
             for key in missing:
                 self._kept[key] = Future()
             asked = [self._kept[key] for key in keys]
             for key in keys:
                 self._kept.move_to_end(key)
             self._drop_oldest()
-            for names in _runs(sorted(missing), _RUN // self._piece):
+            for names in _runs(list(missing), _RUN // self._piece):
                 of_file = missing[names[0]]
                 self._threads.submit(self._fetch_run, of_file, {n: self._kept[of_file.name, n] for _, n in names})
         return asked
@@ -251,7 +252,7 @@ class _Pieces:
 
 
 def _runs(keys: Sequence[tuple[str, int]], longest: int) -> Iterator[list[tuple[str, int]]]:
-    """Cut sorted names and numbers of pieces into runs of pieces that follow each other in a file."""
+    """Cut names and numbers of pieces into runs of pieces that follow each other in a file."""
     cuts = [0]
     for k, ((name, number), (next_name, next_number)) in enumerate(pairwise(keys), start=1):
         if name != next_name or next_number != number + 1 or k - cuts[-1] >= longest:

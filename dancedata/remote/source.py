@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import time
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 from dancedata.core.errors import StoreError
 from dancedata.remote.address import Address
+
+#: A connection that brings fewer bytes than this in so many seconds is replaced by another.
+STALL_BYTES, STALL_S = 1024, 60.0
 
 
 class Interrupted(Exception):  # noqa: N818 (a state of a download, not an error of the caller)
@@ -26,8 +30,11 @@ class Interrupted(Exception):  # noqa: N818 (a state of a download, not an error
         self.wait_s = wait_s
 
 
-class OutOfRange(Exception):  # noqa: N818
-    """The file is shorter than the part that was fetched before (HTTP 416)."""
+class OutOfRange(Interrupted):
+    """The file is shorter than the part that was fetched before."""
+
+    def __init__(self, problem: str = "HTTP 416") -> None:
+        super().__init__(problem)
 
 
 @dataclass
@@ -59,6 +66,18 @@ class Source(Protocol):
 
     def resolve(self) -> Address:
         """Return the address whose content does not change: that of the commit, where there are commits."""
+
+
+def steady(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    """Yield what a server sends; Interrupted if it sends too little for too long."""
+    since, arrived = time.monotonic(), 0
+    for chunk in chunks:
+        yield chunk
+        arrived += len(chunk)
+        if time.monotonic() - since > STALL_S:
+            if arrived < STALL_BYTES:
+                raise Interrupted(f"the server sent {arrived} bytes in {STALL_S:g} s")
+            since, arrived = time.monotonic(), 0
 
 
 def no_ranges(where: object, found: object) -> StoreError:

@@ -263,10 +263,11 @@ def test_ranks_share_each_block_and_resume(world_size: int) -> None:
 
 def test_blocks_are_announced_before_they_are_read() -> None:
     class Source(_OfShards):
-        def read_soon(self, indices: Sequence[int]) -> None:
-            soon.append(set(map(int, indices)))
+        def read_soon(self, blocks: Sequence[Sequence[int]]) -> None:
+            soon.append([set(map(int, indices)) for indices in blocks])
 
-    soon: list[set[int]] = []
+    soon: list[list[set[int]]] = []
     for number, index in enumerate(EpochSampler(Source(100), seed=1, block=20)):
-        assert index in soon[-1]
+        assert index in soon[-1][0]
         assert len(soon) == number // 20 + 1
+    assert [len(block) for block in soon[0]] == [20, 20, 20]  # and the next two

@@ -103,6 +103,8 @@ class Handler(BaseHTTPRequestHandler):
         else:
             self.send_response(200)
         self.send_header("Content-Length", str(end - begin))
+        self.send_header("ETag", '"1"')  # as clients of buckets need it
+        self.send_header("Last-Modified", "Wed, 21 Oct 2015 07:28:00 GMT")
         self.end_headers()
         body = data[begin:end] if only is None else data[begin:end][:only]
         self.wfile.write(body)

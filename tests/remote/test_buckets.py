@@ -1,10 +1,19 @@
 """s3:// against moto, with obstore."""
 
+import base64
+import hmac
+import json
 import logging
 import os
+import shutil
 import signal
+import socket
+import subprocess
+import time
 import urllib.request
 from collections.abc import Iterator
+from contextlib import suppress
+from email.utils import formatdate
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +28,7 @@ from dancedata.remote import pull
 from dancedata.remote.address import parse_address
 from dancedata.remote.bucket import BucketSource
 from tests.messages import raises_message
+from tests.remote.servers import Server
 
 obstore = pytest.importorskip("obstore")
 moto = pytest.importorskip("moto.server")
@@ -127,3 +137,61 @@ def test_a_server_that_is_gone(monkeypatch: pytest.MonkeyPatch, bucket: str) -> 
     with pytest.raises(StoreError, match="the server failed 6 times") as caught:
         dancedata.open(bucket)
     assert "s3cr3t" not in str(caught.value)
+
+
+def _same_rows(address: str, published: Path) -> None:
+    local = WindowDataset(published, "val", normalize=False)
+    for stream in (True, False):
+        remote = WindowDataset(address, "val", normalize=False, stream=stream)
+        assert all(torch.equal(a["pose"], b["pose"]) for a, b in zip(remote, local, strict=True))
+    folder = pull(address, progress=False).path
+    assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir())
+
+
+def test_google(server: Server, published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """gs:// of a server that gives BUCKET/OBJECT, as Google's does to reads; its logins are not tried."""
+    key = {"gcs_base_url": server.url, "disable_oauth": True, "client_email": "", "private_key": ""}
+    monkeypatch.setenv("GOOGLE_SERVICE_ACCOUNT_KEY", json.dumps({**key, "private_key_id": ""}))
+    _same_rows("gs://store/", published)
+    with pytest.raises(StoreError, match=r"gs://other/dataset\.json: there is no such object"):
+        dancedata.open("gs://other")
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(shutil.which("azurite-blob") is None, reason="needs azurite: npm install -g azurite")
+def test_azure(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """az:// of Microsoft's emulator, whose account and key are those of its documentation; it checks signatures."""
+    command = ["azurite-blob", "--silent", "--location", str(tmp_path), "--skipApiVersionCheck"]
+    process = subprocess.Popen(command)
+    try:
+        monkeypatch.setenv("AZURE_STORAGE_USE_EMULATOR", "true")
+        for _ in range(100):
+            with suppress(OSError), socket.create_connection(("127.0.0.1", 10000), 1):
+                break
+            time.sleep(0.2)
+        _make_container("dances")
+        store = obstore.store.from_url("az://dances/some")
+        for path in published.iterdir():
+            obstore.put(store, path.name, path.read_bytes())
+        _same_rows("az://dances/some", published)
+        with pytest.raises(StoreError, match="there is no such object"):
+            dancedata.open("az://dances/other")
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _make_container(name: str) -> None:
+    """Make a container of the emulator, which obstore cannot: Put Container of Azure's REST interface, signed."""
+    account, key = (
+        "devstoreaccount1",
+        "Eby8vdM02xNOcqFlqUwJPLlmEtlCDXJ1OUzFT50uSRZ6IFsuFq2UVErCz4I6tq/K1SZFPTOtr/KBHBeksoGMGw==",
+    )
+    date = formatdate(usegmt=True)
+    headers = {"x-ms-date": date, "x-ms-version": "2021-08-06"}
+    text = f"PUT\n\n\n\n\n\n\n\n\n\n\n\nx-ms-date:{date}\nx-ms-version:2021-08-06\n"
+    text += f"/{account}/{account}/{name}\nrestype:container"
+    signature = base64.b64encode(hmac.digest(base64.b64decode(key), text.encode(), "sha256")).decode()
+    headers["Authorization"] = f"SharedKey {account}:{signature}"
+    url = f"http://127.0.0.1:10000/{account}/{name}?restype=container"
+    urllib.request.urlopen(urllib.request.Request(url, headers=headers, method="PUT"), timeout=9).close()

@@ -18,7 +18,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.hashing import json_sha256
-from dancedata.remote import fetch, http, pull
+from dancedata.remote import fetch, http, pull, source
 from dancedata.remote.cached import local_folder
 from tests.messages import raises_message
 from tests.remote.servers import Hub, Server, cut, other, status
@@ -186,7 +186,7 @@ def test_a_slow_server(server: Server, address: str, published: Path, monkeypatc
 def test_a_server_that_sends_single_bytes(
     server: Server, address: str, published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fetch, "STALL_S", 0.02)
+    monkeypatch.setattr(source, "STALL_S", 0.02)
 
     def drip(handler: Any, data: bytes) -> bool:
         handler.send_response(200)

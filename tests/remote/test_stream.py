@@ -357,3 +357,17 @@ def test_a_client_does_not_cross_a_fork(address: str, large: Path) -> None:
         good = parent._reader.pieces is not mine and np.array_equal(store.read(window, "pose"), _local(large))
         os._exit(0 if good else 1)
     assert os.waitpid(child, 0)[1] == 0
+
+
+def test_blocks_come_in_few_requests_and_the_first_batch_does_not_wait_for_all(
+    site: Server, address: str, large: Path
+) -> None:
+    ds, local = WindowDataset(address, "train", stream=True), WindowDataset(large, "train")
+    sampler = EpochSampler(ds, seed=1, block=400)
+    site.requests.clear()
+    batches = iter(BatchLoader(ds, 8, sampler=sampler, threads=1, prefetch=1))
+    for a, b in zip(batches, BatchLoader(local, 8, sampler=EpochSampler(local, seed=1, block=400)), strict=True):
+        assert torch.equal(a["pose"], b["pose"])
+    shards = {name: n for name, n in site.requests.items() if "-of-" in name}
+    assert sum(shards.values()) < 0.4 * sum(p.stat().st_size for p in large.glob("train-0*")) / LEAF
+    assert all(site.sent[name] <= (large / name).stat().st_size for name in shards)  # nothing twice

@@ -1,0 +1,119 @@
+"""Commands on addresses of a hub, a bucket and an https server give what they give for the folder."""
+
+import json
+import logging
+import ssl
+import urllib.request
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from ipaddress import ip_address
+from pathlib import Path
+
+import pytest
+
+import dancedata
+from dancedata.core.errors import StoreError
+from tests.commands import as_json, run
+from tests.remote.servers import Hub, Server, serving
+
+cryptography = pytest.importorskip("cryptography")
+moto = pytest.importorskip("moto.server")
+pytest.importorskip("obstore")
+pytest.importorskip("huggingface_hub")
+
+
+def _certificate(folder: Path) -> Path:
+    """Write a key and a certificate of 127.0.0.1, signed by itself."""
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "localhost")])
+    now = datetime.now(UTC)
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(1)
+        .not_valid_before(now - timedelta(days=1))
+        .not_valid_after(now + timedelta(days=1))
+        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(ip_address("127.0.0.1"))]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    plain = serialization.NoEncryption()
+    path = folder / "server.pem"
+    path.write_bytes(
+        key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, plain)
+        + certificate.public_bytes(serialization.Encoding.PEM)
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def addresses(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """Return the built dataset's address on a hub, in a bucket of moto, and on an https server."""
+    pem = _certificate(tmp_path_factory.mktemp("tls"))
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    bucket = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    bucket.start()
+    host, port = bucket.get_host_and_port()
+    for name in ("", *(f"/set/{p.name}" for p in built.iterdir())):
+        data = (built / name.rsplit("/", 1)[-1]).read_bytes() if name else b""
+        headers = {"Content-Type": "binary/octet-stream"}
+        request = urllib.request.Request(f"http://{host}:{port}/dances{name}", data, headers, method="PUT")
+        urllib.request.urlopen(request, timeout=9).close()
+    secure = Server(built.parent)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(pem)
+    secure.socket = context.wrap_socket(secure.socket, server_side=True)
+    environment = {
+        "AWS_ENDPOINT": f"http://{host}:{port}", "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "key",
+        "AWS_SECRET_ACCESS_KEY": "secret", "AWS_REGION": "us-east-1", "SSL_CERT_FILE": str(pem),
+    }  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch, serving(Hub(built)) as hub, serving(secure):
+        patch.delenv("HF_TOKEN", raising=False)
+        for name, value in {**environment, "HF_ENDPOINT": hub.url}.items():
+            patch.setenv(name, value)
+        yield {
+            "hf": "hf://datasets/org/name",
+            "s3": "s3://dances/set",
+            "https": f"https://127.0.0.1:{secure.server_address[1]}/{built.name}",
+        }
+    bucket.stop()
+
+
+@pytest.mark.parametrize("scheme", ["hf", "s3", "https"])
+def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme: str) -> None:
+    address = addresses[scheme]
+    for folder, where in (("remote", address), ("local", built)):
+        (tmp_path / folder).mkdir()
+        dancedata.export(where, "npz", tmp_path / folder / "npz", progress=False)
+        run("view", where, "--export", tmp_path / folder / "page.html", "--quiet")
+        report = as_json("report", where, "--clips", "none", "--quiet")
+        checked = [p for p in as_json("check", where, "--quiet")["problems"] if p["severity"] == "error"]
+        values = dancedata.evaluate(where, metrics=("pfc",), bootstrap=0, jobs=1, progress=False).to_json()
+        (tmp_path / folder / "numbers.json").write_text(json.dumps([report, checked, values["scores"]]))
+    for path in sorted((tmp_path / "local").rglob("*")):
+        if path.is_file() and path.name != "export.json":
+            other = tmp_path / "remote" / path.relative_to(tmp_path / "local")
+            assert other.read_bytes() == path.read_bytes(), path.name
+    about = json.loads((tmp_path / "remote" / "npz" / "export.json").read_text())
+    assert about["address"].startswith(address)
+
+
+def test_streams_of_all(addresses: dict[str, str], built: Path, own_cache: Path) -> None:
+    with dancedata.open(built) as local:
+        window = local.windows("train")[-1]
+        for address in addresses.values():
+            with dancedata.open(address, stream=True) as remote:
+                for field in local.fields:
+                    assert (remote.read(window, field) == local.read(window, field)).all()
+    assert not list(own_cache.rglob("train-0*.h5"))
+
+
+def test_a_certificate_that_nobody_signed(addresses: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SSL_CERT_FILE")
+    with pytest.raises(StoreError, match="the server's certificate is not valid; found self-signed certificate"):
+        dancedata.open(addresses["https"])

@@ -1,0 +1,350 @@
+"""Servers that lie, under open, pull and stream: each an error, nothing of theirs kept, and no hang."""
+
+import gzip
+import hashlib
+import json
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import dancedata
+from dancedata.core.errors import StoreError
+from dancedata.core.hashing import json_sha256
+from dancedata.remote import fetch, http, pull, source
+from dancedata.remote.cached import local_folder
+from tests.remote.servers import Fault, Handler, Hub, Server, other, serving, status
+
+Way = Callable[[str], object]
+
+
+def _row(address: str, stream: bool) -> object:
+    store = dancedata.open(address, stream=stream)
+    return store.read(store.windows("train")[0], "pose")
+
+
+WAYS: dict[str, Way] = {
+    "open": lambda address: _row(address, stream=False),
+    "stream": lambda address: _row(address, stream=True),
+    "pull": lambda address: pull(address, progress=False),
+}
+
+
+@pytest.fixture(autouse=True)
+def no_hang(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Wait shortly, and fail instead of hanging."""
+    monkeypatch.setattr(http, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(http, "HEAD_S", 0.3)
+    monkeypatch.setattr(source, "STALL_S", 0.2)
+    monkeypatch.setattr(fetch, "ATTEMPTS", 2)
+
+    def hangs(*_: object) -> None:
+        raise TimeoutError("it hangs")
+
+    signal.signal(signal.SIGALRM, hangs)
+    signal.alarm(40)
+    yield
+    signal.alarm(0)
+
+
+def _head(handler: Handler, code: int, **headers: str) -> None:
+    handler.send_response(code)
+    for name, value in headers.items():
+        handler.send_header(name.replace("_", "-"), value)
+    handler.end_headers()
+
+
+def _endless(handler: Handler, chunk: bytes, pause: float = 0.0) -> bool:
+    """Send a chunk again and again, until the client has gone."""
+    handler.close_connection = True
+    end = time.monotonic() + 30
+    while time.monotonic() < end:
+        handler.wfile.write(chunk)
+        handler.wfile.flush()
+        time.sleep(pause)
+    return True
+
+
+def _raw(data: bytes) -> Fault:
+    def answer(handler: Handler, _: bytes) -> bool:
+        handler.wfile.write(data)
+        handler.close_connection = True
+        return True
+
+    return answer
+
+
+def _with(body: Callable[[bytes], bytes], **headers: str) -> Fault:
+    """Answer 200 or 206 with these headers instead of the right ones."""
+
+    def answer(handler: Handler, data: bytes) -> bool:
+        begin, end = handler.asked(len(data))
+        ranged = "Range" in handler.headers
+        sent = body(data[begin:end])
+        known = {"Content_Length": str(len(sent)), **headers}
+        if ranged:
+            known.setdefault("Content_Range", f"bytes {begin}-{end - 1}/{len(data)}")
+        _head(handler, 206 if ranged else 200, **known)
+        handler.wfile.write(sent)
+        handler.close_connection = True
+        return True
+
+    return answer
+
+
+def _chunked(handler: Handler, data: bytes) -> bool:
+    begin, end = handler.asked(len(data))
+    ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
+    _head(handler, 206 if ranged else 200, Transfer_Encoding="chunked", **ranged)
+    return _endless(handler, b"10000\r\n" + bytes(1 << 16) + b"\r\n")
+
+
+def _drip(handler: Handler, data: bytes) -> bool:
+    begin, end = handler.asked(len(data))
+    ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
+    _head(handler, 206 if ranged else 200, Content_Length=str(end - begin), **ranged)
+    return _endless(handler, b"x", 0.02)
+
+
+def _chunk_size_that_does_not_end(handler: Handler, data: bytes) -> bool:
+    begin, end = handler.asked(len(data))
+    ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
+    _head(handler, 206 if ranged else 200, Transfer_Encoding="chunked", **ranged)
+    return _endless(handler, b"0", 0.02)
+
+
+def _trailers_that_do_not_end(handler: Handler, data: bytes) -> bool:
+    begin, end = handler.asked(len(data))
+    ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
+    _head(handler, 206 if ranged else 200, Transfer_Encoding="chunked", **ranged)
+    handler.wfile.write(b"%x\r\n" % 9 + data[begin : begin + 9] + b"\r\n0\r\n")
+    return _endless(handler, b"X-Trailer: 1\r\n" * 1000)
+
+
+LIES: dict[str, Fault] = {
+    "more than the length": _with(lambda data: data + bytes(999_999)),
+    "a gigantic length": _with(lambda data: data[:100], Content_Length=str(10**30)),
+    "a negative length": _with(lambda data: data[:100], Content_Length="-5"),
+    "a length that is not a number": _with(lambda data: data[:-9], Content_Length="many"),
+    "gzip": _with(gzip.compress, Content_Encoding="gzip"),
+    "other bytes": other(lambda data: bytes(len(data))),
+    "nothing": _raw(b""),
+    "no HTTP": _raw(b"SSH-2.0-OpenSSH_9.6\r\n"),
+    "a status that is not a number": _raw(b"HTTP/1.1 two hundred OK\r\n\r\n"),
+    "a status of 7 digits": _raw(b"HTTP/1.1 2000000 OK\r\n\r\n"),
+    "ten thousand headers": _raw(b"HTTP/1.1 200 OK\r\n" + b"A: b\r\n" * 10_000 + b"\r\n"),
+    "a head that does not end": lambda handler, _: _endless(handler, b"HTTP/1.1 200 OK" + b"\r\nA: b" * 50, 0.01),
+    "a head byte by byte": lambda handler, _: _endless(handler, b"H", 0.02),
+    "continue, continue": lambda handler, _: _endless(handler, b"HTTP/1.1 100 Continue\r\n\r\n" * 100),
+    "chunks without end": _chunked,
+    "a chunk's size without end": _chunk_size_that_does_not_end,
+    "trailers without end": _trailers_that_do_not_end,
+    "byte by byte": _drip,
+    "206 from elsewhere": _with(lambda data: data, Content_Range="bytes 5-9/10"),
+    "206 without a place": _with(lambda data: data, Content_Range=""),
+    "206 in other units": _with(lambda data: data, Content_Range="frames 0-9/10"),
+    "a redirection to a file": status(302, Location="file:///etc/passwd"),
+    "a redirection to ftp": status(302, Location="ftp://127.0.0.1/x"),
+    "a redirection to another host": status(307, Location="http://198.51.100.1/store"),
+    "a redirection to data": status(301, Location="data:text/plain,x"),
+    "a redirection to nothing": status(308, Location=""),
+    "a redirection that is no address": status(302, Location="http://[::1"),
+    "a redirection to a port that is none": status(302, Location="http://127.0.0.1:99999999/"),
+    "redirections without end": lambda handler, _: (handler.status(302, Location=handler.path), True)[1],
+    "204": status(204),
+    "304": status(304),
+    "a status nobody knows": status(299),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("way", WAYS)
+def test_lies_about_a_shard(server: Server, published: Path, way: str, lie: str) -> None:
+    address = f"{server.url}/store"
+    name = next(p.name for p in sorted(published.iterdir()) if p.name.startswith("train-00000-of"))
+    server.fault(name, *[LIES[lie]] * 99)
+    began = time.monotonic()
+    harmless = {"206 from elsewhere", "206 without a place", "206 in other units"} if way != "stream" else set()
+    if lie in harmless:  # they are no answers to ranges
+        WAYS[way](address)
+    else:
+        with pytest.raises(StoreError) as caught:
+            WAYS[way](address)
+        assert name in str(caught.value) or "redirects" in str(caught.value)
+        assert "root:" not in str(caught.value)
+    assert time.monotonic() - began < 20
+    server.faults.clear()
+    folder = pull(address, progress=False).path  # what was fetched before is right, or was not kept
+    assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir())
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_lies_about_the_description(server: Server, lie: str, own_cache: Path) -> None:
+    server.fault("dataset.json", *[LIES[lie]] * 99)
+    if lie.startswith("206"):
+        assert local_folder(f"{server.url}/store")
+        return
+    with pytest.raises(StoreError):
+        local_folder(f"{server.url}/store")
+    assert not list(own_cache.rglob("dataset.json"))
+
+
+def test_a_range_that_is_answered_by_the_whole_file(server: Server, published: Path) -> None:
+    server.ranges = False
+    with pytest.raises(StoreError, match="does not give parts of files; found HTTP 200"):
+        _row(f"{server.url}/store", stream=True)
+    server.faults = {}
+    assert _row(f"{server.url}/store", stream=False) is not None
+
+
+def _changed(published: Path, site: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Publish a dataset whose dataset.json lies, with a hash of its own that fits."""
+    shutil.copytree(published, site / "store")
+    path = site / "store" / "dataset.json"
+    document = json.loads(path.read_text())
+    change(document)
+    del document["self_sha256"]
+    path.write_text(json.dumps({**document, "self_sha256": json_sha256(document)}))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("size", [10**18, 2**63, 10**40, -1, 1.5, True, None, "9"])
+def test_sizes_that_are_none(server: Server, published: Path, tmp_path: Path, way: str, size: object) -> None:
+    _changed(published, tmp_path / "site", lambda d: d["shards"][0].update(size=size))
+    server.folder = tmp_path / "site"
+    with pytest.raises(StoreError):
+        WAYS[way](f"{server.url}/store")
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", ["../x-00000-of-00001.h5", "/etc/passwd", "a/b.h5", "..", "dataset.json", "a\0b.h5"])
+def test_names_that_lead_out(
+    server: Server, published: Path, tmp_path: Path, own_cache: Path, way: str, name: str
+) -> None:
+    _changed(published, tmp_path / "site", lambda d: d["shards"][0].update(file=name))
+    server.folder = tmp_path / "site"
+    with pytest.raises(StoreError):
+        WAYS[way](f"{server.url}/store")
+    assert not [p for p in tmp_path.rglob("*") if p.name.startswith(("x-", "passwd")) or p.name == "b.h5"]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_hashes_of_other_bytes(server: Server, published: Path, tmp_path: Path, way: str) -> None:
+    """The server's files and dataset.json do not belong together."""
+
+    def change(document: dict[str, Any]) -> None:
+        for entry in document["shards"]:
+            entry["sha256"] = "0" * 64
+
+    _changed(published, tmp_path / "site", change)
+    server.folder = tmp_path / "site"
+    if way == "stream":  # leaves are compared instead: those are right
+        WAYS[way](f"{server.url}/store")
+        return
+    with pytest.raises(StoreError, match="other bytes than those of the dataset, twice"):
+        WAYS[way](f"{server.url}/store")
+
+
+@pytest.mark.parametrize("lie", ["leaves_sha256", "order", "short"])
+def test_leaves_of_other_bytes(server: Server, published: Path, tmp_path: Path, lie: str) -> None:
+    def change(document: dict[str, Any]) -> None:
+        path = tmp_path / "site" / "store" / "leaves.bin"
+        if lie == "leaves_sha256":
+            document["shards"][0]["leaves_sha256"] = "0" * 64
+            return
+        data = path.read_bytes()
+        path.write_bytes(data[32:] + data[:32] if lie == "order" else data[:-32] if lie == "short" else data)
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        document["files"]["leaves.bin"] = {"size": path.stat().st_size, "sha256": digest}
+        document["leaves"]["sha256"] = digest
+
+    _changed(published, tmp_path / "site", change)
+    server.folder = tmp_path / "site"
+    store = dancedata.open(f"{server.url}/store", stream=True)
+    windows = [window for split in store.splits for window in store.windows(split)]
+    with pytest.raises(StoreError, match=r"the hashes of a shard's parts are not those of dataset\.json"):
+        [store.read(window, "pose") for window in windows]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"[" * 200_000, b'{"self_sha256": ' + b"9" * 10_000 + b"}", b'{"a": 1, "a": 2}', b"\xff\xfe", b"null", b""],
+)
+def test_descriptions_that_are_none(server: Server, text: bytes) -> None:
+    server.fault("dataset.json", *[other(lambda data: text)] * 2)
+    with pytest.raises(StoreError, match=r"not the dataset\.json of a finished dataset|HTTP 416"):
+        local_folder(f"{server.url}/store")
+
+
+def test_lies_of_a_hub_about_a_commit(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
+    right, answers = hub.answer, []
+
+    def answer(handler: Handler, path: str) -> bool:
+        return answers.pop(0)(handler, b"") if "/api/" in path and answers else right(handler, path)
+
+    monkeypatch.setattr(hub, "answer", answer)
+    address = "hf://datasets/org/name"
+    for lie, problem in {
+        '{"sha": "../../../etc"}': "does not name a commit",
+        '{"sha": ["a"]}': "does not name a commit",
+        "[" * 100_000: "does not name a commit",
+        "<html>": "does not name a commit",
+        "x" * (2 << 20): "does not end",
+    }.items():
+        answers[:] = [_with(lambda data, lie=lie: lie.encode())]  # type: ignore[misc]
+        with pytest.raises(StoreError, match=problem):
+            local_folder(address)
+    for endless in (_chunked, _drip, LIES["continue, continue"], LIES["a head byte by byte"]):
+        answers[:] = [endless] * 2
+        with pytest.raises(StoreError):
+            local_folder(address)
+    answers[:] = [status(503)]
+    assert local_folder(address)
+
+
+def test_a_server_that_asks_to_wait_is_named(server: Server, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.setattr(fetch.time, "sleep", lambda seconds: None)
+    server.fault("dataset.json", status(429, Retry_After="120"))
+    local_folder(f"{server.url}/store")
+    assert "dataset.json: HTTP 429; waiting 120 s" in capsys.readouterr().err
+
+
+def test_a_bucket_that_lies(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """obstore's client, of a server that ignores ranges, or gives others."""
+    pytest.importorskip("obstore")
+    fixed = {"ETag": '"1"', "Last_Modified": "Wed, 21 Oct 2015 07:28:00 GMT"}
+    with serving(Server(published.parent)) as server:
+        for name, value in {
+            "AWS_ENDPOINT": server.url, "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "key",
+            "AWS_SECRET_ACCESS_KEY": "secret", "AWS_REGION": "us-east-1",
+        }.items():  # fmt: skip
+            monkeypatch.setenv(name, value)
+        names = [p.name for p in published.iterdir()]
+        for name in names:
+            server.fault(name, *[_with(lambda data: data, **fixed)] * 99)
+        assert _row("s3://store", stream=True) is not None
+        store = dancedata.open("s3://store", stream=True)
+        window = store.windows("val")[0]
+        shard = store.locate(window, "pose").shard.path.name
+
+        def whole(handler: Handler, data: bytes) -> bool:
+            _head(handler, 200, Content_Length=str(len(data)), **fixed)
+            handler.wfile.write(data)
+            return True
+
+        def elsewhere(handler: Handler, data: bytes) -> bool:
+            _head(handler, 206, Content_Length="10", Content_Range=f"bytes 3-12/{len(data)}", **fixed)
+            handler.wfile.write(data[3:13])
+            return True
+
+        wrong = _with(lambda data: bytes(len(data)), **fixed)
+        problems = {whole: "does not give parts of files", elsewhere: "the server failed 2", wrong: "other bytes"}
+        for lie, problem in problems.items():
+            server.fault(shard, *[lie] * 99)
+            with pytest.raises(StoreError, match=problem) as caught:
+                store.read(window, "pose")
+            assert "secret" not in str(caught.value)
