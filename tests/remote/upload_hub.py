@@ -80,13 +80,15 @@ class UploadHandler(Handler):
             super().do_GET()
 
     def do_POST(self) -> None:
+        body = self._body()
         if self._asks():
-            self._route("POST", self._body())
+            self._route("POST", body)
 
     def do_PUT(self) -> None:
         path = urlsplit(self.path).path
         body = self._body()
         if path.startswith("/storage/"):
+            self.server.log.append(f"PUT {path}")
             if hashlib.sha256(body).hexdigest() != path.rsplit("/", 1)[-1]:
                 self.status(400)
                 return
@@ -209,7 +211,9 @@ def _paths(hub: UploadHub, match: Any, body: bytes) -> tuple[int, Any]:
 
 def _preupload(hub: UploadHub, match: Any, body: bytes) -> tuple[int, Any]:
     files = json.loads(body)["files"]
-    modes = [{"path": f["path"], "uploadMode": "lfs" if _is_large(f["path"], f["size"]) else "regular"} for f in files]
+    modes = [
+        {"path": f["path"], "uploadMode": "lfs" if _is_large(f["path"], f["size"]) else "regular"} for f in files
+    ]
     return 200, {"files": [{**mode, "shouldIgnore": False, "oid": None} for mode in modes]}
 
 
