@@ -15,6 +15,7 @@ from dancedata.store import write_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns
 from tests.remote.servers import Hub, Server, serving
+from tests.remote.upload_hub import TOKEN, UploadHub
 
 
 @pytest.fixture(scope="session")
@@ -42,6 +43,18 @@ def hub(published: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hub]:
         assert isinstance(server, Hub)
         monkeypatch.setenv("HF_ENDPOINT", server.url)
         monkeypatch.delenv("HF_TOKEN", raising=False)
+        yield server
+
+
+@pytest.fixture
+def uploads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[UploadHub]:
+    constants = pytest.importorskip("huggingface_hub.constants")
+    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    monkeypatch.setenv("HF_TOKEN", TOKEN)
+    with serving(UploadHub(tmp_path / "hub", TOKEN)) as server:
+        assert isinstance(server, UploadHub)
+        monkeypatch.setenv("HF_ENDPOINT", server.url)
         yield server
 
 

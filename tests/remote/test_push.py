@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
@@ -24,25 +24,11 @@ from dancedata.testing.stores import random_columns
 from tests.commands import run as command
 from tests.messages import raises_message
 from tests.remote.servers import Server, serving, status
-from tests.remote.upload_hub import UploadHub
+from tests.remote.upload_hub import TOKEN, UploadHub
 
 pytest.importorskip("huggingface_hub")
-TOKEN = "hf_AbCdEfGhIjKlMnOpQrStUvWxYz"
 WHERE = "hf://datasets/org/name"
 RIGHTS = "they are random numbers"
-
-
-@pytest.fixture
-def uploads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[UploadHub]:
-    from huggingface_hub import constants
-
-    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
-    monkeypatch.setattr("time.sleep", lambda seconds: None)
-    monkeypatch.setenv("HF_TOKEN", TOKEN)
-    with serving(UploadHub(tmp_path / "hub", TOKEN)) as server:
-        assert isinstance(server, UploadHub)
-        monkeypatch.setenv("HF_ENDPOINT", server.url)
-        yield server
 
 
 def push(store: Path, **options: Any) -> run.Pushed:
