@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from dancedata.pipeline.decoding import decode, decode_group
     from dancedata.pipeline.diff import diff
     from dancedata.pipeline.quality import quality
-    from dancedata.publish.push import push
+    from dancedata.publish.run import push
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
@@ -87,7 +87,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "load_plugins": "dancedata.core.plugin_files",
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.pipeline.commands",
-            "push": "dancedata.publish.push",
+            "push": "dancedata.publish.run",
             "quality": "dancedata.pipeline.quality",
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"),

@@ -7,10 +7,12 @@ from dancedata.core.lazy import lazy_names
 
 _HOMES = {
     "arrays": {"encode": "dancedata.pipeline.arrays", "extract": "dancedata.pipeline.arrays"},
-    "commands": dict.fromkeys(
-        ("BuildResult", "Overrides", "RecipeLike", "build", "build_part", "check", "plan"),
-        "dancedata.pipeline.commands",
-    ),
+    "commands": {
+        **dict.fromkeys(
+            ("BuildResult", "RecipeLike", "build", "build_part", "check", "plan"), "dancedata.pipeline.commands"
+        ),
+        "Overrides": "dancedata.recipes.parse",
+    },
     "decoding": {"decode": "dancedata.pipeline.decoding", "decode_file": "dancedata.pipeline.decode_file"},
     "evaluation": {"evaluate": "dancedata.evaluation.run", "self_test": "dancedata.evaluation.run"},
     "export": {"export": "dancedata.exports.base.run"},

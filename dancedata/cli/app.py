@@ -178,7 +178,8 @@ def build(
 ) -> None:
     """Build a dataset from motion and music.
 
-    dancedata build aist++ --source DIR --out DIR
+    dancedata build aist++ --source DIR --out DIR. Of the address of a publication, the result is compared with it:
+    exit code 1 if the bytes are others.
     """
     load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
@@ -198,7 +199,12 @@ def build(
     result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if result.built and options["progress"]:
         say(f"built in {time.monotonic() - started:.1f} s", err=True)
-    print_result(as_json, lambda: {"built": result.built, **store_json(result.path)}, lambda: result.summary)
+    compared = {} if result.rebuilt is None else {"rebuilt": result.rebuilt.to_json()}
+    print_result(
+        as_json, lambda: {"built": result.built, **store_json(result.path), **compared}, lambda: result.summary
+    )
+    if result.rebuilt is not None and not result.rebuilt.same:
+        raise typer.Exit(1)
 
 
 @app.command()

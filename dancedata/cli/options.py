@@ -13,7 +13,9 @@ from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
 from dancedata.core.text import json_text
 from dancedata.execution.arithmetic import adopt
 
-RecipeName = Annotated[str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list) or a YAML file.")]
+RecipeName = Annotated[
+    str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list), a YAML file, or an address.")
+]
 Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
 Out = Annotated[Path | None, typer.Option(help="Folder to write; default data/RECIPE.")]
 JOBS_HELP = "Worker processes; the result does not depend on it."

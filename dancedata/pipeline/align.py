@@ -22,10 +22,10 @@ from dancedata.execution.progress import Progress
 from dancedata.files.atomic import write_text
 from dancedata.metrics.offsets import REASONS, Offset
 from dancedata.pipeline.check import scan_folder
-from dancedata.pipeline.commands import Overrides, RecipeLike, folder_of, jobs_of
+from dancedata.pipeline.commands import RecipeLike, folder_of, jobs_of
 from dancedata.pipeline.rejects import left_out_lines, missing_music, relative_to
 from dancedata.pipeline.rhythm import Search, Together, find_offsets, found_start, recordings
-from dancedata.recipes.parse import load_recipe
+from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import resolve
 from dancedata.store.schema import DATASET_FILE
 

@@ -25,6 +25,7 @@ from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
+from dancedata.pipeline.rebuild import Published, Rebuilt
 from dancedata.pipeline.rejects import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
@@ -52,6 +53,8 @@ class BuildResult:
         Notes of the dataset's reader on the source.
     summary
         The text that the command line prints.
+    rebuilt
+        Of a build from a publication: whether the bytes are the same.
     """
 
     path: Path
@@ -60,6 +63,7 @@ class BuildResult:
     left_out: Mapping[str, int]
     notes: tuple[str, ...]
     summary: str
+    rebuilt: Rebuilt | None = None
 
     @classmethod
     def of(cls, path: Path, built: bool) -> BuildResult:
@@ -92,8 +96,12 @@ def build(
     progress: Progress | None = None,
     backend: str | None = None,
     scheduler: str | None = None,
+    published: Published | None = None,
 ) -> BuildResult:
-    """Build a dataset from a parsed recipe; parameters and errors as of `pipeline.commands.build`."""
+    """Build a dataset from a parsed recipe; parameters and errors as of `pipeline.commands.build`.
+
+    With `published`, the source and the result are compared with those of a publication.
+    """
     progress = progress or Progress(quiet=True)
     check_backend(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):
@@ -108,8 +116,14 @@ def build(
         check_out(out, overwrite=overwrite)
         scan = scan_source(recipe, source)
         with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
-            build_run = _Build(recipe, source, out, scan, store_cache, workers, progress, overwrite, strict)
-            return BuildResult.of(out, built=build_run.run())
+            build_run = _Build(
+                recipe, source, out, scan, store_cache, workers, progress, overwrite, strict, published
+            )
+            result = BuildResult.of(out, built=build_run.run())
+        if published is None:
+            return result
+        rebuilt = published.compare(out)
+        return replace(result, rebuilt=rebuilt, summary=f"{result.summary}\n{rebuilt}")
 
 
 @contextmanager
@@ -137,6 +151,7 @@ class _Build:
     progress: Progress
     overwrite: bool
     strict: bool
+    published: Published | None
 
     def run(self) -> bool:
         """Build; return False if the dataset existed already."""
@@ -145,6 +160,8 @@ class _Build:
     def _run(self) -> bool:
         sources = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
         record = SourceRecord.of_source(sources, self.source)
+        if self.published is not None:
+            self.published.warn(sources.sha256, record, self.progress)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
             _require_same(self.out, self.recipe, sources.sha256, record)
             with open_store(self.out) as store:

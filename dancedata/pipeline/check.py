@@ -37,6 +37,7 @@ from dancedata.pipeline.word_check import word_notes
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.recipes.recipe import Recipe, resolve
+from dancedata.remote import PUBLICATION_FILE
 from dancedata.store import Problem, Signal, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.schema import DATASET_FILE, is_shard_name
@@ -287,7 +288,7 @@ def _field_with_body(store: Store) -> MotionField | None:
 
 
 def _is_built(name: str) -> bool:
-    return name == DATASET_FILE or is_shard_name(name) or name.startswith(PREFIX)
+    return name in (DATASET_FILE, PUBLICATION_FILE) or is_shard_name(name) or name.startswith(PREFIX)
 
 
 def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Dataset, Scan]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,16 @@ from dancedata.pipeline.check import check_several
 from dancedata.pipeline.part import Part, PartResult
 from dancedata.pipeline.part import build_part as _build_part
 from dancedata.pipeline.plan import Plan, make_plan
-from dancedata.recipes.parse import load_recipe
+from dancedata.pipeline.rebuild import Published
+from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.remote import local_folder
 from dancedata.store import Problem
 
 __all__ = ["build", "build_part", "check", "plan"]
 
-#: A recipe's name, its YAML file, its document, or a parsed recipe.
+#: A recipe's name, its YAML file, its document, a parsed recipe; or the address or folder of a publication.
 RecipeLike = str | Path | Mapping[str, Any] | Recipe
-#: ``["windows.stride_s=1"]`` or ``{"windows.stride_s": 1}``.
-Overrides = Iterable[str] | Mapping[str, Any]
 
 
 def build(
@@ -49,7 +48,8 @@ def build(
     ----------
     recipe
         Name of a recipe that comes with the package ("demo", "aist++"), path of a YAML file, or the document as a
-        dict.
+        dict. Or the address of a publication, or its folder: then the dataset is built from your source by the
+        published recipe, and compared.
     source
         Folder with the dataset's files. None: only for a dataset that is generated, such as "demo"; its files are
         written to ``OUT-source``.
@@ -77,7 +77,7 @@ def build(
     -------
     BuildResult
         Path, counts per split, counts of rejects by reason; `open()` opens the dataset. A dataset that was
-        built before from the same recipe and source is left unchanged.
+        built before from the same recipe and source is left unchanged. `rebuilt` compares it with a publication.
 
     Raises
     ------
@@ -99,9 +99,11 @@ def build(
     request = _Request.of(recipe, source, out, overrides)
     reporter = Progress(quiet=not progress)
     reporter.announce(f"building {request.recipe.name} from {request.source} into {request.out}")
+    for note in () if request.published is None else request.published.missing_beside(request.source):
+        reporter.write(note)
     return _build(
         request.recipe, request.source, request.out, jobs=jobs_of(jobs), overwrite=overwrite, strict=strict,
-        cache=folder_of(cache), progress=reporter, backend=backend, scheduler=scheduler,
+        cache=folder_of(cache), progress=reporter, backend=backend, scheduler=scheduler, published=request.published,
     )  # fmt: skip
 
 
@@ -252,22 +254,24 @@ def check(
 
 @dataclass(frozen=True)
 class _Request:
-    """A recipe, the folder it reads and the folder it writes."""
+    """A recipe, the folder it reads and the folder it writes; the publication that the recipe is of, if any."""
 
     recipe: Recipe
     source: Path
     out: Path
+    published: Published | None
 
     @classmethod
     def of(
         cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
     ) -> _Request:
-        parsed = load_recipe(recipe, overrides)
+        published = Published.at(recipe)
+        parsed = load_recipe(recipe, overrides) if published is None else published.recipe(overrides)
         target = folder_of(out) or Path("data") / parsed.name
         if source is not None:
-            return cls(parsed, Path(source).expanduser(), target)
+            return cls(parsed, Path(source).expanduser(), target, published)
         if parsed.dataset.generates:
-            return cls(parsed, target.parent / f"{target.name}-source", target)
+            return cls(parsed, target.parent / f"{target.name}-source", target, published)
         raise UsageError(
             f"the dataset {parsed.dataset.name} needs a source",
             fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, "

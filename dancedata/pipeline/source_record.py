@@ -62,8 +62,7 @@ class SourceRecord:
     def of_store(cls, store: Store) -> SourceRecord:
         """Return the record of a built dataset."""
         source = store.meta.get("source")
-        left_out = source.get("clips") if isinstance(source, Mapping) else None
-        clips = {str(clip): _joined(value) for clip, value in (left_out or {}).items()}
+        clips = cls.joined(source.get("clips") if isinstance(source, Mapping) else None)
         clips |= {clip.id: clip.made_of for clip in store.clips if clip.made_of}
         content = store.meta.get("content")
         return cls(
@@ -72,6 +71,11 @@ class SourceRecord:
             content=content if isinstance(content, Mapping) else {},
             about={c.id: {name: getattr(c, name) for name in _ABOUT} for c in store.clips if not c.source},
         )
+
+    @staticmethod
+    def joined(left_out: Mapping[str, Any] | None) -> dict[str, str]:
+        """Return the hashes of clips as `to_json` gives them, in one form for all formats."""
+        return {str(clip): _joined(value) for clip, value in (left_out or {}).items()}
 
     def to_json(self, stored: Container[str]) -> dict[str, str]:
         """Return the hashes of clips that are not stored, for dataset.json; nothing for more than MAX_CLIPS."""

@@ -9,6 +9,6 @@ from dancedata.core.lazy import lazy_names
 __all__ = ["Pushed", "push"]
 
 if TYPE_CHECKING:
-    from dancedata.publish.push import Pushed, push
+    from dancedata.publish.run import Pushed, push
 else:
-    __getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(("Pushed", "push"), "dancedata.publish.push"))
+    __getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(("Pushed", "push"), "dancedata.publish.run"))

@@ -97,7 +97,9 @@ class BucketUpload:
     def _verify(self, source: BucketSource, files: Sequence[Upload]) -> None:
         wrong = [file.name for file, state in self._states(source, files) if state != file.sha256]
         if wrong:
-            raise refused("the object store has other files than those uploaded", self.address, listed(wrong), _AGAIN)
+            raise refused(
+                "the object store has other files than those uploaded", str(self.address), listed(wrong), _AGAIN
+            )
 
     def _delete(self, source: BucketSource, names: Sequence[str]) -> None:
         import obstore
@@ -117,13 +119,13 @@ class BucketUpload:
             raise
         except (PermissionError, exceptions.PermissionDeniedError, exceptions.UnauthenticatedError):
             fix = "set the client's own variables (AWS_ACCESS_KEY_ID, ...) to a key that may write there"
-            raise refused("the object store does not let you write", self.address, fix=fix) from None
+            raise refused("the object store does not let you write", str(self.address), fix=fix) from None
         except (exceptions.BaseError, OSError) as error:
             raise self._failure(error) from None
 
     def _failure(self, error: Exception) -> StoreError:
         text = shown(f"{type(error).__name__}: " + str(error).split("\n")[0].split("?")[0], 200)
-        return refused("the object store failed; no half of a publication is there", self.address, text, _AGAIN)
+        return refused("the object store failed; no half of a publication is there", str(self.address), text, _AGAIN)
 
 
 def _names(files: Sequence[Upload]) -> set[str]:

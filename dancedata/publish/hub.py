@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from dancedata.card.text import MARK
 from dancedata.card.write import PICTURE_FILES
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
+from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown
 from dancedata.execution.progress import Progress
 from dancedata.publish.contents import PICTURES, Upload
@@ -32,10 +34,12 @@ if TYPE_CHECKING:
 
 #: Seconds without an answer after which a request is given up; the client itself waits for ever.
 TIMEOUT_S = 120.0
-#: Files that are handed to the client at once.
-_BATCH = 16
+#: Most files that are handed to the client at once, and bytes after which no other is added.
+_BATCH, _BATCH_BYTES = 16, 1 << 29
 #: Paths that the hub is asked for at once.
 _ASKED = 500
+#: Logs with the addresses of requests, which are signed, and with their headers.
+_LOGS = ("huggingface_hub", "httpx", "httpx2", "httpcore", "httpcore2")
 _AGAIN = "run the same command again: what was uploaded is not uploaded again"
 _SIGNED = re.compile(r"\?\S+")
 _LOGIN = "log in with a token that may write: hf auth login, or HF_TOKEN"
@@ -98,7 +102,9 @@ class HubUpload:
             info = api.dataset_info(repo)
             unset = [name for name in ("private", "gated") if getattr(self, name) and not getattr(info, name)]
             if unset:
-                raise refused(f"the hub did not make the repository {unset[0]}; nothing was uploaded", self.address)
+                raise refused(
+                    f"the hub did not make the repository {unset[0]}; nothing was uploaded", str(self.address)
+                )
         refs = api.list_repo_refs(repo, repo_type=kind)
         branches = {ref.name: ref.target_commit for ref in refs.branches}
         if self.address.revision not in branches:
@@ -182,7 +188,7 @@ class HubUpload:
             )  # fmt: skip
         commit = str(info.oid)
         if not self.address.at(commit).is_pinned:
-            raise refused("the hub's answer does not name a commit", self.address, shown(commit, 60))
+            raise refused("the hub's answer does not name a commit", str(self.address), shown(commit, 60))
         return commit
 
     def _verify(self, there: Mapping[str, Any], files: Sequence[Upload], commit: str) -> None:
@@ -190,7 +196,7 @@ class HubUpload:
         wrong = [file.name for file in files if not _is_there(file, there.get(self._path(file.name)))]
         if wrong:
             raise refused(
-                "the hub has other files than those that were uploaded", self.address.at(commit),
+                "the hub has other files than those that were uploaded", str(self.address.at(commit)),
                 f"{counted(len(wrong), 'file')}: {listed(wrong)}",
                 "check that .gitignore of the repository names none of them, and run the same command again",
             )  # fmt: skip
@@ -203,28 +209,37 @@ class HubUpload:
         elif tags[self.tag] != commit:
             raise refused(
                 f"the files are published, but the tag {self.tag} was given to another commit meanwhile",
-                self.address.at(commit), tags[self.tag], "name another one with --tag",
+                str(self.address.at(commit)), tags[self.tag], "name another one with --tag",
             )  # fmt: skip
 
     @contextmanager
     def _client(self) -> Iterator[None]:
-        """Give the client a timeout, silence its log, which has signed addresses, and translate its errors."""
+        """Give the client a timeout, silence its bars and logs, and translate its errors."""
         from huggingface_hub import get_session
 
-        log = logging.getLogger("huggingface_hub")
-        level, session = log.level, get_session()
-        timeout = session.timeout
-        log.setLevel(logging.CRITICAL)
+        utils = load("huggingface_hub.utils", "remote")
+        session, has_bars = get_session(), not utils.are_progress_bars_disabled()
+        levels, timeout = {log: log.level for log in map(logging.getLogger, _LOGS)}, session.timeout
+        for log in levels:
+            log.setLevel(logging.CRITICAL)
         session.timeout = TIMEOUT_S
+        if has_bars:
+            utils.disable_progress_bars()
         try:
-            yield
+            with warnings.catch_warnings():
+                # Of the client's own calls of its HTTP library.
+                warnings.simplefilter("ignore", DeprecationWarning)
+                yield
         except DanceDataError:
             raise
         except Exception as error:  # noqa: BLE001 (those of its HTTP library, and of malformed answers)
             raise self._failure(error) from None  # the request has the token
         finally:
-            log.setLevel(level)
+            for log, level in levels.items():
+                log.setLevel(level)
             session.timeout = timeout
+            if has_bars:
+                utils.enable_progress_bars()
 
     def _failure(self, error: BaseException) -> StoreError:
         while error.__cause__ is not None and getattr(error, "response", None) is None:
@@ -233,12 +248,12 @@ class HubUpload:
         text = str(getattr(error, "server_message", "") or "") if status else f"{type(error).__name__}: {error}"
         found = ": ".join(filter(None, (f"HTTP {status}" if status else "", without_secrets(text.split("\n")[0]))))
         if status == 401:
-            return refused("the hub does not accept the token", self.address, found, f"{_LOGIN}; {_AGAIN}")
+            return refused("the hub does not accept the token", str(self.address), found, f"{_LOGIN}; {_AGAIN}")
         if status == 403:
-            return refused("the token may not do this in the repository", self.address, found, _LOGIN)
+            return refused("the token may not do this in the repository", str(self.address), found, _LOGIN)
         if status in (409, 412):
-            return refused("the repository was changed during the upload", self.address, found, _AGAIN)
-        return refused("the hub failed; the publication there is what it was before", self.address, found, _AGAIN)
+            return refused("the repository was changed during the upload", str(self.address), found, _AGAIN)
+        return refused("the hub failed; nothing half is visible there", str(self.address), found, _AGAIN)
 
 
 def without_secrets(text: str) -> str:
@@ -248,6 +263,15 @@ def without_secrets(text: str) -> str:
     token = get_token()
     text = _SIGNED.sub("?...", text if not token else text.replace(token, "..."))
     return shown(text, 300)
+
+
+def _batches(files: Sequence[Upload]) -> Iterator[tuple[int, int]]:
+    begin = size = 0
+    for k, file in enumerate(files):
+        size += file.size
+        if k + 1 - begin == _BATCH or size >= _BATCH_BYTES or k + 1 == len(files):
+            yield begin, k + 1
+            begin, size = k + 1, 0
 
 
 def _content(file: Upload) -> str | bytes:

@@ -40,7 +40,7 @@ def require_permission(store: Store, *, to: object) -> None:
     if found:
         lines = "\n".join(f"  - {restriction}" for restriction in found)
         raise UsageError(
-            "the licence of the source does not allow this dataset to be passed on",
+            "the terms of the source do not allow this dataset to be passed on, or do not state it",
             where=str(store.path),
             found=f"dataset {quoted(store.meta.get('dataset', ''))}, which holds\n{lines}\n",
             fix=f"publish what rebuilds it from the user's own copy of the source: dancedata push {store.path} {to} "
@@ -54,16 +54,18 @@ def _of_dataset(store: Store) -> list[Restriction]:
         return []
     name = str(store.meta.get("dataset", ""))
     reader = DATASETS.get(name) if name in DATASETS.names() else None
+    text = str(store.meta.get("licence") or "")
     allowed = {
-        "motion": reader is not None and reader.may_share_motion,
-        "music": reader is not None and reader.may_share_audio,
+        "motion": Licence(text).may_share or (reader is not None and reader.may_share_motion),
+        "music": Licence(text).may_share or (reader is not None and reader.may_share_audio),
     }
     held = {"motion": "motion"}
     fields = [field for field in store.fields if store.field(field).kind == "audio"]
     if fields:
         held["music"] = f"features of music ({', '.join(fields)})"
-    clause = shown(store.meta.get("licence") or "no licence is recorded", _CLAUSE)
-    return [Restriction(what, clause) for kind, what in held.items() if not allowed[kind]]
+    forbidden = [what for kind, what in held.items() if not allowed[kind]]
+    clause = shown(text or "no licence is recorded", _CLAUSE)
+    return [Restriction(" and ".join(forbidden), clause)] if forbidden else []
 
 
 def _of_clips(store: Store) -> list[Restriction]:

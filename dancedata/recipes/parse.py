@@ -33,14 +33,16 @@ _TWINS |= {key.replace("length", "stride"): twin.replace("length", "stride") for
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
 
 
+#: ``["windows.stride_s=1"]`` or ``{"windows.stride_s": 1}``.
+Overrides = Iterable[str] | Mapping[str, Any]
+
+
 def recipe_names() -> tuple[str, ...]:
     """Return the names of the recipes that come with the package."""
     return tuple(name.removesuffix(".yaml") for name in resources("pipelines"))
 
 
-def load_recipe(
-    recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Iterable[str] | Mapping[str, Any] = ()
-) -> Recipe:
+def load_recipe(recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Overrides = ()) -> Recipe:
     """Read a recipe and change some of its keys.
 
     Parameters

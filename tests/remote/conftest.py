@@ -1,16 +1,21 @@
 """A small dataset, and servers that have it."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from dancedata.core.licence import Licence
+from dancedata.core.registry import DATASETS
 from dancedata.remote import fetch
+from dancedata.store import write_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns
 from tests.remote.servers import Hub, Server, serving
+from tests.remote.upload_hub import TOKEN, UploadHub
 
 
 @pytest.fixture(scope="session")
@@ -41,6 +46,18 @@ def hub(published: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hub]:
         yield server
 
 
+@pytest.fixture
+def uploads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[UploadHub]:
+    constants = pytest.importorskip("huggingface_hub.constants")
+    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    monkeypatch.setenv("HF_TOKEN", TOKEN)
+    with serving(UploadHub(tmp_path / "hub", TOKEN)) as server:
+        assert isinstance(server, UploadHub)
+        monkeypatch.setenv("HF_ENDPOINT", server.url)
+        yield server
+
+
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Give each test an empty cache, and no waits."""
@@ -48,3 +65,19 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delenv("HF_HUB_OFFLINE", raising=False)
     monkeypatch.setattr(fetch, "WAIT_S", 0.0)
     return tmp_path / "cache"
+
+
+@pytest.fixture
+def relabelled_random(random_store: Callable[..., Any], tmp_path: Path) -> Callable[[list[Licence]], Path]:
+    """Return a function that writes a dataset of a folder whose clips have these terms in turn."""
+
+    def make(terms: list[Licence]) -> Path:
+        written = random_store(tmp_path / "without")
+        clips = [replace(clip, terms=terms[k % len(terms)]) for k, clip in enumerate(written.clips)]
+        out = tmp_path / "with"
+        out.mkdir()
+        meta = {"dataset": "folder", "licence": DATASETS.get("folder").licence}
+        write_store(out, replace(written.header, meta=meta), clips)
+        return out
+
+    return make

@@ -15,13 +15,14 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from tests.remote.servers import Handler, Hub
 
+TOKEN = "hf_AbCdEfGhIjKlMnOpQrStUvWxYz"
 #: Regular files that are larger go to the storage of large files, as shards do by .gitattributes.
 _LARGE = 10_000
 _KIB = 1024
 
 
 class UploadHub(Hub):
-    """A hub without a repository at first; `token` may write to it.
+    """A hub without a repository at first; only `token` may read and write it.
 
     Attributes
     ----------
@@ -33,7 +34,7 @@ class UploadHub(Hub):
         Called with method, path and the answer before it is sent; returns another one.
     """
 
-    def __init__(self, folder: Path, token: str) -> None:
+    def __init__(self, folder: Path, token: str = TOKEN) -> None:
         super().__init__(folder, token)
         self.RequestHandlerClass = UploadHandler
         self.commits, self.branches, self.tags = {}, {}, dict[str, str]()
@@ -80,13 +81,15 @@ class UploadHandler(Handler):
             super().do_GET()
 
     def do_POST(self) -> None:
+        body = self._body()
         if self._asks():
-            self._route("POST", self._body())
+            self._route("POST", body)
 
     def do_PUT(self) -> None:
         path = urlsplit(self.path).path
         body = self._body()
         if path.startswith("/storage/"):
+            self.server.log.append(f"PUT {path}")
             if hashlib.sha256(body).hexdigest() != path.rsplit("/", 1)[-1]:
                 self.status(400)
                 return

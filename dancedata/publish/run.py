@@ -100,7 +100,7 @@ def push(
     rights
         Statement by which you may pass the data on although a licence does not allow it. It is published.
     tag
-        Name of the tag on a hub. Default: "dataset-" and the first digits of the dataset's hash.
+        Name of the tag on a hub. Default: "dataset-" or "recipe-", and the first digits of the dataset's hash.
     beside
         With `recipe_only`: files that a build needs in addition to the source's, such as manifest.csv or a local
         plug-in.
@@ -126,7 +126,7 @@ def push(
             require_permission(opened, to=to)
         require_whole(opened.path)
         opened.require_intact()
-        name = tag or f"dataset-{opened.meta['self_sha256'][:_DIGITS]}"
+        name = tag or f"{'recipe' if recipe_only else 'dataset'}-{opened.meta['self_sha256'][:_DIGITS]}"
         read_at = address.at(name) if address.scheme == "hf" else address
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
         place = Publication(str(read_at), rights or "", overridden, gated, recipe_only)

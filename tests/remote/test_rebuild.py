@@ -1,0 +1,329 @@
+"""dancedata build of publications: the same bytes, which clip differs, and nothing that is executed."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.core import plugin_files
+from dancedata.core.errors import RecipeError, StoreError, UsageError
+from dancedata.core.hashing import json_sha256
+from dancedata.core.registry import DATASETS, REGISTRIES
+from dancedata.pipeline.rebuild import Published
+from dancedata.remote import pull
+from tests.commands import run
+from tests.messages import raises_message
+from tests.remote.upload_hub import UploadHub
+
+WHERE = "hf://datasets/org/name"
+FINE = {
+    "recipe": 1, "name": "fine", "dataset": {"finedance": {}}, "windows": {"length_frames": 60, "stride_frames": 30},
+    "motion": {"lodge139": {}}, "audio": {"librosa35": {}},
+}  # fmt: skip
+DEMO = {"dataset.synthetic.songs": 2, "dataset.synthetic.clips_per_song": 2, "dataset.synthetic.clip_s": 6}
+TEMPLATES = Path(dancedata.__file__).parent / "cli" / "templates"
+
+
+@pytest.fixture(autouse=True)
+def _no_local_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
+    for registry in REGISTRIES.values():
+        registry.names()
+        monkeypatch.setattr(registry, "_classes", dict(registry._classes))
+    monkeypatch.setattr(plugin_files, "_files", {})
+
+
+@pytest.fixture(scope="session")
+def fine_source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fine") / "source"
+    DATASETS.get("finedance")().make_example(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def fine(fine_source: Path, cache: Path) -> Path:
+    """A dataset that may not be passed on."""
+    out = fine_source.with_name("out")
+    dancedata.build(FINE, fine_source, out, jobs=1, cache=cache, progress=False)
+    return out
+
+
+@pytest.fixture
+def published_fine(uploads: UploadHub, fine: Path) -> UploadHub:
+    dancedata.push(fine, WHERE, recipe_only=True, progress=False)
+    return uploads
+
+
+@pytest.fixture
+def as_folder(published_fine: UploadHub, tmp_path: Path) -> Path:
+    """The publication as a folder, as another program would fetch it."""
+    folder = tmp_path / "fetched"
+    folder.mkdir()
+    for name, data in published_fine.files().items():
+        (folder / name).write_bytes(data)
+    return folder
+
+
+def rebuild(recipe: str | Path, source: Path, out: Path, cache: Path, **options: Any) -> Any:
+    return dancedata.build(recipe, source, out, jobs=1, cache=cache, progress=False, **options)
+
+
+def in_new_process(*args: object, code: int = 0) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "dancedata", *map(str, args)], capture_output=True, text=True, env=dict(os.environ)
+    )
+    assert done.returncode == code, done.stderr
+    return done.stdout
+
+
+def change(source: Path) -> Path:
+    """Change a number of one motion file."""
+    motion = sorted((source / "motion").glob("*.npy"))[0]
+    rows = np.load(motion)
+    rows[5, 0] += 0.01
+    np.save(motion, rows)
+    return motion
+
+
+def test_finedance_in_a_clean_process(
+    published_fine: UploadHub, fine: Path, fine_source: Path, tmp_path: Path
+) -> None:
+    text = in_new_process("build", WHERE, "--source", fine_source, "--out", tmp_path / "again", "--jobs", 1)
+    assert f"the same bytes as {WHERE}@" in text
+    for file in fine.iterdir():
+        assert (tmp_path / "again" / file.name).read_bytes() == file.read_bytes()
+
+
+def test_the_demo_in_a_clean_process(uploads: UploadHub, tmp_path: Path, cache: Path) -> None:
+    built = dancedata.build("demo", out=tmp_path / "demo", overrides=DEMO, jobs=1, cache=cache, progress=False)
+    dancedata.push(built.path, WHERE, recipe_only=True, progress=False)
+    text = in_new_process("build", WHERE, "--out", tmp_path / "again", "--jobs", 1, "--json")
+    assert json.loads(text)["rebuilt"]["same"]
+    assert (tmp_path / "again/dataset.json").read_bytes() == (tmp_path / "demo/dataset.json").read_bytes()
+
+
+def test_which_clip_differs(
+    published_fine: UploadHub, fine_source: Path, tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = shutil.copytree(fine_source, tmp_path / "source")
+    motion = change(source)
+    result = run(
+        "build", WHERE, "--source", source, "--out", tmp_path / "again", "--jobs", 1, "--cache", cache, code=1
+    )  # fmt: skip
+    assert "another source than that of the publication: other motion of 1 clip: motion/001.npy" in result.output
+    assert f"  - source: other motion of 1 clip: {motion.stem}\n" in result.output
+    assert "train-00000-of-00001.h5" in result.output
+    again = json.loads(
+        run(
+            "build", WHERE, "--source", source, "--out", tmp_path / "again", "--json", "--cache", cache, code=1
+        ).stdout
+    )
+    assert again["rebuilt"]["differences"][0] == f"source: other motion of 1 clip: {motion.stem}"
+
+
+def test_a_missing_file_and_another_recipe(
+    published_fine: UploadHub, fine_source: Path, tmp_path: Path, cache: Path
+) -> None:
+    source = shutil.copytree(fine_source, tmp_path / "source")
+    motion = sorted((source / "motion").glob("*.npy"))[0]
+    motion.unlink()
+    rebuilt = rebuild(WHERE, source, tmp_path / "a", cache).rebuilt
+    assert not rebuilt.same
+    assert f"1 clip used in the publication, left out (missing_motion) in your source: {motion.stem}" in str(rebuilt)
+    rebuilt = rebuild(WHERE, fine_source, tmp_path / "b", cache, overrides=["windows.stride_frames=15"]).rebuilt
+    assert "recipe: windows.stride" in str(rebuilt)
+    assert not rebuilt.same
+
+
+def test_a_folder_and_a_whole_dataset(
+    as_folder: Path, fine: Path, fine_source: Path, tmp_path: Path, cache: Path
+) -> None:
+    for k, place in enumerate((as_folder, fine)):
+        rebuilt = rebuild(place, fine_source, tmp_path / str(k), cache).rebuilt
+        assert (rebuilt.same, rebuilt.differences, rebuilt.address) == (True, (), str(place))
+
+
+def test_a_server(as_folder: Path, server: Any, fine_source: Path, tmp_path: Path, cache: Path) -> None:
+    server.folder = as_folder.parent
+    assert rebuild(f"{server.url}/fetched", fine_source, tmp_path / "out", cache).rebuilt.same
+
+
+def test_other_versions_are_named(as_folder: Path, fine_source: Path, tmp_path: Path, cache: Path) -> None:
+    with edited(as_folder) as document:
+        document["dataset"]["packages"]["numpy"] = "1.0"
+    rebuilt = rebuild(as_folder, fine_source, tmp_path / "out", cache).rebuilt
+    assert rebuilt.same
+    assert "dataset.json differs" in str(rebuilt)
+    assert any("packages.numpy: '1.0' in the publication" in text for text in rebuilt.differences)
+
+
+def test_opening_it_says_how_to_build(published_fine: UploadHub) -> None:
+    assert "a recipe and no data" in run("check", WHERE, code=1).output
+    for use in (dancedata.open, dancedata.diff):
+        with pytest.raises(StoreError, match=r"a recipe and no data.*dancedata build hf://datasets/org/name@"):
+            use(*[WHERE] * (2 if use is dancedata.diff else 1))
+    files = {p.name for p in pull(WHERE, progress=False).path.iterdir()}
+    assert files == {"publication.json", "clips.jsonl", "recipe.yaml", "rejects.jsonl", "stats.json"}
+
+
+def test_files_beside(uploads: UploadHub, fine: Path, fine_source: Path, tmp_path: Path, cache: Path) -> None:
+    manifest = tmp_path / "manifest.csv"
+    manifest.write_text("id,motion\n")
+    dancedata.push(fine, WHERE, recipe_only=True, beside=[manifest], progress=False)
+    assert uploads.files()["manifest.csv"] == manifest.read_bytes()
+    published = Published.at(WHERE)
+    assert published is not None
+    assert "manifest.csv" in next(published.missing_beside(fine_source))
+    assert not list(published.missing_beside(tmp_path))
+    with raises_message(UsageError):
+        dancedata.push(fine, WHERE, recipe_only=True, beside=[fine / "dataset.json"], progress=False)
+    with raises_message(UsageError):
+        dancedata.push(fine, WHERE, recipe_only=True, beside=[tmp_path / "nothing.csv"], progress=False)
+
+
+# Nothing is executed
+
+
+class edited:  # noqa: N801 (a context)
+    """publication.json of a folder, to change; its hashes are made right again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "publication.json"
+
+    def __enter__(self) -> dict[str, Any]:
+        self.document = json.loads(self.path.read_text())
+        return self.document
+
+    def __exit__(self, *error: object) -> None:
+        for document in (self.document["dataset"], self.document):
+            if isinstance(document, dict):
+                document["self_sha256"] = json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
+        self.path.write_text(json.dumps(self.document))
+
+
+@pytest.fixture
+def bomb(as_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A plug-in beside the recipe that leaves a file if it is executed; the working folder is that of the recipe."""
+    trace = as_folder / "executed"
+    (as_folder / "x.py").write_text(f"open({str(trace)!r}, 'w').close()\n")
+    monkeypatch.chdir(as_folder)
+    yield as_folder
+    assert not trace.exists()
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        {"plugins": ["./x.py"]},
+        {"dataset": {"finedance": {}, "aist++": {"music_dir": "/etc"}}},
+        {"dataset": {"folder": {"body_model": "~/model.pkl"}}},
+        {"audio": {"jukebox": {"weights": "/tmp"}}},
+        {"audio": {"hf.mert": {"model": "evil/model"}}},
+    ],
+)
+def test_what_a_published_recipe_may_not_have(
+    bomb: Path, recipe: dict[str, Any], fine_source: Path, out: Path
+) -> None:
+    with edited(bomb) as document:
+        document["dataset"]["recipe"] |= recipe
+    with raises_message(RecipeError):
+        dancedata.build(bomb, fine_source, out, progress=False)
+    assert not out.exists()
+
+
+def test_local_plugins(
+    uploads: UploadHub, corpus: Path, tmp_path: Path, cache: Path, own_cache: Path, out: Path
+) -> None:
+    plugin = tmp_path / "loudness.py"
+    text = (TEMPLATES / "feature.py").read_text()
+    plugin.write_text(text.replace("TemplateName", "Loudness").replace("template_name", "loudness"))
+    recipe = {
+        "recipe": 1, "name": "local", "dataset": {"aist++": {}}, "windows": {"length_s": 2, "stride_s": 0.5},
+        "motion": {"edge151": {}}, "audio": {"loudness": {}}, "plugins": [str(plugin)],
+    }  # fmt: skip
+    built = dancedata.build(recipe, corpus, tmp_path / "first", jobs=1, cache=cache, progress=False).path
+    dancedata.push(built, WHERE, recipe_only=True, beside=[plugin], progress=False)
+    for registry in REGISTRIES.values():
+        registry._classes.pop("loudness", None)
+    plugin_files._files.clear()
+    with pytest.raises(UsageError, match="does not execute by itself") as caught:
+        rebuild(WHERE, corpus, out, cache)
+    here = next(own_cache.rglob("loudness.py"))
+    assert f"audio loudness: published, here as {here}" in str(caught.value)
+    assert here.read_bytes() == plugin.read_bytes()
+    assert not [name for name in sys.modules if "loudness" in name and name in plugin_files._files]
+    dancedata.load_plugins(here)  # the user's own step
+    assert rebuild(WHERE, corpus, out, cache).rebuilt.same
+
+
+# Publications that lie
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        lambda d: d["files"].update({"../x": d["files"]["clips.jsonl"]}),
+        lambda d: d["dataset"]["files"].update({"../../x": {"size": 1, "sha256": "0" * 64}}),
+        lambda d: d["dataset"].update(recipe=7),
+        lambda d: d["dataset"].update(recipe_sha256=None),
+        lambda d: d.update(dataset=[]),
+        lambda d: d["files"].update({"clips.jsonl": 3}),
+    ],
+)  # fmt: skip
+def test_publications_that_lie(as_folder: Path, lie: Callable[[Any], Any], fine_source: Path, out: Path) -> None:
+    try:
+        with edited(as_folder) as document:
+            lie(document)
+    except TypeError:
+        pass
+    with pytest.raises(StoreError):
+        dancedata.build(as_folder, fine_source, out, progress=False)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "content", [b"[", b"{}\n", b'{"id": 1}\n', b"\xff", b'{"id": [], "made_of": {}, "lists": 3}\n']
+)
+def test_clips_that_are_damaged(
+    as_folder: Path, fine_source: Path, tmp_path: Path, cache: Path, content: bytes
+) -> None:
+    from dancedata.core.hashing import sha256_bytes
+
+    (as_folder / "clips.jsonl").write_bytes(content)
+    with edited(as_folder) as document:
+        document["files"]["clips.jsonl"] = {"size": len(content), "sha256": sha256_bytes(content)}
+    source = shutil.copytree(fine_source, tmp_path / "source")
+    change(source)
+    with raises_message(StoreError):
+        rebuild(as_folder, source, tmp_path / "again", cache)
+
+
+def test_gigantic_lengths(
+    as_folder: Path, server: Any, fine_source: Path, tmp_path: Path, cache: Path, own_cache: Path
+) -> None:
+    with edited(as_folder) as document:
+        document["files"]["clips.jsonl"]["size"] = 1 << 70
+    server.folder = as_folder.parent
+    source = shutil.copytree(fine_source, tmp_path / "source")
+    change(source)
+    with pytest.raises(StoreError, match="there is no space for the file"):
+        rebuild(f"{server.url}/fetched", source, tmp_path / "out", cache)
+
+
+def test_a_changed_byte(as_folder: Path, fine_source: Path, tmp_path: Path, cache: Path, out: Path) -> None:
+    (as_folder / "clips.jsonl").write_text("")
+    source = shutil.copytree(fine_source, tmp_path / "source")
+    change(source)
+    with raises_message(StoreError):
+        rebuild(as_folder, source, out, cache)
+    path = as_folder / "publication.json"
+    path.write_text(path.read_text().replace('"name"', '"nane"', 1))
+    with raises_message(StoreError):
+        rebuild(as_folder, source, out, cache)
