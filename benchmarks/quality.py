@@ -182,18 +182,17 @@ def plant_contact(motion: Motion, rng: np.random.Generator) -> Planted | None:
     start, stop = somewhere(motion, 0.5, rng)
     side = rng.choice(["left", "right"])
     elbow, wrist, chest = (motion.skeleton.index(j) for j in (f"{side}_elbow", f"{side}_wrist", "spine3"))
-    best, nearest = None, 0.02
-    for _ in range(400):
-        shoulder, bend = rng.normal(size=3), rng.normal(size=3)
-        rotations = np.array(motion.rotations)
-        rotations[start:stop, motion.skeleton.index(f"{side}_shoulder")] = shoulder
-        rotations[start:stop, elbow] = bend
-        joints = replace(motion, rotations=rotations).part(start, start + 1).joints()[0]
-        middle = (joints[chest] + joints[motion.skeleton.parents[chest]]) / 2
-        away = float(np.linalg.norm((joints[elbow] + joints[wrist]) / 2 - middle))
-        if away < nearest:
-            best, nearest = rotations, away
-    return None if best is None else (replace(motion, rotations=best), start, stop)
+    turns = rng.normal(size=(4000, 2, 3))
+    poses = np.repeat(motion.rotations[start : start + 1], len(turns), axis=0)
+    poses[:, [motion.skeleton.index(f"{side}_shoulder"), elbow]] = turns
+    joints = Motion(np.zeros((len(turns), 3)), poses, motion.grid, motion.skeleton).joints()
+    middle = (joints[:, chest] + joints[:, motion.skeleton.parents[chest]]) / 2
+    away = np.linalg.norm((joints[:, elbow] + joints[:, wrist]) / 2 - middle, axis=1)
+    if away.min() > 0.02:
+        return None
+    rotations = np.array(motion.rotations)
+    rotations[start:stop, [motion.skeleton.index(f"{side}_shoulder"), elbow]] = turns[int(np.argmin(away))]
+    return replace(motion, rotations=rotations), start, stop
 
 
 def plant_mirror(motion: Motion, rng: np.random.Generator) -> Planted:
