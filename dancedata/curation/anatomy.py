@@ -13,7 +13,7 @@ from dancedata.curation.spans import Span, bridged, runs, worst_spans
 from dancedata.metrics.groups import LIMB_RADIUS_M, segment_distances
 
 #: Seconds of a stretch whose lowest foot joint is the floor.
-STRETCH_S = 2.0
+_STRETCH_S = 2.0
 #: Heights of an ankle and a toe of a flat foot above their own lowest tenth, metres: half of Lodge's limits, which
 #: also take in feet that swing. How long a foot stays there, seconds.
 _ANKLE_M, _TOE_M, _LEAST_CONTACT_S = 0.04, 0.025, 0.1
@@ -43,7 +43,7 @@ def floor_drift(joints: Float64Array, rate: float, skeleton: Skeleton) -> float:
 
 def _lowest(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[Float64Array, Float64Array]:
     """Return the frame and the height of the lowest foot joint of each whole stretch of 2 s."""
-    stretch = max(1, round(STRETCH_S * rate))
+    stretch = max(1, round(_STRETCH_S * rate))
     feet = joints[:, list(skeleton.feet), 1].min(axis=1)
     starts = range(0, len(feet) - stretch + 1, stretch)
     frames = np.array([k + int(np.argmin(feet[k : k + stretch])) for k in starts], dtype=np.int64)

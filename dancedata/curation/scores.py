@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dancedata.core.motion import Motion
-from dancedata.core.sides import sides_of, wrong_up
+from dancedata.core.sides import MIN_ELBOWS, sides_of, wrong_up
 from dancedata.curation import anatomy, glitches
 from dancedata.curation.spans import Span, worst_spans
 
@@ -71,7 +71,7 @@ MEASURES: Mapping[str, Measure] = {
         "limbs inside each other", "m", 0.07, 0.02, "spans", "Ericson 2005, Real-Time Collision Detection, 5.1.9",
     ),
     "mirrored": Measure(
-        "left and right of the legs or the body exchanged", "1", 0.0, 0.0, "clip", "core.sides: minus a cosine"
+        "left and right of the body, its legs or arms exchanged", "1", 0.0, 0.0, "clip", "core.sides: minus a cosine"
     ),
     "up": Measure("a body that stands along another axis than +Y", "1", 0.5, 0.0, "clip", "core.sides: a cosine"),
 }  # fmt: skip
@@ -160,7 +160,9 @@ def _of_body(score: Callable[[Motion, float], Score]) -> Callable[[Motion, float
 
 def _mirrored(motion: Motion, least: float) -> Score:
     sides = sides_of(motion.joints(), motion)
-    return Score(-float(np.fmin(sides.legs, sides.chest)))
+    # Elbows are less certain: dancers who are made up bend them a little backwards.
+    evidence = [sides.legs, sides.chest, sides.elbows - MIN_ELBOWS]
+    return Score(-float(np.fmin.reduce(evidence)))
 
 
 def _up(motion: Motion, least: float) -> Score:

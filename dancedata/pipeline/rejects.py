@@ -224,8 +224,11 @@ def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
         return [f"{reason}: {counted(len(rejects), 'clip')}", *_songs(songs, rejects)]
     names = list(dict.fromkeys(r.clip or r.file for r in rejects))
     # A clip may lose windows and stay.
-    windows = reason == "short_field" or (reason == "curated" and all(r.window is not None for r in rejects))
-    number = counted(len(rejects), "window") if windows else str(len(rejects))
+    number = str(len(rejects))
+    if reason in ("short_field", "curated"):
+        windows = len(rejects) if reason == "short_field" else sum(reject.window is not None for reject in rejects)
+        parts = ((len(rejects) - windows, "clip"), (windows, "window"))
+        number = " and ".join(counted(n, noun) for n, noun in parts if n)
     line = f"{reason}: {number} ({listed(names, _NAMED)})"
     if details and rejects[0].detail:
         line += f": {rejects[0].detail}"

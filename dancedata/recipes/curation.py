@@ -9,7 +9,7 @@ from typing import Any, Literal
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import shown
 from dancedata.curation.repair import STAGES, Repairs
-from dancedata.curation.scores import MEASURES, VERSION
+from dancedata.curation.scores import MEASURES
 
 LEAVE_OUT = ("windows", "clip")
 _RULE_KEYS = ("limit", "leave_out", "splits")
@@ -65,7 +65,7 @@ class CurationSpec:
     def document(self) -> dict[str, Any]:
         """Return the keys of a recipe that are not absent, with every default."""
         rules = {rule.score: rule.document() for rule in self.rules}
-        curate = {"curate": {**rules, "version": VERSION}} if rules else {}
+        curate = {"curate": rules} if rules else {}
         return curate | ({"repair": self.repairs.document()} if self.repairs else {})
 
     def notes(self) -> list[str]:
@@ -97,13 +97,8 @@ def _rules(value: Any) -> tuple[CurateRule, ...]:
         raise UsageError(
             "curate: not a mapping of scores", found=shown(repr(value)), allowed="such as {spikes: true}"
         )
-    version = value.get("version", VERSION)
-    if version != VERSION:
-        raise UsageError("curate.version: scores of another version", found=shown(repr(version)), allowed=VERSION)
     rules = []
     for score, rule in value.items():
-        if score == "version":
-            continue
         if score not in MEASURES:
             raise UsageError(f"curate.{shown(str(score))}: unknown score", fix=did_you_mean(str(score), MEASURES))
         if rule is not False and rule is not None:

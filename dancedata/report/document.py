@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from dancedata.core.text import counted, listed
@@ -305,6 +305,7 @@ class Document:
     ranking: tuple[Suspect, ...]
     clips: tuple[ClipRow, ...]
     columns: tuple[FreeColumn, ...] = ()
+    curation: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
@@ -467,14 +468,14 @@ def _contents(d: Document) -> list[Finding]:
 
 def _fields(d: Document) -> list[Finding]:
     sentences = []
-    for name, field in d.fields.items():
-        if field.constant:
-            count = f"{len(field.constant)} of {field.width} columns of {name}"
-            text = f"{count} never change: {listed(field.constant, 4)}"
+    for name, of_field in d.fields.items():
+        if of_field.constant:
+            count = f"{len(of_field.constant)} of {of_field.width} columns of {name}"
+            text = f"{count} never change: {listed(of_field.constant, 4)}"
             sentences.append(Finding("note", text, f"columns_{name}"))
-        elif not field.columns and not field.rows:
+        elif not of_field.columns and not of_field.rows:
             sentences.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
-        exploding = [label for group in field.scaling for label, _ in group.exploding]
+        exploding = [label for group in of_field.scaling for label, _ in group.exploding]
         if exploding:
             count = f"{counted(len(exploding), 'column')} of {name}"
             text = f"{count} beyond ±{EXPLODES:g} when normalised: {listed(exploding, 4)}"

@@ -13,6 +13,7 @@ from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
+from dancedata.curation.anatomy import bone_spread, floor_drift
 from dancedata.evaluation.music import beats_after
 from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
@@ -28,8 +29,6 @@ from dancedata.viewer.figure import Figure
 STILL_M_S = 0.05
 #: A foot joint with a contact label that moves sideways faster than this slides.
 SLIDE_M_S = 0.15
-#: Seconds of a stretch whose lowest foot is compared.
-_STRETCH_S = 2.0
 #: Points of a clip's path that are kept.
 _PATH_POINTS = 96
 #: Key motions are minima at least this deep, as a share of the clip's highest speed.
@@ -303,16 +302,8 @@ def physics(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[floa
 
     See `ClipNumbers`; 0 for pieces that are too short.
     """
-    stretch = max(1, round(_STRETCH_S * rate))
-    feet = joints[:, list(skeleton.feet), 1].min(axis=1)
-    lowest = [feet[k : k + stretch].min() for k in range(0, len(feet) - stretch + 1, stretch)]
-    drift = float(np.ptp(lowest)) if lowest else 0.0
     jerk = float(np.linalg.norm(np.diff(joints, 3, axis=0), axis=2).mean()) * rate**3 if len(joints) > 3 else 0.0
-    child = [j for j, parent in enumerate(skeleton.parents) if parent >= 0]
-    parents = [skeleton.parents[j] for j in child]
-    lengths = np.linalg.norm(joints[:, child] - joints[:, parents], axis=2)
-    spread = np.ptp(np.quantile(lengths, (0.01, 0.99), axis=0), axis=0).max() if len(joints) and child else 0.0
-    return drift, jerk, float(spread)
+    return floor_drift(joints, rate, skeleton), jerk, bone_spread(joints, skeleton)
 
 
 def _heights(figure: Figure, first: int) -> tuple[float, float, float, float]:

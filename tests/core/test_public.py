@@ -19,7 +19,7 @@ import dancedata.audio.jukebox
 import dancedata.readers
 
 PUBLIC = {
-    "open", "build", "plan", "check", "align", "diff", "export", "evaluate", "extract", "encode", "decode",
+    "open", "build", "plan", "quality", "check", "align", "diff", "export", "evaluate", "extract", "encode", "decode",
     "decode_file", "decode_group", "load_plugins", "Motion", "Skeleton", "AudioSignal", "Evaluator", "FeatureCache",
     "__version__",
 }  # fmt: skip

@@ -250,13 +250,39 @@ def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None
 
 @pytest.mark.parametrize(
     "keys",
-    [{"motion": {"humanml263": {}}, "fps": 20}, {"scope": "window"}, {"retarget": {"skeleton": "smpl24"}}],
+    [
+        {"motion": {"humanml263": {}}, "fps": 20},
+        {"scope": "window"},
+        {"retarget": {"skeleton": "smpl24"}},
+        {"repair": {"floor": True}},
+    ],
     ids=str,
 )
 def test_what_cannot_hold_a_group_is_refused(tmp_path: Path, cache: Path, keys: dict[str, Any]) -> None:
     write(tmp_path / "source", "a", 2)
     with raises_message(UsageError):
         build(tmp_path / "source", tmp_path / "out", cache, **keys)
+
+
+def test_a_spike_of_one_dancer_is_repaired_or_leaves_out_the_windows_of_all(tmp_path: Path, cache: Path) -> None:
+    poses, steps = np.zeros((2, 360, 24, 3)), np.linspace(0, 1, 360)[:, None] * (0.3, 0, 0)
+    trans = np.stack([steps, steps + np.array([1.2, 0, 0])])
+    write(tmp_path / "clean", "a", 2, poses=poses, trans=trans)
+    clean = build(tmp_path / "clean", tmp_path / "c", cache)
+    spoilt = trans.copy()
+    spoilt[1, 180, 1] += 0.3
+    write(tmp_path / "source", "a", 2, poses=poses, trans=spoilt)
+    curated = build(tmp_path / "source", tmp_path / "out", cache, curate={"spikes": True})
+    windows = {clip.id: [w.start for w in curated.windows_of(clip.id)] for clip in curated.clips}
+    assert windows == {"a_p0": [0, 30, 120], "a_p1": [0, 30, 120]}
+    assert {(r["clip"], r["window"]) for r in curated.rejects} == {(c, s) for c in windows for s in (60, 90)}
+    assert "of partner a_p1" in next(r["detail"] for r in curated.rejects if r["clip"] == "a_p0")
+    repaired = build(tmp_path / "source", tmp_path / "r", cache, repair={"spikes": True})
+    assert {(q["clip"], q["kind"], q["frame"]) for q in repaired.quality} == {("a_p1", "repaired_spike", 180)}
+    np.testing.assert_allclose(roots(repaired, "a"), roots(clean, "a"), atol=1e-6)
+    np.testing.assert_array_equal(
+        roots(repaired, "a", "joints.original"), roots(build(tmp_path / "source", tmp_path / "p", cache), "a")
+    )
 
 
 def test_diff_names_words_and_free_columns(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
