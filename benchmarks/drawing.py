@@ -1,12 +1,16 @@
-"""First paint, first figure, and pictures per second of the viewer's page, by body, in one run.
+"""First paint, first figure, pictures per second and files of the viewer, by body, in one run.
 
-    python benchmarks/drawing.py DATASET                              # this version
-    python benchmarks/drawing.py DATASET --tree ../before --rounds 5   # in turn with another working tree
-    python benchmarks/drawing.py DATASET --clip ID --throttle 4        # a machine four times as slow
+    python benchmarks/drawing.py                                # this version, on the demo
+    python benchmarks/drawing.py --tree ../before --rounds 5    # in turn with another working tree
+    python benchmarks/drawing.py --minutes 30                   # on one clip of 30 minutes
+    python benchmarks/drawing.py --files                        # seconds and bytes of --export and --video
+    python benchmarks/drawing.py DATASET --clip ID --throttle 4  # another dataset, a machine four times as slow
 
-A chromium that runs already, without a GPU, opens the page of `dancedata view` at 1366 x 768. First paint and first
-figure are from the start of the navigation, the server warm; pictures per second are those that the page draws while
-it plays for --seconds. A tree without `B` has sticks only. It prints medians and asserts nothing.
+Each tree builds its own dataset, as formats differ, unless a DATASET is given that all of them read. A chromium that
+runs already, without a GPU, opens the page of `dancedata view` at 1366 x 768. First paint and first figure are from
+the start of the navigation, the server warm; pictures per second are those that the page draws while it plays for
+--seconds. A tree without `B` has sticks only. Files are of the first clip of the demo, 13.5 s, music embedded in the
+second one, video of 1280 x 720; seconds are of the whole command. It prints medians and asserts nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +20,8 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +30,8 @@ from typing import Any
 import numpy as np
 from features import print_machine
 from pages import FIRST
+
+from dancedata.synthetic import synthesise_motion
 
 #: Draws for some seconds of play; returns pictures per second, and milliseconds of script per picture.
 PLAY = """
@@ -40,6 +48,56 @@ v.play(true).then(() => {
   requestAnimationFrame(look);
 });
 """
+
+
+def run(tree: Path, *arguments: str) -> None:
+    """Run a command of a working tree."""
+    environment = {**os.environ, "PYTHONPATH": str(tree)}
+    command = [sys.executable, "-m", "dancedata", *arguments]
+    subprocess.run(command, check=True, env=environment, cwd=tree, stdout=subprocess.DEVNULL)
+
+
+def built(tree: Path, folder: Path, minutes: float) -> tuple[Path, Path]:
+    """Build a dataset with a working tree: the demo, or one clip of some minutes; returns it and its source."""
+    folder.mkdir()
+    out, source = folder / "data", folder / "data-source"
+    cache = ("--cache", str(folder / "cache"))
+    if not minutes:
+        run(tree, "build", "demo", "--out", str(out), "-q", *cache)
+        return out, source
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=1800)[0]
+    frames = np.arange(round(minutes * 3600)) % 1800
+    (source / "motions").mkdir(parents=True)
+    np.savez(
+        source / "motions" / "long.npz", poses=motion.rotations.reshape(1800, 72)[frames],
+        trans=motion.translation[frames], mocap_framerate=60,
+    )  # fmt: skip
+    (folder / "long.yaml").write_text(
+        "recipe: 1\nname: long\ndataset: {folder: {fps: 60, up: y, unit: m}}\n"
+        "windows: {length_s: 5, stride_s: 0.5}\nmotion: {edge151: {}}\n"
+    )
+    run(tree, "build", str(folder / "long.yaml"), "--source", str(source), "--out", str(out), "-q", *cache)
+    return out, source
+
+
+def files(tree: Path, dataset: Path, source: Path, out: Path) -> dict[str, float]:
+    """Return seconds and kilobytes of exported pages and of a video of the first clip."""
+    from dancedata.store import open_store
+
+    with open_store(dataset) as store:
+        clip = store.clips[0].id
+    found = {}
+    for name, options in (
+        ("page", ("--export", "page.html")),
+        ("page with music", ("--export", "music.html", "--source", str(source), "--audio", "embed")),
+        ("video", ("--video", "clip.mp4", "--source", str(source), "--audio", "embed")),
+    ):
+        path = out / options[1]
+        begun = time.perf_counter()
+        run(tree, "view", str(dataset), clip, options[0], str(path), *options[2:], "--overwrite")
+        found[f"{name} s"] = time.perf_counter() - begun
+        found[f"{name} kB"] = path.stat().st_size / 1000
+    return found
 
 
 @contextmanager
@@ -105,27 +163,41 @@ def browser() -> Any:
 def main() -> None:
     """Measure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("dataset", type=Path)
+    parser.add_argument("dataset", type=Path, nargs="?")
     parser.add_argument("--clip", default="")
     parser.add_argument("--tree", type=Path, action="append", default=[])
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=4.0)
     parser.add_argument("--throttle", type=float, default=1.0)
+    parser.add_argument("--minutes", type=float, default=0.0)
+    parser.add_argument("--files", action="store_true")
     given = parser.parse_args()
     print_machine()
     trees = [*(tree.resolve() for tree in given.tree), Path(__file__).resolve().parents[1]]
     found: dict[Path, list[dict[str, float]]] = {tree: [] for tree in trees}
-    driver = browser()
-    try:
-        for _ in range(given.rounds):
-            for tree in trees:
-                with served(tree, given.dataset.resolve(), given.clip) as address:
-                    found[tree].append(measure(driver, address, given.seconds, given.throttle))
-    finally:
-        driver.quit()
+    with tempfile.TemporaryDirectory() as folder:
+        data = {
+            tree: (given.dataset.resolve(), given.dataset.resolve())
+            if given.dataset
+            else built(tree, Path(folder) / str(k), given.minutes)
+            for k, tree in enumerate(trees)
+        }
+        driver = None if given.files else browser()
+        try:
+            for _ in range(given.rounds):
+                for tree in trees:
+                    if driver is None:
+                        found[tree].append(files(tree, *data[tree], Path(folder)))
+                        continue
+                    with served(tree, data[tree][0], given.clip) as address:
+                        found[tree].append(measure(driver, address, given.seconds, given.throttle))
+        finally:
+            if driver is not None:
+                driver.quit()
     for tree in trees:
-        medians = {name: np.median([one[name] for one in found[tree]]) for name in found[tree][0]}
-        print(f"{tree.name:12} " + "  ".join(f"{name} {value:.0f}" for name, value in medians.items()), flush=True)
+        medians = {name: float(np.median([one[name] for one in found[tree]])) for name in found[tree][0]}
+        text = "  ".join(f"{name} {value:.{1 if value < 10 else 0}f}" for name, value in medians.items())
+        print(f"{tree.name:12} {text}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,11 +2,16 @@
 
 import html
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from dancedata.core.text import shown
+
+#: Size of a drawing; width of a column of the page, CSS pixels; characters in a line of a note.
+_VIEW_BOX = re.compile(r'viewBox="0 0 ([\d.]+) ([\d.]+)"')
+_COLUMN, _LINE = 390, 58
 
 
 def escaped(value: object, limit: int = 200) -> str:
@@ -97,6 +102,15 @@ class Figure:
     chance: str = ""
     kind: str = ""
     sortable: bool = False
+
+    @property
+    def height(self) -> float:
+        """About how high the figure is in a column, CSS pixels: drawings at the column's width, lines, rows."""
+        drawings = sum(_COLUMN * float(high) / float(wide) for wide, high in _VIEW_BOX.findall(self.body))
+        legend = 24 * (len(self.legend) > 1 or bool(self.other or self.chance))
+        numbers = 24 * bool(self.rows)
+        lines = 19 * math.ceil(len(self.note) / _LINE) + 24 * self.body.count("<p>")
+        return 64 + drawings + legend + numbers + lines + 27 * self.body.count("<tr>")
 
     def to_html(self) -> str:
         """Return the figure with title, legend and numbers."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import takewhile
 
 from dancedata.core.columns import Columns
 from dancedata.core.text import counted, listed
@@ -69,8 +70,28 @@ def sections(
 
 
 def grid(figures: Sequence[Figure]) -> str:
-    """Return figures in the columns of the page."""
-    return f'<div class="grid">{"".join(f.to_html() for f in figures)}</div>' if figures else ""
+    """Return figures in the columns of the page, with small holes: wide ones before the first narrow one, or last."""
+    first = list(takewhile(lambda figure: figure.kind == "wide", figures))
+    narrow = [figure for figure in figures if figure.kind != "wide"]
+    last = [figure for figure in figures[len(first) :] if figure.kind == "wide"]
+    html = "".join(figure.to_html() for figure in (*first, *packed(narrow), *last))
+    return f'<div class="grid">{html}</div>' if html else ""
+
+
+def packed(figures: Sequence[Figure]) -> list[Figure]:
+    """Return figures in an order in which columns that are filled one after the other end at about one height.
+
+    The highest first, each goes to the column that is lowest so far (longest processing time first: Graham, 1969);
+    columns, and the figures of each, stay in their order.
+    """
+    columns: list[list[int]] = [[] for _ in range(_COLUMNS)]
+    high = [0.0] * _COLUMNS
+    heights = [figure.height for figure in figures]
+    for k in sorted(range(len(figures)), key=lambda k: (-heights[k], k)):
+        lowest = high.index(min(high))
+        columns[lowest].append(k)
+        high[lowest] += heights[k]
+    return [figures[k] for column in sorted(map(sorted, columns)) for k in column]
 
 
 def _look(d: Drawing) -> str:
@@ -109,8 +130,13 @@ def _reasons(outlier: Outlier) -> list[str]:
     for reason in outlier.reasons:
         name, unit = MEASURES[reason.measure]
         values = f"{rounded(reason.value)} {unit}".strip(), f"{rounded(reason.median)} {unit}".strip()
-        texts.append(f"{name}: {escaped(values[0])}, median {escaped(values[1])} (z {rounded(reason.z)})")
+        texts.append(f"{name}: {escaped(values[0])}, median {escaped(values[1])} ({_z(reason.z)})")
     return texts
+
+
+def _z(value: float) -> str:
+    """Return a robust z as text: among numbers that are nearly equal, any other has one of thousands."""
+    return f"z {rounded(value)}" if abs(value) <= _MOST_Z else f"z above {_MOST_Z}"
 
 
 def _left_out(d: Drawing) -> list[Figure]:
@@ -201,6 +227,10 @@ def tiles(d: Drawing) -> str:
     return f'<dl class="tiles">{cells}</dl>'
 
 
+#: Largest z that is printed.
+_MOST_Z = 100
+#: Columns of figures in a window of usual width.
+_COLUMNS = 3
 _LABELS = {"bad": "error", "look": "look", "note": "note"}
 #: Most differences that the page lists.
 _DIFFERENCES = 60
@@ -280,12 +310,12 @@ def whole_page(title: str, main: str, player: Player) -> str:
     )
 
 
-def chapter_links(chapters: Sequence[Section], player: Player) -> str:
+def chapter_links(chapters: Sequence[Section], player: Player, item: str = "clip") -> str:
     """Return the links to the sections, and the one that opens the first clip or group."""
     links = "".join(f'<a href="#r-s-{key}">{escaped(title)}</a>' for key, title, _ in chapters)
     if not player.items:
         return links
-    kind = "group" if all(item.members for item in player.items) else "clip"
+    kind = "group" if all(shown.members for shown in player.items) else item
     address, clips = escaped(link(player.items[0]), 2000), counted(len(player.items), kind)
     return f'{links}<a class="play" href="{address}">▶ {clips}</a>'
 

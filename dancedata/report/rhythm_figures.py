@@ -91,7 +91,7 @@ def _offsets(d: Drawing, songs: Sequence[SongShift]) -> Figure:
         text = f"{rounded(song.shift_ms)} ms"
         body += f'<text x="{_NAMES + _ROOM + 6:.0f}" y="{y + 10}" text-anchor="start" class="value">{text}</text>'
     for ms in (edges[0], 0.0, edges[-1]):
-        body += f'<text x="{x(ms):.1f}" y="{bottom + 14:.0f}" text-anchor="middle">{number(ms)}</text>'
+        body += f'<text x="{x(ms):.1f}" y="{bottom + 14:.0f}" text-anchor="middle">{number(round(ms))}</text>'
     head = ("song", "clips", "key motions", "shift ms", "strength")
     rows = tuple((s.song, s.clips, s.key_motions, s.shift_ms, s.strength) for s in songs)
     return Figure(

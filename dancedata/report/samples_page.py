@@ -96,10 +96,11 @@ def samples_page(report: SamplesReport, player: Player) -> str:
         f"{counted(len(report.rows), 'sample')} at {scores.fps} frames per second, protocol {scores.protocol.name}; "
         f"ground truth: {report.split or 'all clips'} of {report.dataset.about.name}"
     )
+    sections = chapter_links(chapters, player, "sample")
     main = (
         f"<header><h1>{name} <small>samples, against {other}</small></h1>"
         f'<p class="sub">{escaped(facts, 600)}</p></header>'
-        f'<nav aria-label="Sections">{chapter_links(chapters, player)}</nav>{chapters_html(chapters)}'
+        f'<nav aria-label="Sections">{sections}</nav>{chapters_html(chapters)}'
     )
     return whole_page(f"{report.name}: samples", main, player)
 
@@ -179,7 +180,7 @@ def _nearest(d: Drawing, nearest: Sequence[NearestPose]) -> list[Figure]:
         away = f"{rounded(100 * near.distance_m)} cm from {d.link(near.train_clip)}"
         cells += f"<li>{sample}{train}<small>{d.link(near.clip)} at {near.seconds:.1f} s, {away}</small></li>"
     body = f'<ul class="stills pairs">{cells}</ul>'
-    note = "of each sample the pose farthest from all poses of train, left, and the nearest pose of train, right"
+    note = "of each sample the pose farthest from all poses of train, above, and the nearest pose of train, below"
     return [Figure("nearest", "The strangest poses", note, body, kind="wide")]
 
 

@@ -50,7 +50,7 @@ def _pose_map(d: Drawing, poses: Poses) -> str:
     most = max(h.counts.get(base, 0) for h in poses.hexagons) or 1
     corners = [(r * scale * sin(k * pi / 3), r * scale * cos(k * pi / 3)) for k in range(6)]
     others = [split for split in poses.n if split != base]
-    cells = ""
+    cells, shown = "", max(poses.hexagons, key=lambda h: h.counts.get(base, 0))
     for h in poses.hexagons:
         x, y = place(h)
         way = "L".join(f"{x + dx:.1f} {y + dy:.1f}" for dx, dy in corners)
@@ -63,7 +63,8 @@ def _pose_map(d: Drawing, poses: Poses) -> str:
                 radius = min(0.8, 0.2 + 0.1 * h.counts[split] ** 0.5) * r * scale
                 body += f'<circle class="ring s{k + 1}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
         title = f"<title>{escaped(f'{h.clip}, {h.seconds:.1f} s; {counts}')}</title>"
-        cells += f'<g class="cell">{_linked(d, h, body + title)}{_pose(h, poses.joints, wide)}</g>'
+        kind = "cell most" if h is shown else "cell"
+        cells += f'<g class="{kind}">{_linked(d, h, body + title)}{_pose(h, poses.joints, wide)}</g>'
     legend = "".join(f'<span><i class="s{k}"></i>{escaped(split)}</span>' for k, split in enumerate([base, *others]))
     image = drawn(cells, "map of the poses", height, round(wide + _SIDE), "posemap")
     return f'<p class="legend">{legend}</p>{image}'

@@ -260,7 +260,7 @@ _CONTACTS = ("contact", "foot_contact")
 #: Most columns of a group in the strips.
 _STRIPS = 200
 #: Size of a path's square, and of a group's strips.
-_SQUARE, _PANEL = 130.0, (760.0, 64.0)
+_SQUARE, _PANEL = 130.0, (1040.0, 76.0)
 
 
 def paths(clips: Mapping[str, Sequence[Sequence[float]]], links: Mapping[str, str]) -> str:

@@ -117,7 +117,7 @@ def load_description(folder: Path) -> Description:
             where=str(folder),
             found=describe_folder(folder),
             allowed="a folder with dataset.json in it",
-            fix="give the folder that dancedata build wrote to; if a build was interrupted, run it again",
+            fix=f"give the folder that dancedata build wrote to; {INTERRUPTED}",
         ) from error
     except (OSError, UnicodeDecodeError) as error:
         raise StoreError("dataset.json cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
@@ -215,6 +215,10 @@ def json_stats(text: str) -> dict[str, Any]:
     stats = _object(parse_json(text))
     _object(stats.get("fields"))
     return stats
+
+
+#: What to do about a folder that holds a part of a dataset, or nothing.
+INTERRUPTED = "if a build was interrupted, run it again"
 
 
 def describe_folder(folder: Path) -> str:

@@ -17,13 +17,14 @@ from dancedata.core.clip import member_id
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.text import counted, listed, shown
+from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.files import FileFormat, clips_of
 from dancedata.evaluation.inputs.songs import read_songs, song_files
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 from dancedata.store.schema import Field
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
@@ -246,9 +247,11 @@ def motion_scenes(path: Path, form: FileFormat, music: Path | None = None, body:
     else:
         files = [path] if path.is_file() else []
     if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
+        seen = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
         raise UsageError(
-            "there is nothing to look at", where=path, found=_seen(path),
+            "there is nothing to look at", where=path, found=seen if path.exists() else "no such file or folder",
             allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
+            fix=INTERRUPTED if seen == "an empty folder" or "an unfinished build" in seen else None,
         )  # fmt: skip
     clips = [clip for file in files for clip in clips_of(file, form)]
     names = [clip.id for clip in clips]
@@ -262,9 +265,3 @@ def motion_scenes(path: Path, form: FileFormat, music: Path | None = None, body:
         if error.reason == "bad_shape" and form.columns is None:
             error.fix = "if these are columns, say of what: --as edge151, and --like STORE for their scaler and rate"
         raise
-
-
-def _seen(path: Path) -> str:
-    if not path.exists():
-        return "no such file or folder"
-    return counted(len(list(path.iterdir())), "other file") if path.is_dir() else f"a file {path.suffix}"

@@ -1,6 +1,7 @@
 """Takes the pictures of the viewer, of studies and of reports: python docs/images/shoot.py SHARED [NAME ...].
 
-Without names, those that the pages show; with `all`, or the name of one that no page shows, into ./pictures. SHARED
+Without names, those that the pages show, as NAME.png in light and NAME-dark.png in dark, of which the site shows the
+one of its theme; with `all`, or the name of one that no page shows, into ./pictures. SHARED
 is the folder with the real recordings, which are not part of the project (`realdata`); the demo is built. It needs
 chromium and chromedriver, selenium and Pillow (`pip install -e ".[dev]"`). Pictures differ by the fonts of the
 machine, so tests do not compare them. PNGs get a palette of 256 colours.
@@ -29,6 +30,7 @@ from scipy.ndimage import uniform_filter1d
 import dancedata
 from dancedata.core.registry import DATASETS
 from dancedata.report import write_report
+from dancedata.report.samples import write_samples_report
 from dancedata.study.page import StudyRequest, write_study
 from dancedata.viewer.view import ViewRequest, serve
 
@@ -162,47 +164,47 @@ def viewer(
         return camera.picture()
 
 
-def duet(camera: Camera, data: Data) -> Image.Image:
+def duet(camera: Camera, data: Data, theme: str) -> Image.Image:
     """Return a picture of a generated duet in the viewer."""
     camera.size(1280, 800)
-    camera.theme("light")
+    camera.theme(theme)
     with served(ViewRequest(data.duets, source=data.duets.with_name("dd100-source"))) as address:
-        camera.open(f"{address}#group=Waltz_5_0&theme=light&t=6.90", READY, True)
+        camera.open(f"{address}#group=Waltz_5_0&theme={theme}&t=6.90", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
 
 
-def motion(camera: Camera, path: Path, more: str, **options: Any) -> Image.Image:
+def motion(camera: Camera, theme: str, path: Path, more: str, **options: Any) -> Image.Image:
     """Return a picture of a file of motion in the viewer, near by."""
     camera.size(1280, 800)
     with served(ViewRequest(path, **options)) as address:
-        camera.open(f"{address}#theme=dark{more}", READY, False)
+        camera.open(f"{address}#theme={theme}{more}", READY, False)
         camera.driver.execute_script("dancedataViewer.camera.zoom = 0.75; dancedataViewer.state.dirty = true")
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
 
 
-def wall(camera: Camera, data: Data, song: str, size: tuple[int, int], more: str) -> Image.Image:
+def wall(camera: Camera, data: Data, theme: str) -> Image.Image:
     """Return a picture of the dancers of a song of the demo on one stage."""
-    camera.size(*size)
+    camera.size(1280, 720)
     with served(ViewRequest(data.demo, source=data.demo_source, wall=True)) as address:
-        camera.open(f"{address}#group={song}&theme=light{more}", READY, True)
+        camera.open(f"{address}#group=mBR0&theme={theme}&t=3.20&body=2", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
 
 
-def wall_of_twelve(camera: Camera, data: Data) -> Image.Image:
+def wall_of_twelve(camera: Camera, data: Data, theme: str, size: tuple[int, int]) -> Image.Image:
     """Return a picture of a real clip beside eleven copies of it, smoothed more and more."""
-    camera.size(1366, 625)
+    camera.size(*size)
     compare = tuple(smoothed(data, LONG, 5 + 6 * k) for k in range(11))
     request = ViewRequest(data.real, LONG, source=data.real_source, compare=compare, wall=True)
     with served(request) as address:
-        camera.open(f"{address}#group={LONG}&theme=dark&t=21.30", READY, True)
+        camera.open(f"{address}#group={LONG}&theme={theme}&t=21.30", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
 
 
-def study(camera: Camera, data: Data) -> Image.Image:
+def study(camera: Camera, data: Data, theme: str) -> Image.Image:
     """Return a picture of a study of the real clips and their smoothed joints, while a pair dances."""
     page = data.demo.parent / "study.html"
     smoothed(data, FLAGGED)
@@ -210,9 +212,11 @@ def study(camera: Camera, data: Data) -> Image.Image:
     systems = {"truth": ViewRequest(data.real, source=data.real_source), "smoothed": ViewRequest(folder, fps="30")}
     write_study(StudyRequest(systems, songs=2, checks=0), page, shared=True, overwrite=True)
     camera.size(1280, 800)
-    camera.theme("light")
+    camera.theme(theme)
     camera.open(page.as_uri(), "return document.readyState === 'complete'")
-    camera.driver.execute_script("document.querySelector('[data-dds=start], button').click()")
+    camera.driver.execute_script(
+        "document.querySelector('[data-st=who]').value = 'r1'; document.querySelector('[data-st=begin]').click()"
+    )
     time.sleep(3)
     return camera.picture()
 
@@ -222,12 +226,9 @@ def grey(picture: Image.Image) -> Image.Image:
     return picture.convert("L").convert("RGB")
 
 
-def report(camera: Camera, data: Data, theme: str, width: int, height: int, scroll: str = "") -> Image.Image:
-    """Return a picture of the demo's report, from its top or from a section on."""
-    page = data.demo.parent / "demo-report.html"
-    if not page.exists():
-        write_report(data.demo, page)
-    camera.size(width, height)
+def opened(camera: Camera, page: Path, theme: str, size: tuple[int, int], scroll: str = "") -> Image.Image:
+    """Return a picture of a report, from its top or from a section on."""
+    camera.size(*size)
     camera.theme(theme)
     camera.open(page.as_uri(), "return document.readyState === 'complete'")
     if scroll:
@@ -235,59 +236,151 @@ def report(camera: Camera, data: Data, theme: str, width: int, height: int, scro
     return camera.picture()
 
 
-def poses(camera: Camera, data: Data) -> Image.Image:
+def report(camera: Camera, data: Data, theme: str, scroll: str = "", height: int = 900) -> Image.Image:
+    """Return a picture of the demo's report."""
+    page = data.demo.parent / "demo-report.html"
+    if not page.exists():
+        write_report(data.demo, page)
+    return opened(camera, page, theme, (1280, height), scroll)
+
+
+def poses(camera: Camera, data: Data, theme: str) -> Image.Image:
     """Return the map of poses of the demo's report, with the pointer on a hexagon far from the middle."""
     from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.by import By
 
-    report(camera, data, "light", 1280, 620, "r-poses")
+    report(camera, data, theme, "r-poses", 620)
     cells = camera.driver.find_elements(By.CSS_SELECTOR, ".posemap .hex")
     ActionChains(camera.driver).move_to_element(cells[len(cells) // 9]).perform()
     return camera.picture()
 
 
-def against(camera: Camera, data: Data) -> Image.Image:
+def against(camera: Camera, data: Data, theme: str) -> Image.Image:
     """Return figures of the report of the real clips against the demo."""
     page = data.demo.parent / "against.html"
     if not page.exists():
         write_report(data.real, page, against=data.demo)
-    camera.size(1280, 900)
-    camera.theme("light")
+    return opened(camera, page, theme, (1280, 900), "r-s-movement")
+
+
+def real(camera: Camera, data: Data, theme: str) -> Image.Image:
+    """Return the top of the report of the real clips."""
+    page = data.demo.parent / "real.html"
+    if not page.exists():
+        write_report(data.real, page)
+    return opened(camera, page, theme, (1280, 900))
+
+
+def samples(camera: Camera, data: Data, theme: str, size: tuple[int, int] = (1280, 900)) -> Image.Image:
+    """Return the top of the report of samples: clips of the demo, smoothed, one with a root that rises."""
+    page, folder = data.demo.parent / "samples.html", data.demo.parent / "samples"
+    if not page.exists():
+        folder.mkdir()
+        with dancedata.open(data.demo) as store:
+            for number, clip in enumerate([clip for clip in store.clips if clip.split == "test"][:6]):
+                columns = uniform_filter1d(clip.read("edge151"), 3 + 4 * number, axis=0, mode="nearest")
+                if number == 1:
+                    columns[:, 6] += np.linspace(0, 1, len(columns))
+                np.save(folder / f"{clip.id}.npy", columns)
+        write_samples_report(folder, data.demo, page, normalized=False)
+    return opened(camera, page, theme, size)
+
+
+def terminal(camera: Camera, data: Data, theme: str) -> Image.Image:
+    """Return what commands print on a terminal of 80 columns, as rich draws its colours."""
+    from rich.console import Console
+    from rich.terminal_theme import DEFAULT_TERMINAL_THEME, MONOKAI
+    from rich.text import Text
+
+    folder = data.demo.parent
+    console = Console(record=True, width=80, file=io.StringIO(), force_terminal=True)
+    commands = (
+        ["--help"], ["build", "demo", "--out", str(folder / "again"), "--jobs", "1"], ["info", str(data.demo)],
+        ["view", str(data.demo), "nosuchclip"], ["check", str(data.demo_source)],
+    )  # fmt: skip
+    for command in commands:
+        console.print(f"$ dancedata {' '.join(command)}".replace(f"{folder}/", ""), markup=False, highlight=False)
+        console.print(Text.from_ansi(typed(command, folder)))
+    page = folder / "terminal.html"
+    colours = MONOKAI if theme == "dark" else DEFAULT_TERMINAL_THEME
+    page.write_text(console.export_html(theme=colours), encoding="utf-8")
+    camera.size(800, 2000)
     camera.open(page.as_uri(), "return document.readyState === 'complete'")
-    camera.driver.execute_script("document.getElementById('r-s-movement').scrollIntoView()")
     return camera.picture()
 
 
-Shot = Callable[[Camera, Data], Image.Image]
+def typed(command: list[str], folder: Path) -> str:
+    """Return what a command prints on a terminal of 80 columns."""
+    import pty
+    import subprocess
+
+    parent, child = pty.openpty()
+    environment = {**os.environ, "COLUMNS": "80", "TERM": "xterm-256color", "TMPDIR": str(folder)}
+    process = subprocess.Popen(  # noqa: S603
+        [sys.executable, "-m", "dancedata", *command], stdout=child, stderr=child, stdin=child, env=environment
+    )
+    os.close(child)
+    printed = b""
+    with open(parent, "rb", closefd=True) as lines:
+        while True:
+            try:
+                part = os.read(lines.fileno(), 4096)
+            except OSError:  # the end of a terminal
+                break
+            if not part:
+                break
+            printed += part
+    process.wait()
+    # What a carriage return wrote over is not seen.
+    return "\n".join(line.rpartition("\r")[2] for line in printed.decode().replace("\r\n", "\n").split("\n"))
+
+
+#: Returns a picture in a theme.
+Shot = Callable[[Camera, Data, str], Image.Image]
+#: Pictures that the pages show, in both themes.
 SHOTS: dict[str, Shot] = {
-    "viewer-dark": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30&loop=600-750&body=2"),
-    "viewer-light": lambda camera, data: viewer(camera, data, "light", FLAGGED, "&t=5.80&mirror=1&body=2"),
-    "viewer-narrow": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30&body=2", size=(420, 1000)),
-    "viewer-compare": lambda camera, data: viewer(
-        camera, data, "dark", FLAGGED, "&t=5.80&with=smoothed&over=1&body=2"
+    "viewer": lambda camera, data, theme: viewer(camera, data, theme, LONG, "&t=21.30&loop=600-750&body=2"),
+    "viewer-flags": lambda camera, data, theme: viewer(camera, data, theme, FLAGGED, "&t=5.80&mirror=1&body=2"),
+    "viewer-narrow": lambda camera, data, theme: viewer(
+        camera, data, theme, LONG, "&t=21.30&body=2", size=(420, 1000)
+    ),
+    "viewer-compare": lambda camera, data, theme: viewer(
+        camera, data, theme, FLAGGED, "&t=5.80&with=smoothed&over=1&body=2"
     ),
     "viewer-duet": duet,
-    "viewer-wall": lambda camera, data: wall(camera, data, "mBR0", (1280, 720), "&t=3.20&body=2"),
-    "report": lambda camera, data: report(camera, data, "light", 1280, 900),
-    "report-music": lambda camera, data: report(camera, data, "dark", 1280, 900, "r-s-music"),
+    "viewer-wall": wall,
+    "report": report,
+    "report-music": lambda camera, data, theme: report(camera, data, theme, "r-s-music"),
     "report-poses": poses,
     "report-against": against,
+    "report-samples": samples,
 }
-#: Pictures that no page shows.
+_SIZES = {"laptop": (1366, 625), "hd": (1280, 720), "tablet": (800, 900), "phone": (420, 860)}
+#: Pictures that no page shows, in dark.
 LOOKS: dict[str, Shot] = {
     **{
-        f"body-{name}": lambda camera, data, k=k: viewer(camera, data, "dark", LONG, f"&t=21.30&body={k}")  # type: ignore[misc]
+        f"body-{name}": lambda camera, data, theme, k=k: viewer(camera, data, theme, LONG, f"&t=21.30&body={k}")  # type: ignore[misc]
         for k, name in enumerate(("sticks", "limbs", "skin"))
     },
-    "skin-fingers": lambda camera, data: motion(
-        camera, next((data.shared / "finedance").glob("*.npy")), "&t=2&body=2", fps="30"
+    **{
+        f"{name}": lambda camera, data, theme, size=size: viewer(camera, data, theme, LONG, "&t=21.30", size=size)  # type: ignore[misc]
+        for name, size in _SIZES.items()
+    },
+    **{
+        f"wall-12-{name}": lambda camera, data, theme, size=size: wall_of_twelve(camera, data, theme, size)  # type: ignore[misc]
+        for name, size in _SIZES.items()
+    },
+    "skin-fingers": lambda camera, data, theme: motion(
+        camera, theme, next((data.shared / "finedance").glob("*.npy")), "&t=2&body=2", fps="30"
     ),
-    "skin-bvh": lambda camera, data: motion(camera, data.shared / "bvh" / "cmu_01_01.bvh", "&t=4&body=2"),
-    "wall-12": wall_of_twelve,
+    "skin-bvh": lambda camera, data, theme: motion(
+        camera, theme, data.shared / "bvh" / "cmu_01_01.bvh", "&t=4&body=2"
+    ),
     "study": study,
-    "laptop": lambda camera, data: viewer(camera, data, "light", LONG, "&t=21.30", size=(1366, 625)),
-    "tablet": lambda camera, data: viewer(camera, data, "dark", LONG, "&t=21.30", size=(800, 900)),
-    "grey": lambda camera, data: grey(viewer(camera, data, "light", LONG, "&t=21.30")),
+    "grey": lambda camera, data, _: grey(viewer(camera, data, "light", LONG, "&t=21.30")),
+    "report-real": real,
+    "report-samples-phone": lambda camera, data, theme: samples(camera, data, theme, (420, 2000)),
+    "terminal": terminal,
 }
 
 
@@ -325,7 +418,11 @@ def main(shared: Path, names: list[str], out: Path = HERE) -> None:
         data, camera = build(shared, Path(folder)), Camera()
         try:
             for name in names:
-                save({**SHOTS, **LOOKS}[name](camera, data), out / f"{name}.png")
+                if name in LOOKS:
+                    save(LOOKS[name](camera, data, "dark"), out / f"{name}.png")
+                    continue
+                for theme, suffix in (("light", ""), ("dark", "-dark")):
+                    save(SHOTS[name](camera, data, theme), out / f"{name}{suffix}.png")
         finally:
             camera.driver.quit()
 

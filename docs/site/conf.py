@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import hero
 import navigation
 import reference
+import themed
 from pygments.lexers.special import TextLexer
 
 from dancedata.core.version import __version__
@@ -73,6 +74,7 @@ html_show_sphinx = False
 templates_path = ["templates"]
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = [("enlarge.js", {"defer": "defer"})]
 html_search_scorer = str(Path(__file__).parent / "static" / "scorer.js")
 
 
@@ -82,4 +84,5 @@ def setup(app: Sphinx) -> None:
     app.connect("builder-inited", lambda _: reference.write_pages(ROOT))
     app.connect("source-read", lambda _, page, text: hero.add(page, text))
     app.connect("source-read", lambda _, page, text: navigation.add(ROOT, page, text))
+    app.connect("doctree-read", themed.add, priority=400)  # before Sphinx collects the pictures
     app.connect("build-finished", lambda built, error: error or hero.write_clip(Path(built.outdir)))

@@ -12,9 +12,7 @@ from dancedata.viewer.view import ViewRequest, export_page
 CLIP = "gPO_sFM_cAll_d10_mPO4_ch02"
 #: Pages with the dancer, and what their picture of the viewer gives way to: the first image with its caption.
 PAGES = {"README": "", "docs/viewer": "../"}
-_IMAGE = re.compile(
-    r"^!\[[^]]*\]\([^)]*viewer-(?:dark|light)\.png\)\n(?:\n\*[^\n].*?\*\n)?", re.MULTILINE | re.DOTALL
-)
+_IMAGE = re.compile(r"^!\[[^]]*\]\([^)]*viewer(?:-flags)?\.png\)\n(?:\n\*[^\n].*?\*\n)?", re.MULTILINE | re.DOTALL)
 _FRAME = """```{{raw}} html
 <iframe class="dancer" src="{up}clip.html#play=1&loop=0-270" title="A dancer of the demo, in the viewer"></iframe>
 <p class="dancer-caption">A clip of the demo dataset (generated, CC0) in the viewer. Press M to mirror it, B for

@@ -6,7 +6,7 @@ import importlib.util
 import re
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -20,7 +20,7 @@ def module(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(str(SITE))
 
     def load(name: str) -> ModuleType:
-        for own in ("hero", "navigation", "reference", "written"):
+        for own in ("hero", "navigation", "reference", "themed", "written"):
             monkeypatch.delitem(sys.modules, own, raising=False)
         return importlib.import_module(name)
 
@@ -126,7 +126,7 @@ def test_a_dancer_moves_on_the_first_screen(module) -> None:
     )
     assert len(commands) == 2
     assert all(command in (ROOT / "README.md").read_text(encoding="utf-8") for command in commands)
-    assert "viewer-dark.png" not in text[0]
+    assert "viewer.png" not in text[0]
     with pytest.raises(ValueError, match="no picture of the viewer"):
         hero.add("docs/viewer", ["# A page without pictures\n"])
 
@@ -137,3 +137,19 @@ def test_the_clip_of_the_site_plays_by_itself(module, tmp_path: Path) -> None:
     page = (tmp_path / "clip.html").read_text(encoding="utf-8")
     assert '"audio":{"0":"' in page
     assert hero.CLIP in page
+
+
+def test_pictures_follow_the_theme(module, tmp_path: Path) -> None:
+    nodes = pytest.importorskip("docutils.nodes")  # of the extra docs
+    (tmp_path / "docs" / "images").mkdir(parents=True)
+    for name in ("both.png", "both-dark.png", "one.png"):
+        (tmp_path / "docs" / "images" / name).touch()
+    page = nodes.document(None, None)
+    page += nodes.paragraph("", "", nodes.image(uri="images/both.png", alt="both"), nodes.image(uri="images/one.png"))
+    app = SimpleNamespace(srcdir=tmp_path, env=SimpleNamespace(docname="docs/page"))
+    module("themed").add(app, page)
+    found = [(image["uri"], image["classes"], image.get("alt")) for image in page.findall(nodes.image)]
+    assert found == [
+        ("images/both.png", ["only-light"], "both"), ("images/both-dark.png", ["only-dark"], "both"),
+        ("images/one.png", [], None),
+    ]  # fmt: skip

@@ -82,7 +82,8 @@ def test_the_map_holds_every_pose_in_its_nearest_hexagon(numbers: Document, pose
 def test_the_map_shows_poses_and_leads_to_their_moments(demo: Path, tmp_path: Path) -> None:
     write_report(demo, tmp_path / "page.html", clips=8)
     figure = re.findall(r'<figure id="r-poses"(.*?)</figure>', (tmp_path / "page.html").read_text(), re.S)[0]
-    n = figure.count('class="cell"')
+    n = figure.count('class="cell"') + 1
+    assert figure.count('class="cell most"') == 1  # whose pose is there before a pointer is
     assert n == figure.count('class="hex s0"') == figure.count("<title>")
     assert figure.count('class="pose bone mid"') == n
     links = re.findall(r'href="#clip=[^"&]+&amp;t=([\d.]+)"', figure)

@@ -15,6 +15,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
+from dancedata.files.atomic import PREFIX
 from dancedata.formats.motion_files import motion_file
 from dancedata.synthetic import synthesise_motion
 from dancedata.viewer import Figure
@@ -159,7 +160,10 @@ def test_what_does_not_go_with_files(folder: Path, options: dict[str, Any]) -> N
 
 
 def test_nothing_that_moves(tmp_path: Path) -> None:
-    for path in (tmp_path, tmp_path / "gone", Path(__file__)):
+    """A build that was interrupted is named as one."""
+    (tmp_path / "killed" / f"{PREFIX}unfinished").mkdir(parents=True)
+    (tmp_path / "empty").mkdir()
+    for path in (tmp_path, tmp_path / "gone", Path(__file__), tmp_path / "killed", tmp_path / "empty"):
         with raises_message(UsageError):
             shown(path)
 

@@ -20,7 +20,7 @@ export function layOutGroup(clip, next, low) {
 // Columns of what is measured of the dancers of a wall, beside their names: name and width.
 const columnsOf = clip => {
   const most = clip.members.map(m => m.numbers || []).reduce((a, b) => (b.length > a.length ? b : a));
-  return most.map(([name]) => [name, { sliding: 62, distance: 58 }[name] || 44]);
+  return most.map(([name]) => [name, { sliding: 62, PFC: 60, distance: 58 }[name] || 44]);
 };
 
 // Width of those columns; 0 where the lanes are too narrow, or without any.
