@@ -24,10 +24,10 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import write_text
 from dancedata.pipeline.check import scan_folder
-from dancedata.pipeline.commands import Overrides, RecipeLike, folder_of, jobs_of
+from dancedata.pipeline.commands import RecipeLike, folder_of, jobs_of
 from dancedata.pipeline.motion import prepared
 from dancedata.pipeline.rejects import attempt, left_out_lines, relative_to
-from dancedata.recipes.parse import load_recipe
+from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
