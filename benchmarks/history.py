@@ -3,9 +3,9 @@
     python benchmarks/history.py              # writes the page from the data
     python benchmarks/history.py --from-page  # takes what was written into the page over into the data
 
-A section of the data has the `title`, the `commands` that measured it, `dates`, `processors` and `versions` as its text
-states them, and its `blocks` in order: `text` (lines), or a table with `columns` and `rows`. `numbers(cell)` returns the
-numbers of a cell such as "5.2, 5.0".
+A section of the data has the `title`, the `commands` that measured it, `dates`, `processors` and `versions` as its
+text states them, and its `blocks` in order: `text` (lines), or a table with `columns` and `rows`. `numbers(cell)`
+returns the numbers of a cell such as "5.2, 5.0".
 """
 
 import json

@@ -1,7 +1,7 @@
 """Builds the site and checks what was written: python docs/site/build.py OUT.
 
-With --version 0.3.0 --versions 0.3.0,0.2.0 each page has a list of versions, newest first; OUT then is the folder 0.3.0
-beside 0.2.0, and pages of a version that is not the newest say so.
+With --version 0.3.0 --versions 0.3.0,0.2.0 each page has a list of versions, newest first; OUT then is the folder
+0.3.0 beside 0.2.0, and pages of a version that is not the newest say so.
 """
 
 from __future__ import annotations

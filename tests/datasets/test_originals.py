@@ -138,5 +138,5 @@ def test_popdanceset_counts_its_songs(tmp_path: Path) -> None:
 
 
 def test_generated_files_are_no_copy(tmp_path: Path) -> None:
-    write_synthetic(tmp_path / "made", seed=0, songs=2, clips_per_song=1, clip_s=6.0)
+    write_synthetic(tmp_path / "made", seed=0, songs=2, clips_per_song=2, clip_s=6.0)
     assert not [text for text in texts(tmp_path / "made") if "omplete" in text]
