@@ -26,6 +26,7 @@ from hypothesis import settings
 from dancedata.execution import arithmetic
 from dancedata.files.regular_file import sha256_file
 from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
+from tests.platforms.needs import skip_what_cannot_run
 
 # Tests start hundreds of processes. Where bytecode is not kept (PYTHONDONTWRITEBYTECODE, which images of containers
 # set), each would compile the package again, and each of pytest's workers all tests: that is a third of the time.
@@ -144,6 +145,7 @@ COSTLY = ("audio", "hf")
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run tests that fork first, and those that import the largest packages last."""
+    skip_what_cannot_run(items)
 
     def place(item: pytest.Item) -> int:
         rooms = item.path.relative_to(ROOT).parts

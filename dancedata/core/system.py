@@ -33,6 +33,8 @@ _fcntl, _msvcrt = _module("fcntl"), _module("msvcrt")
 SYSTEM = sys.platform
 #: Whether a file that is open can be removed, replaced, and moved with its folder. Windows refuses all three.
 REMOVES_OPEN = os.name != "nt"
+#: Whether a folder can be opened, and with that locked and flushed.
+OPENS_FOLDERS = hasattr(os, "O_DIRECTORY")
 #: Never blocks, as at a named pipe; bytes as they are, where the C library would translate line ends.
 _ALWAYS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _NOFOLLOW = getattr(os, "O_NOFOLLOW", 0)
