@@ -3,16 +3,16 @@
 BLAS and numpy choose among kernels by the processor, and kernels round differently: with AVX-512, MFCC differ by up
 to 4e-4. A dataset, and a cache that machines share, must not depend on that. So everything in them is computed with
 one choice, that of the level x86-64-v3 (AVX2 and FMA: Intel from 2013, AMD from 2017): OpenBLAS's kernels for
-Haswell, and numpy's code for X86_V3. On ARM64 the level is armv8-a, which all of them have: OpenBLAS's kernels for it,
-and numpy's code without extensions. The two levels round differently, and their results have different keys.
+Haswell, and numpy's code for X86_V3. On ARM64 the level is armv8-a, which all of them have: OpenBLAS's kernels for
+it, and numpy's code without extensions. The two levels round differently, and their results have different keys.
 
 The choice is made when the libraries are loaded, from the environment. The command line makes it for itself and for
 the workers that it starts (`adopt`). In a notebook or a training job the libraries may have been loaded before;
 computations that have to be exact run in a second process there (`dancedata.execution.reference_process`).
 
 Where this choice does not exist (no AVX2, another architecture or BLAS, another system than Linux), results depend on
-the machine, and their keys contain a description of it, so that they are never mixed. docs/decisions/0023 and 0072 have
-the measurements.
+the machine, and their keys contain a description of it, so that they are never mixed. docs/decisions/0023 and 0072
+have the measurements.
 """
 
 import os
@@ -105,7 +105,7 @@ def _set(values: Mapping[str, str | None]) -> None:
 
 @lru_cache(maxsize=1)
 def has_reference() -> bool:
-    """Return whether results are the same on this machine as on others of its kind: Linux, and a processor's level."""
+    """Return whether this machine computes as others of its kind do: Linux, and a processor of the level."""
     if SYSTEM != "linux":  # other C libraries
         return False
     return _IS_ARM or (platform.machine() == "x86_64" and processor_flags() >= _FLAGS)

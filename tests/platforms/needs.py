@@ -16,7 +16,7 @@ NEEDS = {
     r"_fcntl": "flock, which the test replaces",
     r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
 }
-#: Tests of the promise that all machines of a kind give the same bytes: without the processor's features none is made.
+#: Tests of the promise that machines of a kind give the same bytes: without the processor's features none is made.
 FEATURES = re.compile(r"has_reference|x86-64-v3|needs_reference")
 
 
