@@ -1,7 +1,6 @@
 """Fixtures that every test may use."""
 
 import copy
-import fcntl
 import gc
 import hashlib
 import json
@@ -24,8 +23,10 @@ import typer.testing
 from hypothesis import settings
 
 from dancedata.execution import arithmetic
+from dancedata.files.locks import open_locked, unlock
 from dancedata.files.regular_file import sha256_file
 from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
+from tests.platforms.needs import skip_what_cannot_run
 
 # Tests start hundreds of processes. Where bytecode is not kept (PYTHONDONTWRITEBYTECODE, which images of containers
 # set), each would compile the package again, and each of pytest's workers all tests: that is a third of the time.
@@ -144,6 +145,7 @@ COSTLY = ("audio", "hf")
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run tests that fork first, and those that import the largest packages last."""
+    skip_what_cannot_run(items)
 
     def place(item: pytest.Item) -> int:
         rooms = item.path.relative_to(ROOT).parts
@@ -316,13 +318,16 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
     shared.mkdir(exist_ok=True)
 
     def folder(name: str, fill: Callable[[Path], object]) -> Path:
-        with open(shared / f"{name}.lock", "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        lock = open_locked(shared / f"{name}.lock")
+        assert lock is not None
+        try:
             if not (shared / f"{name}.done").exists():
                 shutil.rmtree(shared / name, ignore_errors=True)
                 (shared / name).mkdir()
                 fill(shared / name)
                 (shared / f"{name}.done").touch()
+        finally:
+            unlock(lock)
         return shared / name
 
     return folder

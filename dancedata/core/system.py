@@ -9,6 +9,7 @@ import errno
 import mmap
 import os
 import platform
+import re
 import signal
 import sys
 import threading
@@ -33,6 +34,8 @@ _fcntl, _msvcrt = _module("fcntl"), _module("msvcrt")
 SYSTEM = sys.platform
 #: Whether a file that is open can be removed, replaced, and moved with its folder. Windows refuses all three.
 REMOVES_OPEN = os.name != "nt"
+#: Whether a folder can be opened, and with that locked and flushed.
+OPENS_FOLDERS = hasattr(os, "O_DIRECTORY")
 #: Never blocks, as at a named pipe; bytes as they are, where the C library would translate line ends.
 _ALWAYS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _NOFOLLOW = getattr(os, "O_NOFOLLOW", 0)
@@ -63,6 +66,18 @@ def open_file(path: str | Path, flags: int, *, follow: bool = True) -> int:
 def _require_no_link(path: str | Path) -> None:
     if os.path.islink(path):
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+
+
+#: Names of Windows' devices, with any suffix; and characters that no name there has, one of which names a stream.
+_DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])( *\..*)?", re.IGNORECASE)
+_NO_NAME = re.compile(r'[<>:"|?*\\\x00-\x1f]|[. ]\Z')
+
+
+def why_no_file_name(name: str) -> str:
+    """Return what names this system allows, if it does not allow this one; "" if it does."""
+    if REMOVES_OPEN or not (_DEVICE.fullmatch(name) or _NO_NAME.search(name)):
+        return ""
+    return 'names without < > : " | ? * \\ and without a point or space at the end, not those of devices (CON, NUL)'
 
 
 def open_folder(path: Path) -> int:

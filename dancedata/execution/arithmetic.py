@@ -1,16 +1,18 @@
-"""The instructions that results are computed with: the same on every x86-64 processor that has AVX2.
+"""The instructions that results are computed with: the same on every x86-64 processor with AVX2, and on every ARM64.
 
 BLAS and numpy choose among kernels by the processor, and kernels round differently: with AVX-512, MFCC differ by up
 to 4e-4. A dataset, and a cache that machines share, must not depend on that. So everything in them is computed with
 one choice, that of the level x86-64-v3 (AVX2 and FMA: Intel from 2013, AMD from 2017): OpenBLAS's kernels for
-Haswell, and numpy's code for X86_V3.
+Haswell, and numpy's code for X86_V3. On ARM64 the level is armv8-a, which all of them have: OpenBLAS's kernels for
+it, and numpy's code without extensions. The two levels round differently, and their results have different keys.
 
 The choice is made when the libraries are loaded, from the environment. The command line makes it for itself and for
 the workers that it starts (`adopt`). In a notebook or a training job the libraries may have been loaded before;
 computations that have to be exact run in a second process there (`dancedata.execution.reference_process`).
 
-Where this choice does not exist (no AVX2, another architecture, another BLAS), results depend on the machine, and
-their keys contain a description of it, so that they are never mixed. docs/decisions/0023 has the measurements.
+Where this choice does not exist (no AVX2, another architecture or BLAS, another system than Linux), results depend on
+the machine, and their keys contain a description of it, so that they are never mixed. docs/decisions/0023 and 0072
+have the measurements.
 """
 
 import os
@@ -26,8 +28,11 @@ from dancedata.core.system import SYSTEM, processor, processor_flags, started_wi
 
 T = TypeVar("T")
 
+_IS_ARM = platform.machine() == "aarch64"
 #: The instructions that results are computed with wherever possible, as named in keys and dataset.json.
-REFERENCE = "x86-64-v3"
+REFERENCE = "armv8-a" if _IS_ARM else "x86-64-v3"
+#: OpenBLAS's kernels for them.
+_KERNELS = "ARMV8" if _IS_ARM else "Haswell"
 #: Flags of /proc/cpuinfo that make up the level x86-64-v3.
 _FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
 #: Variables by which users choose kernels or block sizes: they must not shape results.
@@ -43,6 +48,8 @@ _FOREIGN = (
 )
 #: Variable that chooses, among other things, between versions of the C library's functions.
 _TUNABLES, _TUNES_CODE = "GLIBC_TUNABLES", "glibc.cpu."
+#: Names in numpy's features of what is beyond the levels.
+_BEYOND = ("AVX512", "X86_V4", "ASIMDHP", "ASIMDDP", "ASIMDFHM", "SVE")
 # numpy 2.4 renamed its groups of features.
 _NUMPY_FEATURES = {(2, 4): "X86_V3", (0, 0): "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"}
 
@@ -78,8 +85,14 @@ def _changes() -> dict[str, str | None]:
     tunables = os.environ.get(_TUNABLES, "").split(":")
     changes[_TUNABLES] = ":".join(tunable for tunable in tunables if not tunable.startswith(_TUNES_CODE)) or None
     if has_reference():
-        changes |= {"OPENBLAS_CORETYPE": "Haswell", "NPY_ENABLE_CPU_FEATURES": _numpy_features()}
+        changes |= {"OPENBLAS_CORETYPE": _KERNELS, **_numpy_choice()}
     return changes
+
+
+def _numpy_choice() -> dict[str, str]:
+    if _IS_ARM:
+        return {"NPY_DISABLE_CPU_FEATURES": "ASIMDHP ASIMDDP ASIMDFHM SVE"}  # what it was compiled for stays
+    return {"NPY_ENABLE_CPU_FEATURES": _numpy_features()}
 
 
 def _set(values: Mapping[str, str | None]) -> None:
@@ -92,8 +105,10 @@ def _set(values: Mapping[str, str | None]) -> None:
 
 @lru_cache(maxsize=1)
 def has_reference() -> bool:
-    """Return whether this processor has the level x86-64-v3."""
-    return platform.machine() in ("x86_64", "AMD64") and processor_flags() >= _FLAGS
+    """Return whether this machine computes as others of its kind do: Linux, and a processor of the level."""
+    if SYSTEM != "linux":  # other C libraries
+        return False
+    return _IS_ARM or (platform.machine() == "x86_64" and processor_flags() >= _FLAGS)
 
 
 def _numpy_features() -> str:
@@ -115,8 +130,8 @@ def _description(n_modules: int) -> str:
     blas, numpy_code = _blas(), _numpy_code()
     is_reference = (
         has_reference()
-        and blas == ["openblas Haswell"]
-        and not any(_is_beyond_v3(used) for used, _ in numpy_code)
+        and [name.lower() for name in blas] == [f"openblas {_KERNELS}".lower()]
+        and not any(_is_beyond(used) for used, _ in numpy_code)
         and not any(_is_left_out(used, available) for used, available in numpy_code)
         and not _set_at_start()
     )
@@ -163,13 +178,13 @@ def can_choose() -> bool:
     return any(pool.get("prefix") == "libscipy_openblas" for pool in threadpool_info())
 
 
-def _is_beyond_v3(features: str) -> bool:
-    return "AVX512" in features or "V4" in features
+def _is_beyond(features: str) -> bool:
+    return any(name in features for name in _BEYOND)
 
 
 def _is_left_out(used: str, available: list[str]) -> bool:
-    """Return whether code up to x86-64-v3 is available but code for less is used."""
-    best = next((features for features in available if not _is_beyond_v3(features)), used)
+    """Return whether code up to the level is available but code for less is used."""
+    best = next((features for features in available if not _is_beyond(features)), used)
     return best.split("(")[0] != used.split("(")[0]
 
 

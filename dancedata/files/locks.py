@@ -166,7 +166,7 @@ def _open_lock(folder: Path, what: str, *, wait: bool) -> tuple[int, Path | None
         try:
             fd = _open_regular(beside)
         except OSError:
-            if not real.is_dir():
+            if not (system.OPENS_FOLDERS and real.is_dir()):
                 raise
             fd, path = system.open_folder(real), None
         try:

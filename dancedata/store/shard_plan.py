@@ -171,8 +171,15 @@ def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: i
             fix="look at the rejects, or choose shorter windows",
         )
     plans: list[ShardPlan] = []
+    folded: dict[str, str] = {}
     for split in sort_splits({c.split for c in clips}):
         check_name(split, "split")
+        if folded.setdefault(split.lower(), split) != split:
+            raise StoreError(
+                "two splits have names that differ in case only: macOS and Windows have one file for both",
+                found=f"{folded[split.lower()]} and {split}",
+                fix="give one of them another name",
+            )
         plans += _plan_split(header, split, [c for c in clips if c.split == split], shard_bytes)
     return plans
 

@@ -1,7 +1,8 @@
 """Guards against accidental changes: hashes of recipes, keys of the cache, bytes of the demo.
 
 Users have caches and datasets that were made with them. A change on purpose raises a version, is listed in
-CHANGELOG.md, and is written down here by ``python tests/pipeline/test_pins.py``.
+CHANGELOG.md, and is written down here by ``python -m tests.pipeline.test_pins``, for the kind of machine that it runs
+on; ``... compare FOLDER`` compares the demo in a folder. `.ci/arm64` does that for ARM64.
 """
 
 import json
@@ -26,6 +27,8 @@ from dancedata.pipeline.motion import MotionKeys
 from dancedata.recipes.parse import load_recipe, recipe_names
 
 PINS = Path(__file__).with_name("pins.json")
+#: Where the demo of this kind of machine is: processors of x86-64 and ARM64 round differently.
+DEMO = "demo" if arithmetic.REFERENCE == "x86-64-v3" else f"demo-{arithmetic.REFERENCE}"
 #: Packages whose versions change the bytes of the demo.
 PACKAGES = ("numpy", "scipy", "soxr", "h5py", "soundfile", "librosa")
 CLIP = ClipRef(
@@ -86,7 +89,12 @@ def demo_shards(folder: Path) -> dict[str, str]:
     ]
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
     subprocess.run(command, check=True, capture_output=True, env=environment)
-    return {path.name: sha256_file(path) for path in sorted((folder / "demo").glob("*.h5"))}
+    return shards_in(folder / "demo")
+
+
+def shards_in(folder: Path) -> dict[str, str]:
+    """Return the hashes of a dataset's HDF5 files."""
+    return {path.name: sha256_file(path) for path in sorted(folder.glob("*.h5"))}
 
 
 def pins() -> dict[str, Any]:
@@ -104,10 +112,12 @@ def test_hash_and_keys_of_a_recipe(name: str) -> None:
 
 
 def test_bytes_of_the_demo(tmp_path: Path) -> None:
-    pinned = pins()["demo"]
+    pinned = pins()[DEMO]
     here = {name: version(name) for name in PACKAGES}
     if here != pinned["packages"] or not arithmetic.has_reference():
-        pytest.skip(f"the demo's bytes are pinned for {pinned['packages']} on x86-64 with AVX2, not for {here}")
+        pytest.skip(
+            f"the demo's bytes are pinned for {pinned['packages']}, Linux, x86-64 with AVX2 or ARM64, not for {here}"
+        )
     assert demo_shards(tmp_path) == pinned["shards"]
 
 
@@ -115,9 +125,13 @@ def write() -> None:
     """Pin what there is now."""
     with tempfile.TemporaryDirectory() as folder:
         demo = {"packages": {name: version(name) for name in PACKAGES}, "shards": demo_shards(Path(folder))}
-    found = {"recipes": {name: keys_of(name) for name in recipe_names()}, "demo": demo}
+    found = {**pins(), "recipes": {name: keys_of(name) for name in recipe_names()}, DEMO: demo}
     PINS.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["compare"]:
+        same = shards_in(Path(sys.argv[2])) == pins()[DEMO]["shards"]
+        print(f"{DEMO}: {'the bytes that are pinned' if same else 'other bytes than those that are pinned'}")
+        raise SystemExit(not same)
     write()

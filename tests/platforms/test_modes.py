@@ -21,6 +21,8 @@ from tests.conftest import ROOT
 from tests.platforms.core import run
 from tests.platforms.without.sitecustomize import CALLS
 
+#: The stand-in of Windows looks into /proc for who has a file open.
+on_linux = pytest.mark.skipif(system.SYSTEM != "linux", reason="calls are taken away on Linux, which has them all")
 WITHOUT = ROOT / "tests" / "platforms" / "without"
 
 
@@ -46,12 +48,14 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return run(tmp_path_factory.mktemp("here"), jobs=1)
 
 
+@on_linux
 @pytest.mark.parametrize("mode", ["macos", "windows"])
 def test_the_core_gives_the_same_bytes_in_every_mode(mode: str, tmp_path: Path, here: dict[str, str]) -> None:
     # With the processor's features, which choose the kernels: other ones give other bytes, see the next test.
     assert core_without(f"{mode},-/proc", tmp_path / mode)["files"] == here
 
 
+@on_linux
 @pytest.mark.nightly
 def test_without_the_processors_features_a_machine_has_bytes_and_keys_of_its_own(tmp_path: Path) -> None:
     found = [core_without(mode, tmp_path / str(n), jobs=2) for n, mode in enumerate(("/proc", "macos", "windows"))]
@@ -59,6 +63,7 @@ def test_without_the_processors_features_a_machine_has_bytes_and_keys_of_its_own
     assert found[0]["arithmetic"] != "x86-64-v3"
 
 
+@on_linux
 @pytest.mark.nightly
 @pytest.mark.parametrize("call", [call for call in CALLS if call != "/proc"])
 def test_the_core_without_one_call(call: str, tmp_path: Path, here: dict[str, str]) -> None:

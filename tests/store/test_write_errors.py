@@ -67,6 +67,13 @@ def test_clips_that_cannot_be_stored(make_store: Any, out: Path, case: str) -> N
     assert not any(out.iterdir())
 
 
+def test_two_splits_that_are_one_file_elsewhere(make_store: Any, out: Path) -> None:
+    made = make_store(clips={"train": 2}, clips_per_song=1)
+    with raises_message(StoreError):
+        write_store(out, made.header, [made.clips[0], dataclasses.replace(made.clips[1], split="Train")])
+    assert not any(out.iterdir())
+
+
 def test_two_clips_of_one_id(make_store: Any, out: Path) -> None:
     made = make_store(clips={"train": 1})
     twin = dataclasses.replace(made.clips[0], split="test")

@@ -1,0 +1,31 @@
+"""Which tests need a call of Linux themselves, beside what dancedata needs: skipped without it."""
+
+import inspect
+import re
+
+import pytest
+
+from tests.platforms.without.sitecustomize import IS_WINDOWS, MISSING
+
+#: What a test's text has, and what Windows has not.
+NEEDS = {
+    r"mkfifo|is_fifo|\bpipe: Path\b": "named pipes in folders",
+    r"\bFORK\b|get_context\(\"fork\"\)|os\.fork\(": "processes that are forked",
+    r"setrlimit|RLIMIT": "limits of the system on a process",
+    r"no_file_beside|nfs|lock\"\)\.symlink_to": "locks on folders",
+    r"_fcntl": "flock, which the test replaces",
+    r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
+}
+#: Tests of the promise that machines of a kind give the same bytes: without the processor's features none is made.
+FEATURES = re.compile(r"has_reference|x86-64-v3|needs_reference")
+
+
+def skip_what_cannot_run(items: list[pytest.Item]) -> None:
+    """Mark tests that need what the mode takes away."""
+    for item in items if MISSING else ():
+        text = inspect.getsource(item.function) if isinstance(item, pytest.Function) else ""
+        reasons = [reason for pattern, reason in NEEDS.items() if IS_WINDOWS and re.search(pattern, text)]
+        if "/proc" in MISSING and FEATURES.search(text):
+            reasons.append("the processor's features")
+        if reasons:
+            item.add_marker(pytest.mark.skip(reason=f"needs {' and '.join(reasons)}"))
