@@ -1,6 +1,7 @@
 """Reading datasets over a network: this package, `datasets` streaming, WebDataset, s3fs + h5py, in one run.
 
-    python benchmarks/remote.py                     2,680 windows in 8 shards of 37 MB, 5 rounds
+    python benchmarks/remote.py                     1,340 windows in 4 shards of 37 MB, 5 rounds
+    python benchmarks/remote.py --shards 8          2,680 windows
     python benchmarks/remote.py --quick             335 windows, 2 rounds
     python benchmarks/remote.py --json FILE         write all measurements, too
 
@@ -49,8 +50,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from itertools import chain
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -176,13 +177,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="338 windows, 2 rounds")
     parser.add_argument("--rounds", type=int)
+    parser.add_argument("--shards", type=int, default=4)
     parser.add_argument("--json", type=Path, help="file to write all measurements to, too")
     arguments = parser.parse_args()
     rounds = arguments.rounds or (2 if arguments.quick else 5)
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as temporary:
         root = Path(temporary) / "site"
-        clips = 5 if arguments.quick else 40
+        clips = 5 * (1 if arguments.quick else arguments.shards)
         write_random_store(
             root / "dances/store", clips={"train": clips}, fields=random_fields({"edge151": 151}, {"librosa35": 35}),
             length=LENGTH, stride=LENGTH, n_frames=(FRAMES, FRAMES), clips_per_song=1, shard_bytes=37_500_000,
@@ -195,10 +197,8 @@ def main() -> int:
         upload(root / "dances/store", moto)
         os.environ.update(environment(plain))
         print(machine(root, rounds), flush=True)
-        found = measure(root, {"": plain, ", 1 Gbit/s": slow, ", moto": moto}, rounds)
+        found = measure(root, {"": plain, ", 1 Gbit/s": slow, ", moto": moto}, rounds, arguments.json)
         server.kill()
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1))
     return 0 if print_all(found) else 1
 
 
@@ -417,8 +417,10 @@ def summed(batch: Any) -> float:
     return float(sum(float(np.asarray(rows)[0, 0]) for name in names for rows in batch[name]))
 
 
-def measure(root: Path, servers: dict[str, int], rounds: int) -> dict[str, list[dict[str, float]]]:
-    """Measure everything, round by round."""
+def measure(
+    root: Path, servers: dict[str, int], rounds: int, json_file: Path | None
+) -> dict[str, list[dict[str, float]]]:
+    """Measure everything, round by round; write what was found after each."""
     spawn = multiprocessing.get_context("spawn")
     found: dict[str, list[dict[str, float]]] = {}
     names = [n for n, (_, packages) in MEASURES.items() if all(map(importlib.util.find_spec, packages))]
@@ -445,6 +447,8 @@ def measure(root: Path, servers: dict[str, int], rounds: int) -> dict[str, list[
                 counts = stats(plain)
                 result |= {"requests": counts["requests"], "MB": counts["bytes"] / 1e6}
                 found.setdefault(name + server, []).append(result)
+        if json_file:
+            json_file.write_text(json.dumps(found, indent=1))
     return found
 
 

@@ -95,7 +95,7 @@ class HttpSource:
         if status in _PASSING:
             return Interrupted(f"HTTP {status}", _wait(error.headers.get("Retry-After")))
         if self._places.get(name) == url:
-            del self._places[name]
+            self._places.pop(name, None)  # another thread may have done so
             return Interrupted(f"HTTP {status} of the place that {_host(self.base)[1]} redirected to before")
         moved = urlsplit(error.url or url).netloc != urlsplit(url).netloc
         if status in (401, 403) and moved:

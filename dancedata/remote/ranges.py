@@ -19,7 +19,6 @@ from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import shown
-from dancedata.files.atomic import write_bytes
 from dancedata.remote.address import BUCKETS, Address, parse_address
 from dancedata.remote.bucket import BucketSource, crossed_a_fork
 from dancedata.remote.cached import is_offline, origin_of
@@ -187,6 +186,8 @@ class _Pieces:
     def _fetch_run(self, file: RangedFile, futures: dict[int, "Future[bytes]"]) -> None:
         """Fetch pieces that follow each other; in a thread."""
         try:
+            # Does nothing, and raises RuntimeError while the process ends: it waits for all that is submitted.
+            self._threads.submit(int)
             missing = dict.fromkeys(futures)
             for number in list(missing) if self._disk is not None else ():
                 data = self._disk.get(file, number) if self._disk is not None else None
@@ -279,9 +280,12 @@ class _Disk:
 
     def put(self, file: RangedFile, number: int, data: bytes) -> None:
         """Keep a piece; a disk that is full keeps none."""
+        path = self._folder / f"{file.name}.{number}"
+        temporary = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
         with suppress(OSError):
             self._folder.mkdir(exist_ok=True)
-            write_bytes(self._folder / f"{file.name}.{number}", data)
+            temporary.write_bytes(data)  # not flushed: pieces are compared when they are read
+            os.replace(temporary, path)
         with self._lock:
             self._since += len(data)
             if self._since > self._limit // 16:

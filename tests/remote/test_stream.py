@@ -4,7 +4,11 @@ import json
 import os
 import pickle
 import shutil
+import signal
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -354,6 +358,7 @@ def test_a_client_does_not_cross_a_fork(address: str, large: Path) -> None:
     mine = parent._reader.pieces
     child = os.fork()
     if child == 0:
+        signal.alarm(30)  # a hang fails
         good = parent._reader.pieces is not mine and np.array_equal(store.read(window, "pose"), _local(large))
         os._exit(0 if good else 1)
     assert os.waitpid(child, 0)[1] == 0
@@ -371,3 +376,23 @@ def test_blocks_come_in_few_requests_and_the_first_batch_does_not_wait_for_all(
     shards = {name: n for name, n in site.requests.items() if "-of-" in name}
     assert sum(shards.values()) < 0.4 * sum(p.stat().st_size for p in large.glob("train-0*")) / LEAF
     assert all(site.sent[name] <= (large / name).stat().st_size for name in shards)  # nothing twice
+
+
+_LEAVES_EARLY = """
+import sys
+import dancedata
+from dancedata.remote import Stream
+store = dancedata.open(sys.argv[1], stream=Stream(connections=1))
+windows = list(store.windows("train"))
+reader = store.window_rows(store.windows("train"), "pose")
+reader.read_ahead(range(len(windows)))
+store.read(windows[0], "pose")
+"""
+
+
+def test_a_process_that_ends_does_not_fetch_what_it_noted(site: Server, address: str, large: Path) -> None:
+    slow = [lambda handler, data: bool(time.sleep(1.0))] * 99
+    for path in large.glob("train-0*"):
+        site.fault(path.name, *slow)
+    subprocess.run([sys.executable, "-c", _LEAVES_EARLY, address], check=True, timeout=60)
+    assert sum(n for name, n in site.requests.items() if "-of-" in name) <= 5
