@@ -20,7 +20,7 @@ import dancedata.readers
 
 PUBLIC = {
     "open", "build", "plan", "check", "align", "diff", "export", "evaluate", "extract", "encode", "decode",
-    "decode_file", "decode_group", "load_plugins", "Motion", "Skeleton", "AudioSignal", "Evaluator", "FeatureCache",
+    "decode_file", "decode_group", "load_plugins", "push", "Motion", "Skeleton", "AudioSignal", "Evaluator", "FeatureCache",
     "__version__",
 }  # fmt: skip
 MODULES = {"cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"}
