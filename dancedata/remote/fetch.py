@@ -52,11 +52,12 @@ def source_of(address: Address) -> Source:
     return HttpSource(address) if address.scheme in ("https", "http") else BucketSource(address)
 
 
-def fetch_description(source: Source, address: Address, name: str) -> tuple[bytes, Mapping[str, Any]]:
+def fetch_description(source: Source, address: Address, name: str = DATASET_FILE) -> tuple[bytes, Mapping[str, Any]]:
     """Return dataset.json or publication.json as bytes and parsed; StoreError unless its self_sha256 is right."""
+    where = f"{address}/{name}"
     problem = ""
     for _ in range(2):
-        data = read_all(source, name, MAX_DESCRIPTION)
+        data = read_small(source, name, where)
         try:
             document = parse_json(data.decode("utf-8"))
             stated = document["self_sha256"]
@@ -68,39 +69,24 @@ def fetch_description(source: Source, address: Address, name: str) -> tuple[byte
             return data, document
         problem = f"self_sha256 {str(stated)[:12]}..., content {content[:12]}..."
     raise refused(
-        f"this is not the {name} of a finished dataset",
-        f"{address}/{name}",
-        problem,
-        "check the address, or upload it again",
+        f"this is not the {name} of a finished dataset", where, problem, "check the address, or upload it again"
     )
 
 
-def read_all(source: Source, name: str, limit: int) -> bytes:
-    """Return the bytes of a small file; StoreError if it has more than `limit` of them."""
+def read_small(source: Source, name: str, where: str) -> bytes:
+    """Return the bytes of a file; StoreError if there are more than MAX_DESCRIPTION."""
     data = bytearray()
-    _persist(partial(_read, source, name, limit, data), lambda: 0, f"{source.address}/{name}")
+    _persist(partial(_read_all, source, name, data), lambda: len(data), where)
     return bytes(data)
 
 
-def _read(source: Source, name: str, limit: int, data: bytearray) -> None:
+def _read_all(source: Source, name: str, data: bytearray) -> None:
     del data[:]  # it is small: no ranges
-    since, arrived = time.monotonic(), 0
     with closing(source.open(name, 0).chunks) as chunks:
         for chunk in chunks:
             data += chunk
-            arrived += len(chunk)
-            if len(data) > limit:
-                raise refused(f"the file is larger than any {name}", name, f"more than {limit:,} bytes")
-            since, arrived = _progressing(since, arrived)
-
-
-def _progressing(since: float, arrived: int) -> tuple[float, int]:
-    """Return when counting began and the bytes since then; Interrupted if they are too few for the time."""
-    if time.monotonic() - since <= STALL_S:
-        return since, arrived
-    if arrived < STALL_BYTES:
-        raise Interrupted(f"the server sent {arrived} bytes in {STALL_S:g} s")
-    return time.monotonic(), 0
+            if len(data) > MAX_DESCRIPTION:
+                raise refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
 
 
 def fetch_file(source: Source, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:
@@ -214,23 +200,23 @@ def _append(source: Source, where: str, file: RemoteFile, part: Path, report: Re
                 )
             out.write(chunk)
             report(len(chunk))
-            since, arrived = _progressing(since, arrived)
+            if time.monotonic() - since > STALL_S:
+                if arrived < STALL_BYTES:
+                    raise Interrupted(f"the server sent {arrived} bytes in {STALL_S:g} s")
+                since, arrived = time.monotonic(), 0
     if have < file.size:
         raise Interrupted(f"the answer ended after {have:,} of {file.size:,} bytes")
 
 
 def _persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
-    """Call `attempt` until it succeeds; give up after ATTEMPTS failures in a row that brought no new byte.
-
-    Bytes that were there before, and were discarded, are not new: a server could go on so for ever.
-    """
-    failures, most = 0, have()
+    """Call `attempt` until it succeeds; give up after ATTEMPTS failures in a row that brought no byte."""
+    failures = 0
     while True:
+        before = have()
         try:
             attempt()
         except Interrupted as error:
-            failures = 1 if have() > most else failures + 1
-            most = max(most, have())
+            failures = 1 if have() > before else failures + 1
             if failures >= ATTEMPTS:
                 fix = "run the same command again later: it goes on from there"
                 raise refused(

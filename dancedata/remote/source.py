@@ -41,11 +41,6 @@ class Answer:
 class Source(Protocol):
     """A folder on a server."""
 
-    @property
-    def address(self) -> Address:
-        """Its address."""
-        ...
-
     def open(self, name: str, begin: int) -> Answer:
         """Ask for a file from a byte on.
 
