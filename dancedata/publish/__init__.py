@@ -1,4 +1,4 @@
-"""Datasets, or the recipes of those that may not be passed on, on hubs and in buckets."""
+"""Publishes datasets, or their recipes, on hubs and in buckets."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from dancedata.execution.progress import Progress
 from dancedata.publish.contents import PICTURES, Upload
 from dancedata.remote.address import Address
 from dancedata.remote.cached import check_names
-from dancedata.remote.fetch import DATASET_FILE, MAX_DESCRIPTION, PUBLICATION_FILE, fetch_description, read_all
+from dancedata.remote.fetch import DATASET_FILE, PUBLICATION_FILE, fetch_description, read_small
 from dancedata.remote.hub import HubSource
 from dancedata.remote.source import NotThereError, refused
 from dancedata.store.schema import CARD_FILE
@@ -155,7 +155,7 @@ class HubUpload:
             check_names(document, f"{source.address}/{PUBLICATION_FILE}")
             before = {*document["files"], PUBLICATION_FILE, DATASET_FILE}
         with suppress(NotThereError):
-            if MARK.encode() in read_all(source, CARD_FILE, MAX_DESCRIPTION):
+            if MARK.encode() in read_small(source, CARD_FILE, f"{source.address}/{CARD_FILE}"):
                 before |= {CARD_FILE, *(f"{PICTURES}/{name}" for name in PICTURE_FILES)}
         return {self._path(name) for name in before}
 

@@ -109,6 +109,11 @@ def push(
     progress
         Show progress on stderr.
 
+    Returns
+    -------
+    Pushed
+        `address` is where it is read; `commit`, numbers of files and bytes.
+
     Raises
     ------
     UsageError
@@ -116,6 +121,13 @@ def push(
         cannot be written, and if something else is there.
     StoreError
         If the dataset is damaged, or the server fails; nothing half is visible there.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> pushed = dancedata.push("data/demo", "hf://datasets/ORG/NAME", private=True)  # doctest: +SKIP
+    >>> pushed.address  # doctest: +SKIP
+    'hf://datasets/ORG/NAME@dataset-01ffe21d9289'
     """
     if not is_address(to) or (address := parse_address(to)).scheme not in ("hf", *BUCKETS):
         raise UsageError("a dataset is not published there", found=to, allowed=_ALLOWED)

@@ -115,7 +115,7 @@ def _description(address: Address) -> tuple[str, bytes, Mapping[str, Any]]:
     """Return name and content of dataset.json, or of publication.json where only a recipe is published."""
     source = source_of(address)
     try:
-        return DATASET_FILE, *fetch_description(source, address, DATASET_FILE)
+        return DATASET_FILE, *fetch_description(source, address)
     except NotThereError:
         with suppress(NotThereError):
             data, document = fetch_description(source, address, PUBLICATION_FILE)

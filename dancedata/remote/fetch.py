@@ -61,11 +61,12 @@ def resolved(address: Address) -> Address:
     return answers[0]
 
 
-def fetch_description(source: Source, address: Address, name: str) -> tuple[bytes, Mapping[str, Any]]:
+def fetch_description(source: Source, address: Address, name: str = DATASET_FILE) -> tuple[bytes, Mapping[str, Any]]:
     """Return dataset.json or publication.json as bytes and parsed; StoreError unless its self_sha256 is right."""
+    where = f"{address}/{name}"
     problem = ""
     for _ in range(2):
-        data = read_all(source, name, MAX_DESCRIPTION)
+        data = read_small(source, name, where)
         try:
             document = parse_json(data.decode("utf-8"))
             stated = document["self_sha256"]
@@ -77,27 +78,24 @@ def fetch_description(source: Source, address: Address, name: str) -> tuple[byte
             return data, document
         problem = f"self_sha256 {str(stated)[:12]}..., content {content[:12]}..."
     raise refused(
-        f"this is not the {name} of a finished dataset",
-        f"{address}/{name}",
-        problem,
-        "check the address, or upload it again",
+        f"this is not the {name} of a finished dataset", where, problem, "check the address, or upload it again"
     )
 
 
-def read_all(source: Source, name: str, limit: int) -> bytes:
-    """Return the bytes of a small file; StoreError if it has more than `limit` of them."""
+def read_small(source: Source, name: str, where: str) -> bytes:
+    """Return the bytes of a file; StoreError if there are more than MAX_DESCRIPTION."""
     data = bytearray()
-    persist(partial(_read, source, name, limit, data), lambda: 0, f"{source.address}/{name}")
+    persist(partial(_read_all, source, name, data), lambda: 0, where)
     return bytes(data)
 
 
-def _read(source: Source, name: str, limit: int, data: bytearray) -> None:
+def _read_all(source: Source, name: str, data: bytearray) -> None:
     del data[:]  # it is small: no ranges
     with closing(source.open(name, 0).chunks) as chunks:
         for chunk in steady(chunks):
             data += chunk
-            if len(data) > limit:
-                raise refused(f"the file is larger than any {name}", name, f"more than {limit:,} bytes")
+            if len(data) > MAX_DESCRIPTION:
+                raise refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
 
 
 def fetch_file(source: Source, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:

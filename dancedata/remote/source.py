@@ -48,11 +48,6 @@ class Answer:
 class Source(Protocol):
     """A folder on a server."""
 
-    @property
-    def address(self) -> Address:
-        """Its address."""
-        ...
-
     def open(self, name: str, begin: int, end: int | None = None) -> Answer:
         """Ask for a file from a byte on, or for the bytes up to `end` alone.
 

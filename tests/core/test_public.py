@@ -20,8 +20,8 @@ import dancedata.readers
 
 PUBLIC = {
     "open", "build", "plan", "quality", "check", "align", "diff", "export", "evaluate", "extract", "encode", "decode",
-    "decode_file", "decode_group", "load_plugins", "Motion", "Skeleton", "AudioSignal", "Evaluator", "FeatureCache",
-    "__version__",
+    "decode_file", "decode_group", "load_plugins", "push", "Motion", "Skeleton", "AudioSignal", "Evaluator",
+    "FeatureCache", "__version__",
 }  # fmt: skip
 MODULES = {"cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"}
 
