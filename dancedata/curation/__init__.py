@@ -1,1 +1,1 @@
-"""Faults of captured motion: scores of clips and of spans in them, and repairs."""
+"""Faults of motion: scores of clips and spans, and repairs."""

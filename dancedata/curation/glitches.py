@@ -19,9 +19,6 @@ _TIMES = 6.0
 _RETURNS = 0.75
 #: And this part of the steps beside it.
 _BESIDE = 0.5
-#: Part of a spike that its first or last frame alone is off, or the frame beside: a half of one that jumps and
-#: returns at once, a fifth of a kick.
-_ABRUPT = 0.35
 #: Part of the largest spike of a group that a joint has to be off to give it its name.
 _MOST = 0.8
 #: A pose is frozen if no joint moves by more than this, metres, for this long, and one moves by the third, metres per
@@ -95,11 +92,9 @@ def spikes(motion: Motion, least_m: float) -> list[Spike]:
         return []
     rate = float(motion.grid.rate)
     found: list[tuple[float, int, int, int]] = []
-    single = _departures(tracks, 1)
     for width in range(1, max(2, round(_SPIKE_S * rate)) + 1):
-        off = single if width == 1 else _departures(tracks, width)
+        off = _departures(tracks, width)
         where = (off >= least_m) & (off > _TIMES * _usual(off, rate)) & (off > _excuses(tracks, width))
-        where &= _ABRUPT * off <= _edges(single, width)
         for start, track in np.argwhere(where).tolist():
             found.append((-round(float(off[start, track]), 6), width, start, track))
     taken: dict[int, list[tuple[int, int]]] = {}
@@ -110,12 +105,6 @@ def spikes(motion: Motion, least_m: float) -> list[Spike]:
             taken[track].append((start, start + width))
             kept.append(Spike(start, start + width, track, -size))
     return sorted(kept)
-
-
-def _edges(single: Float64Array, width: int) -> Float64Array:
-    """Return the largest departure of a single frame at the ends of frames [t, t + width), inside and out, (T, K)."""
-    padded = np.pad(single, ((1, width), (0, 0)))
-    return np.asarray(np.max([padded[k : k + len(single)] for k in (0, 1, width, width + 1)], axis=0))
 
 
 def _usual(off: Float64Array, rate: float) -> Float64Array:

@@ -199,7 +199,11 @@ def losses(
 
     Windows are those that have motion; rules are counted one by one, and dancers of a group each by themselves.
     """
-    limits = _COSINES if MEASURES[rule.score].unit == "1" else [rule.limit * multiple for multiple in _MULTIPLES]
+    measure = MEASURES[rule.score]
+    limits = _COSINES if measure.unit == "1" else [rule.limit * multiple for multiple in _MULTIPLES]
+    limits = [
+        limit for limit in limits if measure.of == "clip" or limit >= measure.least
+    ]  # smaller ones have no spans
     rows = []
     for limit in sorted({*(round(limit, 6) for limit in limits), rule.limit}):
         lost_clips = lost_windows = 0
@@ -209,7 +213,7 @@ def losses(
             lost_clips += of > 0 and lost == of
         rows.append({"limit": limit, "clips": lost_clips, "windows": lost_windows})
     n_windows = sum(_windows(recipe, clip) for clip in clips)
-    return {**rule.document(), "unit": MEASURES[rule.score].unit, "of": [len(clips), n_windows], "losses": rows}
+    return {**rule.document(), "unit": measure.unit, "of": [len(clips), n_windows], "losses": rows}
 
 
 def _windows(recipe: Recipe, clip: EncodedClip) -> int:

@@ -88,6 +88,30 @@ def test_steps_and_kicks_are_no_spikes() -> None:
     assert score("spikes", moved(kick)).spans == ()
 
 
+def test_jitter_is_no_row_of_spikes() -> None:
+    noise = np.random.default_rng(0).normal(0, 0.02, (480, 3))
+    assert len(glitches.spikes(moved(noise), 0.03)) < 5
+    tracks = moved(noise).joints()[:, 0]
+    expected = tracks[2:-2] - (4 * (tracks[1:-3] + tracks[3:-1]) - tracks[:-4] - tracks[4:]) / 6
+    assert (np.linalg.norm(expected, axis=1) > 0.03).mean() > 0.5  # most frames are that far off their neighbours
+
+
+def test_a_pivot_on_the_toe_is_no_slide() -> None:
+    rotations = np.repeat(dance().rotations[:1], 480, axis=0)
+    still = Motion(np.repeat(dance().translation[:1], 480, axis=0), rotations, FrameGrid.of(60), SMPL24)
+    turned = np.array(still.rotations)
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_rotvec(np.linspace(0, 1, 480)[:, None] * (0.0, 60.0, 0.0))
+    turned[:, 0] = (turn * Rotation.from_rotvec(turned[:, 0])).as_rotvec()
+    pivot = replace(still, rotations=turned)
+    toe = pivot.joints()[:, 10]
+    pivot = replace(pivot, translation=pivot.translation - (toe - toe[0]) * (1, 0, 1))
+    ankle = np.linalg.norm(np.diff(pivot.joints()[:, 7], axis=0), axis=1) * 60
+    assert ankle.min() > 0.3
+    assert {span.joint for span in score("sliding", pivot).spans} == {"right_foot"}
+
+
 def test_a_held_pose_is_frozen_and_a_resting_dancer_is_not() -> None:
     speed = np.linalg.norm(np.diff(dance().joints(), axis=0), axis=2).max(axis=1) * 60
     start = int(np.flatnonzero(speed[:400] > 1.5)[0]) + 1
@@ -144,6 +168,10 @@ def test_the_floor() -> None:
     slope = theilslopes(joints[frames], frames)[0]
     assert anatomy.floor_trend(moved(ramp))[0] == pytest.approx(slope)
     assert score("floor_drift", moved(ramp)).value == pytest.approx(abs(slope) * 479, abs=1e-6)
+    # Heights that do not lie about a line: jumps and steps.
+    uneven = np.zeros((480, 3))
+    uneven[:, 1] = np.repeat([0.0, 0.25, -0.1, 0.2], 120)
+    assert score("floor_drift", moved(uneven)) == Score(0.0)
     # Floor work: one stretch of four lies lower.
     assert score("floor_drift", moved(sunk)).value == pytest.approx(0, abs=0.01)
 
