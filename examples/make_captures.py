@@ -1,8 +1,10 @@
-"""Captures as a studio leaves them, to try the tutorials on: python examples/make_captures.py captures
+"""Captures as a studio leaves them, to try the tutorials on.
 
-Synthetic dances in three kinds of files, BVH of Mixamo's names in centimetres, AMASS's npz with +Z up, and a result of
-GVHMR; songs with other names than the takes, of which one begins before its dance. captures/README.txt says what is
-what, for comparison with what dancedata finds.
+    python examples/make_captures.py captures
+
+Synthetic dances in three kinds of files: BVH with Mixamo's names in centimetres, AMASS's npz with +Z up, and a result
+of GVHMR; songs with other names than the takes, of which one begins before its dance. captures/README.txt says what
+is what, for comparison with what dancedata finds.
 """
 
 import argparse
