@@ -1,7 +1,7 @@
 """The tutorials as notebooks: python docs/site/notebooks.py FOLDER.
 
-Text becomes cells of Markdown, blocks of Python and of the shell cells of code; equal pages give equal bytes. A recipe
-that a page shows is written by its cell.
+Text becomes cells of Markdown, blocks of Python and of the shell cells of code; equal pages give equal bytes. The
+recipe that a page shows is written by its cell.
 """
 
 from __future__ import annotations
