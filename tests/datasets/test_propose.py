@@ -99,3 +99,19 @@ def test_the_command(source: Path) -> None:
 def test_a_folder_without_motion(tmp_path: Path) -> None:
     with raises_message(SourceError):
         propose(tmp_path)
+
+
+def test_music_by_a_word_that_no_other_song_has(tmp_path: Path) -> None:
+    """Numbers of takes, words of several songs, and two songs at once tell nothing."""
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=60)[0]
+    (tmp_path / "takes").mkdir()
+    for name in ("anna_RED_1", "ben_final_2", "carl_red_blue", "dora_03"):
+        write_as(tmp_path / "takes" / f"{name}.bvh", motion, SMPL24, Rotation.identity(24), names=MIXAMO.split())
+    for name in ("red (final)", "Blue final", "03 green"):
+        soundfile.write(tmp_path / f"{name}.wav", np.zeros(72000) + 0.1, 8000)
+    rows = {row.id: row for row in propose(tmp_path).rows}
+    assert {name: row.audio for name, row in rows.items()} == {
+        "anna_RED_1": "red (final).wav", "ben_final_2": "", "carl_red_blue": "", "dora_03": "",
+    }  # fmt: skip
+    assert "audio" in rows["anna_RED_1"].guessed
+    assert any("'red' is in both names" in why for why in rows["anna_RED_1"].evidence)

@@ -49,7 +49,7 @@ def test_every_decision_is_in_the_list_of_decisions() -> None:
 def test_pages_are_added_below_their_group(module) -> None:
     text = ["# dancedata\n"]
     module("navigation").add(ROOT, "README", text)
-    _, start, *_ = text[0].split("```{toctree}")[1:]
+    _, _, start, *_ = text[0].split("```{toctree}")[1:]  # after all pages, and the tutorials
     assert ":caption: Start" in start
     assert "\nFrom Python </docs/python>\n" in start
     assert ":hidden:" in start

@@ -10,7 +10,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,8 @@ _SAME_S = 0.5
 _RATES = (30, 60, 120, 24, 25, 50, 100)
 _COLUMNS = ("id", "motion", "audio", "fps", "up", "unit", "guessed", "evidence")
 _HEAD = "# Proposed by dancedata manifest: check the rows whose column guessed is not empty and then empty that cell."
+#: Words of names of files that are compared: letters, so that numbers of takes are none.
+_WORD = re.compile(r"[^\W\d_]{3,}")
 _ASKED = re.compile(r"declare (fps|up|unit):(?: (\S+))?")
 
 
@@ -150,15 +152,29 @@ def _paired(path: Path, source: Path, lengths: dict[Path, float | None], stems: 
     equal = best_audio([song for song in lengths if song.stem == path.stem])
     own = Name.of(path.stem)
     near = [] if equal else [song for song in lengths if Name.of(song.stem).near(own, misspelt=True)]
-    song = equal[0] if equal else near[0] if len(near) == 1 else None
+    word, named = ("", None) if equal or near else _by_word(path, lengths)
+    song = equal[0] if equal else near[0] if len(near) == 1 else named
     row = _measured(path, row, None if song is None else lengths[song])
     if equal:
         row = replace(row, audio=relative(equal[0], source)).told("audio: equal name")
     elif song is not None:
-        row = row.with_guess("audio", relative(song, source), "similar name, the only one")
+        why = f"{word!r} is in both names, and in no other song's" if word else "similar name, the only one"
+        row = row.with_guess("audio", relative(song, source), why)
     elif near:
         row = row.told(f"audio: several similar names, {listed([relative(n, source) for n in near])}")
     return _side_by_side(row, None if song is None else lengths[song])
+
+
+def _by_word(path: Path, songs: Iterable[Path]) -> tuple[str, Path | None]:
+    """Return the word that a motion's name shares with one song alone, and the song; None if there is no such one."""
+    words = {song: set(_WORD.findall(song.stem.casefold())) for song in songs}
+    n_songs = Counter(word for of_song in words.values() for word in of_song)
+    own = {word for word in _WORD.findall(path.stem.casefold()) if n_songs[word] == 1}
+    shared = {song: sorted(own & of_song) for song, of_song in words.items() if own & of_song}
+    if len(shared) != 1:
+        return "", None
+    ((song, common),) = shared.items()
+    return max(common, key=len), song
 
 
 def _side_by_side(row: ProposedRow, audio_s: float | None) -> ProposedRow:

@@ -1,0 +1,78 @@
+"""The four tutorials, in one folder and one session, as their reader goes through them."""
+
+import contextlib
+import io
+import os
+import re
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("captures", "train", "samples", "plug-in")
+_BLOCK = re.compile(r"(<!-- not run[^>]*-->\n)?^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def blocks(page: str) -> Iterator[tuple[str, str]]:
+    """Return language and text of the blocks that a reader runs, or compares."""
+    text = (ROOT / "docs" / f"tutorial-{page}.md").read_text(encoding="utf-8")
+    for skipped, language, code in _BLOCK.findall(text):
+        if not skipped:
+            yield language, code
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    """The environment of a reader: `dancedata` and `python` are those of this run."""
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for name, more in (("dancedata", " -m dancedata"), ("python", "")):
+        tool = tools / name
+        tool.write_text(f'#!/bin/sh\nexec "{sys.executable}"{more} "$@"\n')
+        tool.chmod(tool.stat().st_mode | stat.S_IXUSR)
+    return {
+        **os.environ,
+        "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "DANCEDATA_CACHE": str(tmp_path / "cache"),
+    }
+
+
+@pytest.mark.filterwarnings("ignore")  # Lightning's advice on loaders and loggers
+def test_the_tutorials_run_and_print_the_output_shown(
+    environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("lightning")
+    pytest.importorskip("pandas")
+    folder = tmp_path / "desk"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("DANCEDATA_CACHE", environment["DANCEDATA_CACHE"])
+    names: dict[str, object] = {}
+    for page in PAGES:
+        printed = ""
+        for language, code in blocks(page):
+            if language == "sh":
+                command = code.replace("CHECKOUT", str(ROOT))
+                done = subprocess.run(
+                    ["bash", "-e", "-c", command], env=environment, capture_output=True, text=True, check=False
+                )
+                assert done.returncode == 0, f"{page}: {code}\n{done.stdout}\n{done.stderr}"
+            elif language == "python":
+                with contextlib.redirect_stdout(io.StringIO()) as out:
+                    exec(compile(code, f"tutorial-{page}.md", "exec"), names)
+                printed = out.getvalue()
+            elif language == "yaml":
+                Path("mine.yaml").write_text(code, encoding="utf-8")
+            elif language == "text":
+                shown = printed or Path("captures/manifest.csv").read_text(encoding="utf-8")
+                assert code in shown or code.strip() in shown, f"{page}: {code}\nprinted {printed}"
+    wall = folder / "wall.html"
+    assert wall.stat().st_size > 100_000
+    assert (folder / "samples.html").exists()
+    assert (folder / "bvh" / "carla_pink.bvh").exists()
+    assert len(list((folder / "runs" / "walls").iterdir())) == 2
