@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import soundfile
 from features import print_machine
 from pages import FIRST
 
@@ -48,6 +49,10 @@ v.play(true).then(() => {
   requestAnimationFrame(look);
 });
 """
+
+
+#: Samples per second of the music of a long clip.
+_RATE = 16_000
 
 
 def run(tree: Path, *arguments: str) -> None:
@@ -72,6 +77,9 @@ def built(tree: Path, folder: Path, minutes: float) -> tuple[Path, Path]:
         source / "motions" / "long.npz", poses=motion.rotations.reshape(1800, 72)[frames],
         trans=motion.translation[frames], mocap_framerate=60,
     )  # fmt: skip
+    (source / "music").mkdir()
+    clicks = (np.arange(round(minutes * 60 * _RATE)) % (_RATE // 2) < 100).astype(np.float32)
+    soundfile.write(source / "music" / "long.wav", clicks, _RATE, subtype="PCM_16")
     (folder / "long.yaml").write_text(
         "recipe: 1\nname: long\ndataset: {folder: {fps: 60, up: y, unit: m}}\n"
         "windows: {length_s: 5, stride_s: 0.5}\nmotion: {edge151: {}}\n"

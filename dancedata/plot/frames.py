@@ -236,13 +236,12 @@ class Frames:
     def image(self, number: int) -> Image:
         """Return one frame."""
         time = float(self.times[number])
-        picture = self._empty.copy()
         at = min(round(time * self._rate), self.figure.n_frames - 1)
         stage = load("PIL.Image", "video").new("RGB", self._stage_size, self._colours["bg"])
         self._stage(stage, at, number)
-        picture.paste(stage)
-        self._cursor(pen(picture), time)
-        small: Image = picture.reduce(FINER)
+        small = self._empty.copy()
+        small.paste(stage.reduce(FINER))
+        self._cursor(small, time)
         self._clock(pen(small), time, at)
         if self.credit and float(self.times[-1]) - time < _CREDIT_S:
             self._credit(pen(small))
@@ -300,11 +299,16 @@ class Frames:
         return targets
 
     @cached_property
-    def _empty(self) -> Image:
-        """A frame with the timeline and without the dancer."""
+    def _lanes(self) -> Image:
+        """The timeline, larger, below an empty stage."""
         image: Image = load("PIL.Image", "video").new("RGB", [n * FINER for n in self.size], self._colours["bg"])
         self._timeline.draw(pen(image))
         return image
+
+    @cached_property
+    def _empty(self) -> Image:
+        """A frame with the timeline and without the dancer."""
+        return self._lanes.reduce(FINER)
 
     def _stage(self, stage: Image, at: int, number: int) -> None:
         (width, height), draw = stage.size, pen(stage)
@@ -351,10 +355,14 @@ class Frames:
                 a, b = _RING * scale, _RING * scale * max(0.2, camera.tilt)
                 draw.ellipse((x - a, y - b, x + a, y + b), outline=self._colours["contact"], width=3 * FINER)
 
-    def _cursor(self, draw: ImageDraw, time: float) -> None:
-        x = self._timeline.x(time)
-        top = self._stage_size[1]
-        draw.line([(x, top), (x, self.size[1] * FINER)], fill=self._colours["path"], width=2 * FINER)
+    def _cursor(self, frame: Image, time: float) -> None:
+        """Draw the cursor: only what it covers of the timeline is drawn larger."""
+        x, top = self._timeline.x(time), self._stage_size[1]
+        left = int(x) // FINER - 2
+        strip = self._lanes.crop((left * FINER, top, (left + 5) * FINER, self.size[1] * FINER))
+        at = x - left * FINER
+        pen(strip).line([(at, 0), (at, strip.height)], fill=self._colours["path"], width=2 * FINER)
+        frame.paste(strip.reduce(FINER), (left, top // FINER))
 
     def _clock(self, draw: ImageDraw, time: float, at: int) -> None:
         font = text_font(max(12, self.size[1] // 42))

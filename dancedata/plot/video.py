@@ -100,7 +100,7 @@ def write_mp4(
             wav = Path(folder, "sound.wav")
             _write_wav(wav, sound)
             command += ["-i", str(wav), "-map", "0:v", "-map", "1:a", "-c:a", "aac", "-b:a", "160k"]
-        command += ["-c:v", "libx264", "-preset", "medium", "-crf", "20", "-pix_fmt", "yuv420p",
+        command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "20", "-pix_fmt", "yuv420p",
                     "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
                     "-flags:a", "+bitexact", "-map_metadata", "-1", "-metadata", f"comment={comment}",
                     "-f", "mp4", str(temporary)]  # fmt: skip
