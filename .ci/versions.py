@@ -42,7 +42,7 @@ EXTRAS = {
     "smpl": "python -c 'import smplx, torch'",
     "dask": "dancedata build demo --backend dask --quiet && dancedata check data/demo",
     "report": f"{HERE} && dancedata report data/demo --to report.html && test -s report.html && "
-    "python -m pytest -q -o filterwarnings=default tests/plot",
+    "python -m pytest -q -o filterwarnings=default tests/plot/test_figures.py",
     "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",
     "video": f"{HERE} && dancedata view data/demo --video clip.mp4 && test -s clip.mp4",
     "remote": f"python -c 'import huggingface_hub, obstore' && {HERE} && "

@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 
 import pytest
 
+from dancedata.core.version import __version__
+
 GOLDEN = Path(__file__).resolve().parent / "golden" / "messages.txt"
 HEAD = "# Error texts that tests expect. Written by `pytest --update-messages`; see tests/messages.py.\n"
 E = TypeVar("E", bound=BaseException)
@@ -41,11 +43,12 @@ def render(entries: dict[Key, str]) -> str:
 
 
 def normalised(text: str, folders: dict[str, str]) -> str:
-    """Return a text with the folders of this run by name, without spaces at the ends of lines."""
+    """Return a text with the folders of this run and the version by name, without spaces at the ends of lines."""
     for folder, name in folders.items():
         # A test's own temporary folder has a number, which depends on the order of the tests; a shared one has a key.
         rest = r"(/popen-gw\d+|/once)?(/[\w.+-]+)?" if name == "TMP" else ""
         text = re.sub(re.escape(folder) + rest + r"(?![\w-])", name, text)
+    text = text.replace(f"dancedata {__version__}", "dancedata VERSION")
     return re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE).rstrip()
 
 

@@ -46,9 +46,7 @@ def findings(site: Path, others: frozenset[Path] = frozenset()) -> list[str]:
     return found
 
 
-def _of_page(
-    site: Path, path: Path, page: _Page, pages: dict[Path, _Page], others: frozenset[Path]
-) -> Iterator[str]:
+def _of_page(site: Path, path: Path, page: _Page, pages: dict[Path, _Page], others: frozenset[Path]) -> Iterator[str]:
     name = path.relative_to(site)
     for address in sorted(page.loaded):
         if urlsplit(address).netloc:
