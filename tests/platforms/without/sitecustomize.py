@@ -109,6 +109,8 @@ def _open(path: object, flags: int, mode: int = 0o777, **options: object) -> int
 
 def _ruled(name: str) -> object:
     def call(path: object, *args: object, **options: object) -> object:
+        if not _is_called_by_dancedata():
+            return getattr(os, name)(path, *args, **options)
         places = [path, *args[:1]] if name in ("rename", "replace") else [path]
         if name == "rename" and os.path.lexists(args[0]):  # type: ignore[arg-type]
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), args[0])
@@ -120,6 +122,19 @@ def _ruled(name: str) -> object:
         return getattr(os, name)(path, *args, **options)
 
     return call
+
+
+def _is_called_by_dancedata() -> bool:
+    """Return whether dancedata removes a file, itself or through the standard library: tests tidy up as Linux does."""
+    frame = sys._getframe(2)
+    while frame.f_back is not None and frame.f_globals.get("__name__") in (
+        "pathlib",
+        "shutil",
+        "tempfile",
+        "weakref",
+    ):
+        frame = frame.f_back
+    return str(frame.f_globals.get("__name__")).split(".")[0] == "dancedata"
 
 
 def is_open(path: object) -> bool:
