@@ -125,7 +125,8 @@ def _ruled(name: str) -> object:
 
 
 def _is_called_by_dancedata() -> bool:
-    """Return whether dancedata removes a file, itself or through the standard library: tests tidy up as Linux does."""
+    passed = ("pathlib", "shutil", "tempfile", "weakref")
+    while frame.f_back is not None and frame.f_globals.get("__name__") in passed:
     frame = sys._getframe(2)
     while frame.f_back is not None and frame.f_globals.get("__name__") in (
         "pathlib",
