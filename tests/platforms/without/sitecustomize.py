@@ -125,15 +125,10 @@ def _ruled(name: str) -> object:
 
 
 def _is_called_by_dancedata() -> bool:
-    passed = ("pathlib", "shutil", "tempfile", "weakref")
-    while frame.f_back is not None and frame.f_globals.get("__name__") in passed:
+    """Return whether dancedata removes a file, itself or through Python's library; tests tidy up as Linux does."""
     frame = sys._getframe(2)
-    while frame.f_back is not None and frame.f_globals.get("__name__") in (
-        "pathlib",
-        "shutil",
-        "tempfile",
-        "weakref",
-    ):
+    library = ("pathlib", "shutil", "tempfile", "weakref")
+    while frame.f_back is not None and frame.f_globals.get("__name__") in library:
         frame = frame.f_back
     return str(frame.f_globals.get("__name__")).split(".")[0] == "dancedata"
 
