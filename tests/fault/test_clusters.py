@@ -97,6 +97,9 @@ class TwoArgumentsError(Exception):
     def __init__(self, first: str, second: str) -> None:
         super().__init__(f"{first} {second}")
 
+    def __reduce__(self) -> Any:  # explicit: distributed, once loaded, changes how errors are pickled
+        return TwoArgumentsError, ("one",)
+
 
 def test_answers_of_workers(tmp_path: Path) -> None:
     """Where a worker had loaded numpy before, units run in a second process: one that kills it is a suspect."""
