@@ -40,7 +40,7 @@ def dask_cluster(environment: MutableMapping[str, str], workers: int = 2, thread
 RAY = """
 import sys
 import ray
-ray.init(num_cpus=int(sys.argv[1]), include_dashboard=False, _temp_dir=sys.argv[2], object_store_memory=10**8)
+ray.init(num_cpus=int(sys.argv[1]), include_dashboard=False, object_store_memory=10**8)
 print(ray.get_runtime_context().gcs_address, flush=True)
 sys.stdin.read()
 """
@@ -50,13 +50,20 @@ SPARK = {"PYSPARK_SUBMIT_ARGS": "--master local[2] pyspark-shell", "SPARK_LOCAL_
 
 
 @contextmanager
+def ray_settings() -> Iterator[dict[str, str]]:
+    """Give the environment of a Ray cluster for a test: its folder, and a token that keeps others out."""
+    # Its sockets have paths of at most 107 characters.
+    with tempfile.TemporaryDirectory(prefix="ray", dir="/tmp", ignore_cleanup_errors=True) as folder:
+        token = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex * 2}
+        yield {**token, "RAY_TMPDIR": folder, "RAY_USAGE_STATS_ENABLED": "0"}
+
+
+@contextmanager
 def ray_cluster(environment: MutableMapping[str, str], workers: int = 2) -> Iterator[subprocess.Popen[str]]:
     """Run a Ray cluster of one machine; builds in the environment, which is changed, find it by ray://auto."""
-    # Its sockets have paths of at most 107 characters, and a token keeps others out.
-    with tempfile.TemporaryDirectory(prefix="ray", dir="/tmp", ignore_cleanup_errors=True) as folder:
-        token = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex * 2, "RAY_USAGE_STATS_ENABLED": "0"}
-        environment |= token
-        command = [sys.executable, "-c", RAY, str(workers), folder]
+    with ray_settings() as settings:
+        environment |= settings
+        command = [sys.executable, "-c", RAY, str(workers)]
         with subprocess.Popen(command, env=environment, start_new_session=True, **PIPES) as process:
             try:
                 environment["RAY_ADDRESS"] = process.stdout.readline().strip()

@@ -190,13 +190,17 @@ def serve() -> None:
     with suppress(EOFError, ConnectionError):
         pipe.send(pickle.dumps(arithmetic.here()))
         while True:
-            pipe.send(answer(pipe.receive()))
+            pipe.send(_answer(pipe.receive()))
 
 
-def answer(message: bytes) -> bytes:
-    """Call a pickled function with pickled arguments; returns, pickled, (False, result) or (True, error)."""
+def _answer(message: bytes) -> bytes:
+    return answer(lambda: pickle.loads(message))  # noqa: S301  (from the process that started this one)
+
+
+def answer(unpickled: Callable[[], tuple[Callable[..., Any], tuple[Any, ...]]]) -> bytes:
+    """Call the function with the arguments that are given; returns, pickled, (False, result) or (True, error)."""
     try:
-        function, args = pickle.loads(message)  # noqa: S301  (from the process that started this one)
+        function, args = unpickled()
         return bytes(cloudpickle.dumps((False, function(*args))))
     except Exception as error:  # noqa: BLE001  (it is raised in the calling process)
         try:

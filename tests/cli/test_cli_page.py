@@ -33,7 +33,8 @@ def test_every_command_is_on_the_page():
 def test_every_option_of_build_is_on_the_page():
     section = PAGE.split("## build")[1].split("\n## ")[0]
     assert set(re.findall(r"^\| `(--[a-z-]+)", section, flags=re.MULTILINE)) == {
-        "--source", "--out", "--jobs", "--set", "--strict", "--overwrite", "--cache", "--backend", "--part",
+        "--source", "--out", "--jobs", "--set", "--strict", "--overwrite", "--cache", "--backend", "--scheduler",
+        "--part",
         "--plugin", "--quiet",
     }  # fmt: skip
     for option in commands()["build"] - {"--json", "--help"}:

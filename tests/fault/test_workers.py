@@ -152,7 +152,7 @@ def test_a_worker_is_checked_for_its_requirements(
         stack.enter_context(nullcontext() if output is None else pytest.raises(DanceDataError, match=output))
         results: list[Any] = []
         answers = remote.Answers("x", lambda index, result: results.append(result))
-        answers.take(0, dask._run(required, remote.packed(abs, (-3,))))
+        answers.take(0, dask._run(required, remote.packed("x", abs, (-3,))))
         assert results == [3]
 
 
@@ -166,7 +166,7 @@ def test_a_worker_is_checked_for_its_requirements(
         (["--backend", "dask", "--scheduler", "ray://auto"], 2, "an address of ray; found --backend dask"),
         (["--scheduler", "ray://"], 2, "is not complete; found ray://; allowed: ray://HOST:10001"),
         (["--scheduler", "joblib:"], 2, "is not complete; found joblib:; allowed: joblib:NAME"),
-        (["--scheduler", "joblib:nothing"], 2, "Invalid backend: nothing, expected one of ['loky'"),
+        (["--scheduler", "joblib:nothing"], 2, "Invalid backend: nothing, expected one of"),
         (["--scheduler", "joblib:multiprocessing"], 2, "does not support return_as=generator_unordered"),
         (["--part", "5/4"], 2, "a part is NUMBER/COUNT"),
         (["--part", "1/4", "--backend", "dask"], 2, "--part goes with neither"),

@@ -1,1 +1,1 @@
-"""Engines that run units of work, one module each: this process, worker processes, a Dask cluster."""
+"""Engines that run units of work, one module each: this process, worker processes, Dask, Ray, joblib."""

@@ -47,7 +47,7 @@ class DaskExecutor(Executor):
         """
         from distributed import KilledWorker, as_completed
 
-        units = [packed(function, call) for call in calls.values()]
+        units = [packed(label, function, call) for call in calls.values()]
         try:
             futures = self.client.map(partial(_run, self.requirements), units, key=label, pure=False)
         except OSError as error:

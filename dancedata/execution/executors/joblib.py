@@ -57,7 +57,7 @@ class JoblibExecutor(Executor):
         from joblib import delayed
 
         unit, here = delayed(_run), _process()
-        messages = {index: packed(function, call) for index, call in calls.items()}
+        messages = {index: packed(label, function, call) for index, call in calls.items()}
         running: set[int] = set()
 
         def tasks() -> Iterator[Any]:

@@ -70,7 +70,7 @@ class RayExecutor(Executor):
         begun = time.monotonic()
         try:
             for index, call in calls.items():
-                left[remote.remote("Ray", self.requirements, packed(function, call))] = index
+                left[remote.remote("Ray", self.requirements, packed(label, function, call))] = index
             while left:
                 ready = _ready(list(islice(left, _WINDOW)))
                 if not ready:
@@ -86,7 +86,7 @@ class RayExecutor(Executor):
                         if losses[index] > _LOST_NODES:
                             answers.died(death, index)
                         else:
-                            again = remote.remote("Ray", self.requirements, packed(function, calls[index]))
+                            again = remote.remote("Ray", self.requirements, packed(label, function, calls[index]))
                             left[again] = index
                     except RayTaskError as error:
                         raise _not_run(error) from error

@@ -30,37 +30,45 @@ from dancedata.files.locks import is_abandoned
 TIMEOUT_S = 30
 
 
-def packed(function: Callable[..., Any], call: Call) -> bytes:
-    """Return a unit as a message for `run_packed`.
+def packed(label: str, function: Callable[..., Any], call: Call) -> bytes:
+    """Return a unit of a stage as a message for `run_packed`.
 
     Engines see bytes: none looks for its own objects among the arguments, and a worker is checked before it imports
     the unit's modules.
     """
-    return bytes(cloudpickle.dumps((function, call)))
+    return pickle.dumps((label, cloudpickle.dumps((function, call))))
 
 
 def run_packed(engine: str, required: WorkerRequirements, message: bytes) -> bytes:
     """Run a unit in a worker process, after a check of the process; the answer is for `Answers.take`."""
-    try:
+
+    def unpacked() -> tuple[Callable[..., Any], Call]:
         check_worker(required, worker_name(engine))
-    except DanceDataError as error:
-        return failed(error)
-    return answer(message)
+        label, unit = pickle.loads(message)  # noqa: S301  (from the build)
+        try:
+            function, call = pickle.loads(unit)  # noqa: S301
+        except DanceDataError:
+            raise
+        except Exception as error:
+            raise not_sendable(label, f"{type(error).__name__}: {error}") from error
+        return function, call
+
+    return answer(unpacked)
 
 
 def failed(error: DanceDataError) -> bytes:
-    """Return the answer of a worker that has not run a unit."""
-    return bytes(cloudpickle.dumps((True, error)))
-
-
-def threads_refused(where: str, found: str, fix: str) -> DanceDataError:
-    """Return the error for a worker whose threads would undo each other's limit on BLAS, and change last digits."""
-    return DanceDataError("a worker runs several units at once in threads", where=where, found=found, fix=fix)
+    """Return the answer of a worker that refuses to run a unit."""
+    return pickle.dumps((True, error))
 
 
 def worker_name(engine: str) -> str:
     """Return a name of this worker process for messages."""
     return f"{engine} worker on {socket.gethostname()}, process {os.getpid()}"
+
+
+def threads_refused(where: str, found: str, fix: str) -> DanceDataError:
+    """Return the error for a worker whose threads would undo each other's limit on BLAS, and change last digits."""
+    return DanceDataError("a worker runs several units at once in threads", where=where, found=found, fix=fix)
 
 
 @dataclass
