@@ -231,13 +231,13 @@ def _append(source: Source, where: str, file: RemoteFile, part: _Part, report: R
 
 def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
     """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought nothing."""
-    failures = 0
+    failures, reached = 0, have()  # the most bytes: a part may be discarded, and come again
     while True:
-        before = have()
         try:
             attempt()
         except Interrupted as error:
-            failures = 1 if have() >= before + NEW_BYTES else failures + 1
+            failures = 1 if have() >= reached + NEW_BYTES else failures + 1
+            reached = max(reached, have())
             if failures >= ATTEMPTS:
                 fix = "run the same command again later: it goes on from there"
                 raise refused(

@@ -254,6 +254,17 @@ def test_hashes_of_other_bytes(server: Server, published: Path, tmp_path: Path, 
         WAYS[way](f"{server.url}/store")
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_a_file_that_is_shorter_than_it_should_be(server: Server, published: Path, tmp_path: Path, way: str) -> None:
+    """A part of it is discarded when the server has no more, comes again, and so on: that is no progress."""
+    shutil.copytree(published, tmp_path / "site" / "store")
+    path = next(iter(sorted((tmp_path / "site" / "store").glob("train-00000-of*"))))
+    path.write_bytes(path.read_bytes()[:-5])
+    server.folder = tmp_path / "site"
+    with pytest.raises(StoreError, match=rf"{path.name}: "):
+        WAYS[way](f"{server.url}/store")
+
+
 @pytest.mark.parametrize("lie", ["leaves_sha256", "order", "short"])
 def test_leaves_of_other_bytes(server: Server, published: Path, tmp_path: Path, lie: str) -> None:
     def change(document: dict[str, Any]) -> None:
