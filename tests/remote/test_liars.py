@@ -291,7 +291,7 @@ def test_leaves_of_other_bytes(server: Server, published: Path, tmp_path: Path, 
     [b"[" * 200_000, b'{"self_sha256": ' + b"9" * 10_000 + b"}", b'{"a": 1, "a": 2}', b"\xff\xfe", b"null", b""],
 )
 def test_descriptions_that_are_none(server: Server, text: bytes) -> None:
-    server.fault("dataset.json", *[other(lambda data: text)] * 2)
+    server.fault("dataset.json", *[other(lambda data: text)] * 9)
     with pytest.raises(StoreError, match=r"not the dataset\.json of a finished dataset|HTTP 416"):
         local_folder(f"{server.url}/store")
 
