@@ -236,17 +236,14 @@ def _append(source: Source, where: str, file: RemoteFile, part: _Part, report: R
 
 
 def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
-    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought nothing new.
-
-    Bytes that were there before, and were discarded, are not new: a server could go on so for ever.
-    """
-    failures, most = 0, have()
+    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought nothing."""
+    failures, reached = 0, have()  # the most bytes: a part may be discarded, and come again
     while True:
         try:
             attempt()
         except Interrupted as error:
-            failures = 1 if have() >= most + NEW_BYTES else failures + 1
-            most = max(most, have())
+            failures = 1 if have() >= reached + NEW_BYTES else failures + 1
+            reached = max(reached, have())
             if failures >= ATTEMPTS:
                 fix = "run the same command again later: it goes on from there"
                 raise refused(

@@ -17,8 +17,8 @@ from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRan
 
 #: Seconds without a byte after which a connection is given up.
 TIMEOUT_S = 30.0
-#: Seconds for the lines of an answer's head, and between parts of its body; and bytes of these lines.
-HEAD_S, _HEAD_BYTES = 60.0, 1 << 20
+#: Seconds for the lines of an answer's head, and for those between parts of its body and after it.
+HEAD_S = 60.0
 _CHUNK = 1 << 20
 #: Longest wait that a server may ask for.
 _MAX_WAIT_S = 300.0
@@ -150,13 +150,13 @@ class _Lines:
     """Bytes of an answer whose lines end: http.client reads as many heads, chunk sizes and trailers as are sent."""
 
     def __init__(self, raw: Any) -> None:
-        self._raw, self._until, self._n_bytes = raw, monotonic() + HEAD_S, 0
+        self._raw, self._until = raw, monotonic() + HEAD_S
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._raw, name)
 
     def readline(self, limit: int = -1) -> bytes:
-        """Read a line as it arrives; TimeoutError if lines take too long, HTTPException if there are too many."""
+        """Read a line as it arrives; TimeoutError if lines take too long, each or together."""
         line = bytearray()
         while not line.endswith(b"\n") and not 0 <= limit <= len(line):
             if monotonic() > self._until:
@@ -167,15 +167,12 @@ class _Lines:
             if not n:
                 break
             line += self._raw.read(n)
-            self._n_bytes += n
-            if self._n_bytes > _HEAD_BYTES:
-                raise HTTPException(f"more than {_HEAD_BYTES:,} bytes of head or trailer")
         return bytes(line)
 
     def read1(self, n: int = -1) -> bytes:
         """Read what is there."""
         data: bytes = self._raw.read1(n)
-        self._until, self._n_bytes = monotonic() + HEAD_S, 0
+        self._until = monotonic() + HEAD_S
         return data
 
 
