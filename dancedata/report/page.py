@@ -6,6 +6,7 @@ from importlib.resources import files
 from itertools import takewhile
 
 from dancedata.core.columns import Columns
+from dancedata.core.quality import REPAIRED
 from dancedata.core.text import counted, listed
 from dancedata.report.column_figures import column_figures
 from dancedata.report.document import Document, findings
@@ -161,12 +162,11 @@ def _losses(d: Drawing) -> list[Figure]:
         return []
     rows = []
     for score, rule in d.numbers.curation.items():
-        unit = "" if rule["unit"] == "1" else f" {rule['unit']}"
+        name = _text(score if rule["unit"] == "1" else f"{score}, {rule['unit']}", 100)
         for row in rule["losses"]:
-            limit = f"{row['limit']:g}{unit}"
             here = "the recipe's limit" if row["limit"] == rule["limit"] else ""
             shares = [f"{row[key]:,} of {of:,}" for key, of in zip(("clips", "windows"), rule["of"], strict=True)]
-            rows.append((_text(score, 100), _text(limit, 100), *shares, here))
+            rows.append((name, float(row["limit"]), *shares, here))
     head = ("score", "above", "clips lost", "windows lost", "")
     body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
     note = "each rule of curate by itself; a clip is lost if all its windows are"
@@ -207,7 +207,9 @@ def _flags(d: Drawing, key: str, title: str, part: Callable[[Document], Mapping[
     rows = tuple((name, n, *([] if beside is None else [beside.get(name, 0)])) for name, n in counts.items())
     shown_rows = {name: {"": n} for name, n in list(counts.items())[:_FLAGS]}
     body = bars(shown_rows, title, other=beside)
-    return [Figure(key, title, "marked, not repaired", body, ("", "flags", *d.other_names), rows, other=d.outline)]
+    repaired = any(kind in REPAIRED for kind in d.numbers.flags.by_kind)
+    note = "marked; frames of the kinds repaired were changed" if repaired else "marked, not repaired"
+    return [Figure(key, title, note, body, ("", "flags", *d.other_names), rows, other=d.outline)]
 
 
 def tiles(d: Drawing) -> str:

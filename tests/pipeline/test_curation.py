@@ -269,3 +269,16 @@ def test_damaged_losses_are_an_error(plain: Store, tmp_path: Path) -> None:
         path.write_text(json.dumps({**json.loads(path.read_text()), "curation": damaged}))
         with pytest.raises(Exception, match=r"curat|dataset\.json"):
             dancedata.open(folder)
+
+
+def test_the_report_shows_losses_and_repairs(build: Any, plain: Store, tmp_path: Path) -> None:
+    from dancedata.report import write_report
+
+    store = build(curate={"spikes": True, "up": True}, repair={"gaps": True})
+    found = write_report(store.path, tmp_path / "page.html")
+    assert found.document["curation"] == store.meta["curation"]
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    for text in ("Left out by curate, at other limits", "spikes, m", "2 of 28", "frames of the kinds repaired"):
+        assert text in page, text
+    write_report(plain.path, tmp_path / "plain.html")
+    assert "Left out by curate" not in (tmp_path / "plain.html").read_text(encoding="utf-8")
