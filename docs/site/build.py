@@ -6,6 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import notebooks
 import written
 from sphinx.cmd.build import build_main
 
@@ -19,6 +20,7 @@ def main(out: Path) -> int:
         options = ["-W", "--keep-going", "-q", "-b", "html", "-d", doctrees, "-c", str(SITE)]
         if build_main([*options, str(ROOT), str(out)]):
             return 1
+    notebooks.write(ROOT, out / "notebooks")
     findings = written.findings(out)
     for finding in findings:
         print(finding, file=sys.stderr)
