@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import notebooks
 import written
 from sphinx.cmd.build import build_main
 
@@ -43,6 +44,7 @@ def main(out: Path, version: str = __version__, versions: tuple[str, ...] = ()) 
         options = ["-W", "--keep-going", "-q", "-b", "html", "-d", doctrees, "-c", str(SITE)]
         if build_main([*options, *of_versions, str(ROOT), str(out)]):
             return 1
+    notebooks.write(ROOT, out / "notebooks")
     # Sites of other versions are built from their own commits, and need not be there yet.
     others = frozenset(out.parent / other / START for other in versions)
     findings = written.findings(out, others)

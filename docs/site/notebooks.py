@@ -43,7 +43,7 @@ def _add(cells: list[dict[str, Any]], kind: str, text: str) -> None:
 
 
 def write(root: Path, folder: Path) -> list[Path]:
-    """Write the notebooks of the tutorials of a checkout; links lead to the pages beside them."""
+    """Write the notebooks of the tutorials of a checkout."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for page in PAGES:
