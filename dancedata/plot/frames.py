@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
@@ -34,12 +35,19 @@ _NAMES = 0.085
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """The lanes below the dancer: onsets with beats, speed with key motions, contacts."""
+    """The lanes below the dancer: music with beats, speed with key motions, contacts.
+
+    Attributes
+    ----------
+    music
+        Samples of the music from the scene's first frame on; None: its onsets are drawn.
+    """
 
     scene: Scene
     figure: Figure
     size: tuple[int, int]
     colours: Mapping[str, str]
+    music: AudioSignal | None = None
 
     def x(self, time: float) -> float:
         """Return the place of an instant, pixels of the larger picture."""
@@ -61,17 +69,35 @@ class Timeline:
         self._contacts(draw, top + 4.8 * lane, lane * 0.42)
 
     def _music(self, draw: ImageDraw, top: float, lane: float, end: float) -> None:
-        """Draw the onsets, and beats down to `end` lanes."""
+        """Draw the waveform, or else the onsets, and beats down to `end` lanes."""
         self._name(draw, "music", top + 1.2 * lane)
-        self._curve(
-            draw, self.scene.rhythm.onset, self.scene.rhythm.onset_rate, 0.0, top + 2.2 * lane, 1.8 * lane, "wave"
-        )
+        if self.music is not None:
+            self._wave(draw, self.music, top + 1.3 * lane, 0.9 * lane)
+        else:
+            self._curve(
+                draw, self.scene.rhythm.onset, self.scene.rhythm.onset_rate, 0.0, top + 2.2 * lane, 1.8 * lane, "wave"
+            )
         for beat in self.scene.rhythm.beats:
             draw.line(
                 [(self.x(beat), top + 0.4 * lane), (self.x(beat), top + end * lane)],
                 fill=self.colours["path"],
                 width=1,
             )
+
+    def _wave(self, draw: ImageDraw, music: AudioSignal, middle: float, height: float) -> None:
+        """Draw the largest magnitude of the samples of each two pixels, up and down from the middle."""
+        begin, end = self.x(0.0), self.x(self.scene.seconds)
+        seconds = np.arange(begin, end, 2 * FINER) - begin
+        seconds *= self.scene.seconds / max(end - begin, 1e-9)
+        first = np.unique(np.round(seconds * music.sample_rate).astype(int))
+        first = first[first < len(music.samples)]
+        if not len(first):
+            return
+        peaks = np.maximum.reduceat(np.abs(np.asarray(music.samples, dtype=np.float64)), first)
+        peaks /= max(float(peaks.max()), 1e-9)
+        for sample, peak in zip(first.tolist(), peaks.tolist(), strict=True):
+            x, half = self.x(sample / music.sample_rate), max(1.0, peak * height)
+            draw.line([(x, middle - half), (x, middle + half)], fill=self.colours["wave"], width=2 * FINER)
 
     def _name(self, draw: ImageDraw, name: str, y: float, colour: str = "") -> None:
         size = max(11, self.size[1] // 52) * FINER
@@ -220,6 +246,8 @@ class Frames:
         (N,) instants of the frames, seconds.
     credit
         Line in the picture of the last two seconds.
+    music
+        Samples from the scene's first frame on, for the timeline.
     """
 
     scene: Scene
@@ -228,6 +256,7 @@ class Frames:
     times: Float64Array
     theme: Theme = "dark"
     credit: str = ""
+    music: AudioSignal | None = None
 
     def __iter__(self) -> Iterator[bytes]:
         for number in range(len(self.times)):
@@ -275,7 +304,7 @@ class Frames:
 
     @cached_property
     def _timeline(self) -> Timeline:
-        return Timeline(self.scene, self.figure, self.size, self._colours)
+        return Timeline(self.scene, self.figure, self.size, self._colours, self.music)
 
     @cached_property
     def _stage_size(self) -> tuple[int, int]:

@@ -90,7 +90,9 @@ class GroupFrames(Frames):
     @cached_property
     @override
     def _timeline(self) -> Timeline:
-        return GroupTimeline(self.scene, self.figure, self.size, self._colours, self.theme, self._share)
+        return GroupTimeline(
+            self.scene, self.figure, self.size, self._colours, self.music, self.theme, self._share
+        )  # fmt: skip
 
     @cached_property
     def _figures(self) -> tuple[tuple[Figure, tuple[str, str, str], str], ...]:

@@ -191,7 +191,9 @@ def write_scene(
         raise UsageError("nothing of this clip can be drawn", where=scene.item.id, found="; ".join(scene.notes))
     times = _times(scene, figure, start_s, length_s)
     music = None if sound is None else _part(sound.signal, times, figure)
-    frames = (GroupFrames if scene.members else Frames)(scene, figure, size, times, theme, credit)
+    frames = (GroupFrames if scene.members else Frames)(
+        scene, figure, size, times, theme, credit, None if sound is None else sound.signal
+    )  # fmt: skip
     try:
         write_mp4(target, frames, size, figure.grid.rate, music, comment=credit)
     except OSError as error:

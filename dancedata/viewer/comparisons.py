@@ -24,7 +24,7 @@ from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Scaling
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.payload import Json, curve, figure_payload
-from dancedata.viewer.scene_list import Scene, SceneList
+from dancedata.viewer.scene_list import Item, Scene, SceneList
 from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.source import ClipSource
 
@@ -50,6 +50,21 @@ class OriginalComparison(Comparison):
     @override
     def figure(self, scene: Scene) -> Figure:
         return self.source.original(scene, scene.item)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ItemComparison(Comparison):
+    """Another clip of the same dataset, both from their first frame."""
+
+    scenes: SceneList
+    item: Item
+
+    @override
+    def figure(self, scene: Scene) -> Figure:
+        figure = self.scenes.scene(self.item).figure
+        if figure is None:
+            raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
+        return figure.part(0.0, scene.seconds)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from urllib.parse import parse_qs, quote, urlsplit
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
-from dancedata.viewer.comparisons import Comparison, comparison_payload
+from dancedata.viewer.comparisons import Comparison, ItemComparison, comparison_payload
 from dancedata.viewer.model import model_payload
 from dancedata.viewer.page import page_data, page_parts, whole_page
 from dancedata.viewer.payload import scene_payload, scene_turns
@@ -200,7 +200,7 @@ class Site:
         Parameters
         ----------
         path
-            Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/sliding".
+            Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/clip/12/beside/7", "/sliding".
         name
             Motion field to draw; None: the default.
         part
@@ -233,7 +233,13 @@ class Site:
             return self._scene(item, name, part if part == "turns" or (part == "first" and long) else "all")
         if parts[1:] == ["music"]:
             return self._music(item)
-        comparison = _numbered(parts[2], self.comparisons) if len(parts) == 3 and parts[1] == "with" else None
+        comparison: Comparison | None = None
+        if len(parts) == 3 and parts[1] == "with":
+            comparison = _numbered(parts[2], self.comparisons)
+        elif (
+            len(parts) == 3 and parts[1] == "beside" and (other := _numbered(parts[2], self.scenes.items)) is not None
+        ):
+            comparison = ItemComparison(name=other.name, scenes=self.scenes, item=other)
         if comparison is None:
             return _NOT_FOUND
         return _json(comparison_payload(comparison, self.scenes.scene(item, name)))

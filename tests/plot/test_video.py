@@ -14,6 +14,7 @@ import pytest
 import dancedata
 from dancedata import plot
 from dancedata.cli import interrupts
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.plot import video as mux
 from dancedata.plot.bodies import draw_shadow
@@ -66,7 +67,8 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: 
     # The picture of a frame is the drawing of that frame, up to the encoder's loss.
     scenes = Scenes(ds)
     scene = scenes.scene(scenes.find(clip.id))
-    frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light", require_shareable(ds))
+    music = AudioSignal(signal.samples[: round(scene.seconds * signal.sample_rate)], signal.sample_rate)
+    frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light", require_shareable(ds), music)
     wanted = np.asarray(frames.image(45)).astype(int)
     gaps = [np.abs(wanted - picture).mean() for picture in shown]
     assert int(np.argmin(gaps)) == 45
@@ -112,6 +114,24 @@ def test_bodies_are_shaded_and_shadows_fade_with_height(demo: Path) -> None:
     assert darkness(0.0) > 200
     assert 30 < darkness(0.6) < 0.4 * darkness(0.0)
     assert darkness(2.0) == 0
+
+
+def test_the_music_of_the_timeline_is_its_waveform(demo: Path) -> None:
+    scenes = Scenes(dancedata.open(demo))
+    scene = scenes.scene(scenes.items[0])
+    assert scene.figure is not None
+    samples = np.zeros(round(scene.seconds * 1000), np.float32)
+    samples[len(samples) // 2 :: 2] = -0.4
+    samples[3 * len(samples) // 4 :] *= 0.5
+    music = AudioSignal(samples, 1000)
+    scene = replace(scene, rhythm=replace(scene.rhythm, beats=np.zeros(0)))
+    frames = Frames(scene, scene.figure, (1280, 720), np.zeros(1), "dark", "", music)
+    picture = np.asarray(frames.image(0)).astype(int)
+    wave = (np.abs(picture[600:, 200:1240] - (0x7A, 0x86, 0x98)).sum(axis=-1) < 40)[:40].sum(axis=0)
+    quarter = [wave[240:480].mean(), wave[560:740].mean(), wave[830:1000].mean()]
+    assert quarter[0] <= 2  # silence is a line
+    assert quarter[2] == pytest.approx(quarter[1] / 2, rel=0.15)
+    assert quarter[1] > 24
 
 
 def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:

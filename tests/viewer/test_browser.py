@@ -372,3 +372,29 @@ def test_a_clip_in_a_notebook_plays(browser: Browser, odd: Path, tmp_path: Path)
     assert colour_count(browser, "left") > 200
     browser.driver.switch_to.default_content()
     assert browser.log() == []
+
+
+def test_another_clip_of_the_dataset_stands_beside(browser: Browser, served: str, odd: Path) -> None:
+    browser.open(at(served, "wav", "&t=1"))
+    options = browser.js("return [...document.querySelectorAll('[data-dd=with] optgroup option')].map(o => o.value)")
+    assert set(options) == {item for item in browser.js(f"return {V}.items.map(i => i.name)") if item != "wav"}
+    browser.js(
+        "const box = document.querySelector('[data-dd=with]'); box.value = 'mp3';"
+        "box.dispatchEvent(new Event('change'))"
+    )
+    browser.wait(f"return {V}.state.other?.name === 'mp3'")
+    with dancedata.open(odd) as store:
+        joints = [
+            dancedata.decode(store.clip(name).read("edge151"), "edge151", fps=FPS).joints() for name in ("wav", "mp3")
+        ]
+    apart = 1000 * np.linalg.norm(joints[0] - joints[1], axis=-1).mean(axis=-1)
+    assert browser.js(f"return {V}.state.other.mean") == pytest.approx(apart.mean(), abs=0.2)
+    browser.wait("return location.hash.includes('with=mp3')")
+    written = browser.js("return location.hash")
+    browser.open(served.partition("#")[0] + written)
+    assert browser.js(f"return {V}.state.other.name") == "mp3"
+    assert browser.js("return document.querySelector('[data-dd=with]').value") == "mp3"
+    # The next clip stands alone again.
+    browser.later(f"await {V}.openItem({V}.items.find(i => i.id === 'flac'))")
+    assert browser.js(f"return {V}.state.other") is None
+    assert browser.log() == []

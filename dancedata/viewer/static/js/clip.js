@@ -5,6 +5,7 @@ import { chooseOf, collidesAt, coloursOf, nearestAt, otherOf, together, touching
 import {
   el,
   head,
+  items,
   loadClip,
   loadMusic,
   loadOther,
@@ -12,6 +13,7 @@ import {
   loadTurns,
   make,
   on,
+  option,
   page,
   plain,
   root,
@@ -63,7 +65,7 @@ export async function openItem(item, at = {}) {
     dancer: null,
   });
   if (clip.members) chooseOf(clip, at.dancer ?? null);
-  el('loop').setAttribute('aria-pressed', false);
+  el('loop').ariaPressed = false;
   camera.still = true;
   camera.placed = false;
   zoomToStart();
@@ -73,14 +75,27 @@ export async function openItem(item, at = {}) {
     const l = loopSeconds();
     state.t = Math.max(l[0], Math.min(l[1] - 1e-6, keep));
   }
+  const name = at.with || (head.takes.includes(el('with').value) ? el('with').value : '');
+  showTakes();
   showAbout();
   showSelected();
   writeLink(another);
   if (clip.partial) restOf(clip, field, turn).catch(failed);
   else readySkin().catch(failed);
-  const name = at.with || el('with').value;
   await Promise.all([soundOf(clip, turn), name ? compareWith(name).catch(failed) : null]);
   if (was && turn === opening) play(true);
+}
+
+// What this clip can be compared with; among other clips, those of its song come first.
+function showTakes() {
+  const { item } = state;
+  const others = page.server && !head.wall && !item.members ? items.filter(i => i !== item && !i.members) : [];
+  const beside = make('optgroup');
+  beside.label = 'another clip';
+  others.sort((a, b) => (b.music === item.music) - (a.music === item.music));
+  beside.append(...others.slice(0, 60).map(i => option(i.name)));
+  el('with').replaceChildren(new Option('compare with…', ''), ...head.takes.map(option), beside);
+  el('with').hidden = el('over').hidden = !head.takes.length && !others.length;
 }
 
 function zoomToStart() {
@@ -106,7 +121,7 @@ export function setBody(level, chosen) {
   state.bodyChosen = chosen;
   const name = ['Sticks', 'Limbs', 'Skin'][level];
   el('body').textContent = name;
-  el('body').setAttribute('aria-label', `Body: ${name}`);
+  el('body').ariaLabel = `Body: ${name}`;
   state.dirty = true;
 }
 
@@ -142,7 +157,10 @@ export async function compareWith(name) {
   state.compared = other;
   state.other = otherOf(other);
   readySkin().catch(failed);
-  el('with').value = name || '';
+  const box = el('with');
+  box.value = name || '';
+  // One from a link that is not listed.
+  if (name && !box.value) box.add(new Option(plain(name), name, true, true));
   layOut(clip);
   showAbout();
   redraw();
@@ -178,7 +196,7 @@ function showDancers() {
   if (!members) return;
   const button = (text, k, tones) => {
     const found = make('button');
-    found.setAttribute('aria-pressed', state.dancer === k);
+    found.ariaPressed = state.dancer === k;
     for (const tone of tones) {
       const mark = make('i');
       mark.style.background = tone;

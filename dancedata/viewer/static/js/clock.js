@@ -115,7 +115,7 @@ export function seek(x) {
 // A loop is in frames of the dataset, as in links: [first, end).
 export function setLoop(frames) {
   state.loop = frames;
-  el('loop').setAttribute('aria-pressed', !!frames);
+  el('loop').ariaPressed = !!frames;
   const loop = loopSeconds();
   if (loop && (state.t < loop[0] || state.t >= loop[1])) state.t = loop[0];
   if (state.playing) restart();
@@ -164,6 +164,6 @@ function showPlaying() {
   el('play')
     .querySelector('path')
     .setAttribute('d', state.playing ? PAUSE : PLAY);
-  el('play').setAttribute('aria-label', state.playing ? 'Pause' : 'Play');
+  el('play').ariaLabel = state.playing ? 'Pause' : 'Play';
   camera.still = true;
 }

@@ -5,7 +5,7 @@ import { chooseDancer, compareWith, nextDancer, openItem, readySkin, setBody, sh
 import { advance, play, restart, seek, setGain, setLoop } from './clock.js';
 import { dancerAt } from './crowd.js';
 import { together } from './dancers.js';
-import { el, head, make, on, plain } from './data.js';
+import { el, head, make, on, option } from './data.js';
 import { canvas, ratio, readColours } from './figure.js';
 import { canSkin } from './gl.js';
 import { linkNow, writeLink } from './link.js';
@@ -24,7 +24,7 @@ export function setTheme(name, chosen) {
 
 export function setMode(name, on) {
   state[name] = on;
-  el(name).setAttribute('aria-pressed', on);
+  el(name).ariaPressed = on;
   state.dirty = true;
 }
 
@@ -186,13 +186,7 @@ export function startControls() {
     openItem(state.item, { t, loop, field: el('field').value, dancer: state.dancer });
     el('field').blur();
   });
-  el('with').replaceChildren(
-    new Option('compare with…', ''),
-    ...head.takes.map(name => new Option(plain(name), name)),
-  );
-  el('with').hidden = !head.takes.length;
-  el('over').hidden = !head.takes.length;
-  el('field').replaceChildren(...head.fields.map(name => new Option(name, name)));
+  el('field').replaceChildren(...head.fields.map(option));
   el('field').hidden = head.fields.length < 2;
   for (const [, label, what] of KEYS) {
     const row = el('keytable').insertRow();

@@ -9,6 +9,7 @@ import {
   drawPath,
   drawShadow,
   flagsNear,
+  fontOf,
   pen,
   pose,
   project,
@@ -99,7 +100,7 @@ function drawName(one, points) {
   if (!seen.length) return;
   const top = seen.reduce((a, b) => (b[1] < a[1] ? b : a));
   const middle = points[0] || top;
-  pen.font = `600 ${12 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+  pen.font = fontOf(12, 600);
   pen.textAlign = 'center';
   pen.lineWidth = 3 * ratio;
   pen.strokeStyle = css.bg;

@@ -15,6 +15,8 @@ export const plain = text =>
     c => `\\u${c.charCodeAt(0).toString(16).padStart(4, '0')}`,
   );
 
+export const option = value => new Option(plain(value), value);
+
 // One row of the list: a clip, in window scope a window of it.
 export const items = page.list.items.map(([c, start, n, flags], number) => {
   const [id, split, genre, music, dancer, source, members] = clipRows[c];
@@ -235,9 +237,9 @@ async function motionOf(found) {
 export async function loadOther(clip, name) {
   if (!clip.others.has(name)) {
     const take = head.takes.indexOf(name);
-    const query = `?field=${encodeURIComponent(clip.field)}`;
+    const way = take < 0 ? `beside/${items.find(i => i.name === name).number}` : `with/${take}`;
     const found = page.server
-      ? await (await fetched(`clip/${clip.number}/with/${take}${query}`)).json()
+      ? await (await fetched(`clip/${clip.number}/${way}?field=${encodeURIComponent(clip.field)}`)).json()
       : clip.with?.[name] || { note: `this page has no ${name} of this clip` };
     const other = { ...(await motionOf(found)), name };
     if (found.members) other.members = await Promise.all(found.members.map(motionOf));

@@ -27,6 +27,7 @@ const COLOURS = [
 ];
 
 export const css = {};
+export const fontOf = (size, weight = 400) => `${weight} ${size * ratio}px system-ui,"DejaVu Sans",sans-serif`;
 export let ratio = 1;
 export let project = null;
 export let far = 1;
@@ -207,7 +208,7 @@ export function drawBody(figure, places, frame, options) {
     const p = project(places[0] + shift[0], figure.floor, places[2] + shift[1]);
     pen.fillStyle = thin ? css.other : css.dim;
     pen.textAlign = 'center';
-    pen.font = `${12 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+    pen.font = fontOf(12);
     if (p)
       pen.fillText(label, p[0], Math.min(canvas.height - 34 * ratio, p[1] + ((0.24 * figure.tall) / 1.7) * p[3]));
   }
@@ -224,7 +225,7 @@ const handOf = (figure, side) =>
     .find(j => j >= 0);
 
 function drawHands(figure, points) {
-  pen.font = `700 ${13 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+  pen.font = fontOf(13, 700);
   pen.textAlign = 'center';
   pen.textBaseline = 'middle';
   pen.lineWidth = 3.5 * ratio;

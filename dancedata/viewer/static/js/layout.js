@@ -11,7 +11,7 @@ const RARE = 'full camera follow volume link field theme help flag mute click ov
 
 function showMore(on) {
   root.classList.toggle('more', on);
-  el('more').setAttribute('aria-expanded', on);
+  el('more').ariaExpanded = on;
 }
 
 // Whether a control reaches into the right margin of the row.
@@ -41,7 +41,7 @@ function setLanesHeight(height) {
   const kept = height === null ? null : Math.max(40, Math.min(most, height));
   root.classList.toggle('dragged', kept !== null);
   lanesBox.style.height = kept === null ? '' : `${kept}px`;
-  el('edge').setAttribute('aria-valuenow', Math.round((100 * (kept ?? most)) / most));
+  el('edge').ariaValueNow = Math.round((100 * (kept ?? most)) / most);
   state.dirty = true;
 }
 

@@ -1,5 +1,5 @@
 // The list of clips: filters, order, and rows that exist only while they are seen.
-import { el, fetched, items, make, on, page, plain } from './data.js';
+import { el, fetched, items, make, on, option, page, plain } from './data.js';
 import { failed, state } from './state.js';
 
 const ROW = 46;
@@ -55,8 +55,8 @@ function rowOf(item, place) {
   row.className = 'item';
   row.id = `dd-item-${item.number}`;
   row.setAttribute('role', 'option');
-  row.setAttribute('aria-posinset', place + 1);
-  row.setAttribute('aria-setsize', shown.length);
+  row.ariaPosInSet = place + 1;
+  row.ariaSetSize = shown.length;
   row.title = plain(item.name);
   // The ends of long names are what differs: the middle gives way.
   const cut = row.title.length > 24 ? row.title.length - 12 : row.title.length;
@@ -100,7 +100,7 @@ export function drawRows(anew) {
       rowBox.append(row);
     }
     row.style.top = `${6 + k * ROW}px`;
-    row.setAttribute('aria-selected', state.item === shown[k]);
+    row.ariaSelected = state.item === shown[k];
   }
   const selected = state.item && drawnRows.has(state.item.number);
   if (selected) listBox.setAttribute('aria-activedescendant', `dd-item-${state.item.number}`);
@@ -123,7 +123,7 @@ export function step(by) {
 
 function options(name, all, values) {
   const box = el(name);
-  box.replaceChildren(new Option(all, ''), ...values.map(v => new Option(plain(v), v)));
+  box.replaceChildren(new Option(all, ''), ...values.map(option));
   box.parentElement.hidden = box.hidden = values.length < (name === 'split' ? 2 : 1) && name !== 'sort';
 }
 
@@ -190,7 +190,7 @@ export function startList(openItem) {
   new ResizeObserver(() => drawRows(false)).observe(listBox);
   on(el('drawer'), 'click', () => {
     const shownPicker = el('picker').classList.toggle('open');
-    el('drawer').setAttribute('aria-expanded', shownPicker);
+    el('drawer').ariaExpanded = shownPicker;
     drawRows(false);
   });
   filterItems();

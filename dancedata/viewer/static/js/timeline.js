@@ -17,7 +17,7 @@ import {
 import { seek, setLoop } from './clock.js';
 import { together } from './dancers.js';
 import { make, on, root } from './data.js';
-import { css, ratio, triangle } from './figure.js';
+import { css, fontOf, ratio, triangle } from './figure.js';
 import { marksOf, signOf } from './marks.js';
 import { dragMap, drawMap, drawRange, dropMap, grabMap, inMap } from './overview.js';
 import { drawGroupLanes, drawPairs, labelGroup, layOutGroup, numbersWidth } from './pairs.js';
@@ -124,7 +124,7 @@ export function drawLanes() {
   }
   ink.textAlign = 'center';
   ink.textBaseline = 'middle';
-  ink.font = `${12 * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+  ink.font = fontOf(12);
   ink.fillStyle = css.accent;
   for (const mark of marksOf(state.item)) ink.fillText(signOf(mark), xOf(mark.at), (rows.flags.y + 7) * ratio);
   const x = xOf(state.t);
@@ -138,14 +138,14 @@ export function drawLanes() {
   ink.fill();
   ink.restore();
   if (rows.map) drawRange(ink);
-  lanes.setAttribute('aria-valuemax', duration().toFixed(2));
-  lanes.setAttribute('aria-valuenow', state.t.toFixed(2));
-  lanes.setAttribute('aria-valuetext', `${state.t.toFixed(2)} seconds, frame ${state.drawn}`);
+  lanes.ariaValueMax = duration().toFixed(2);
+  lanes.ariaValueNow = state.t.toFixed(2);
+  lanes.ariaValueText = `${state.t.toFixed(2)} seconds, frame ${state.drawn}`;
 }
 
 function drawBase(c, clip) {
   c.textBaseline = 'middle';
-  c.font = `${(rows.dancer0?.h < 12 ? 10 : 11) * ratio}px system-ui,"DejaVu Sans",sans-serif`;
+  c.font = fontOf(rows.dancer0?.h < 12 ? 10 : 11);
   drawAxis(c);
   const label = (text, y, colour = css.dim, x = 0) => {
     c.fillStyle = colour;

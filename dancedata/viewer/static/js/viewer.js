@@ -39,7 +39,7 @@ async function followLink() {
           t: +h.t || 0,
           loop: loop && [+loop[1], +loop[2]],
           field: head.fields.includes(h.field) ? h.field : '',
-          with: head.takes.includes(h.with) ? h.with : '',
+          with: head.takes.includes(h.with) || (page.server && items.some(i => i.name === h.with)) ? h.with : '',
           dancer: placeOf(item, h.clip),
         }
       : { linked: true };
