@@ -14,6 +14,7 @@ NEEDS = {
     r"setrlimit|RLIMIT": "limits of the system on a process",
     r"no_file_beside|nfs|lock\"\)\.symlink_to": "locks on folders",
     r"_fcntl": "flock, which the test replaces",
+    r"pthread_sigmask": "a mask of signals, without which a Ctrl-C at that moment is lost",
     r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
 }
 #: Tests of the promise that machines of a kind give the same bytes: without the processor's features none is made.
