@@ -76,7 +76,7 @@ class JoblibExecutor(Executor):
                     running.discard(index)
                     answers.take(index, answer)
             except _BackendError as error:
-                answers.died(error.__cause__ or error, *running)
+                answers.died(error.__cause__ or error, *(running or calls))
             finally:
                 outputs.close()
         answers.end()
