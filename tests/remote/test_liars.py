@@ -315,7 +315,7 @@ def test_lies_of_a_hub_about_a_commit(hub: Hub, monkeypatch: pytest.MonkeyPatch)
         with pytest.raises(StoreError, match=problem):
             local_folder(address)
     for endless in (_chunked, _drip, LIES["continue, continue"], LIES["a head byte by byte"]):
-        answers[:] = [endless] * 2
+        answers[:] = [endless] * 9
         with pytest.raises(StoreError):
             local_folder(address)
     answers[:] = [status(503)]
