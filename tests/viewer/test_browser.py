@@ -357,7 +357,7 @@ def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source:
         assert browser.js(f"return {V}.state.other.mean") < 0.01
         assert "mm from original" in browser.js("return document.querySelector('[data-dd=clock]').textContent")
         assert colour_count(browser, "other") > 20
-        names = browser.js("return [...document.querySelector('[data-dd=with]').options].map(o => o.text)")
+        names = browser.js("return [...document.querySelectorAll('[data-dd=with] > option')].map(o => o.text)")
         assert names == ["compare with…", "original", odd.name, f"{odd.name} (2)"]
     assert browser.log() == []
 

@@ -117,10 +117,10 @@ def test_back_returns_to_the_clip_before(browser: Browser, served: str) -> None:
     browser.js(f"{V}.seek(2)")
     browser.later(f"await {V}.openItem({V}.items.find(i => i.id === {json.dumps(HOSTILE[0])}))")
     browser.later(f"await {V}.openItem({V}.items.find(i => i.id === 'mp3'))")
-    assert browser.js("return history.length") == length + 2
+    assert browser.js("return history.length") == min(length + 2, 50)  # browsers keep 50
     browser.js(f"{V}.seek(3)")
     browser.wait("return location.hash.includes('t=3.000')")
-    assert browser.js("return history.length") == length + 2  # moving in time adds none
+    assert browser.js("return history.length") == min(length + 2, 50)  # moving in time adds none
     browser.js("history.back()")
     browser.wait(f"return {V}.state.clip.id === arguments[0]", HOSTILE[0])
     browser.js("history.back()")

@@ -20,7 +20,7 @@ import {
 } from './data.js';
 import { flagsNear } from './figure.js';
 import { canSkin } from './gl.js';
-import { enableControls } from './layout.js';
+import { enableControls, fitControls } from './layout.js';
 import { flushLink, writeLink } from './link.js';
 import { showSelected } from './list.js';
 import { camera, duration, failed, loopSeconds, SKIN, state } from './state.js';
@@ -96,6 +96,7 @@ function showTakes() {
   beside.append(...others.slice(0, 60).map(i => option(i.name)));
   el('with').replaceChildren(new Option('compare with…', ''), ...head.takes.map(option), beside);
   el('with').hidden = el('over').hidden = !head.takes.length && !others.length;
+  fitControls();
 }
 
 function zoomToStart() {

@@ -23,7 +23,7 @@ function isFull() {
 }
 
 // Controls stay in one row; those without room are in the sheet.
-function fitControls() {
+export function fitControls() {
   const sheet = el('sheet');
   el('extra').replaceChildren(...spare);
   el('more').hidden = true;
