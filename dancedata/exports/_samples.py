@@ -16,8 +16,6 @@ from dancedata.core.packages import require
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing, field_json
 from dancedata.exports.base.needs import needs_fields, needs_music_from_start, needs_track_scope
-from dancedata.store.clip_columns import CLIP_COLUMNS
-from dancedata.store.tables_out import clip_row, free_types, window_row
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -80,6 +78,9 @@ class SampleTable:
 
     @cached_property
     def _facts(self) -> dict[str, str]:
+        from dancedata.store.clip_columns import CLIP_COLUMNS  # reads HDF5, which listing plug-ins need not
+        from dancedata.store.tables_out import free_types
+
         kinds = {"id": "text", "split": "text", "seconds": "float"}
         kinds |= {c.name: "text" if c.type.startswith(("row:", "hash:")) else c.type for c in CLIP_COLUMNS} | _SHOWN
         kinds |= free_types(self.job.store)
@@ -122,6 +123,8 @@ class SampleTable:
         return sum(grid.rows_up(frames, of=field.grid) * field.row_bytes for field in fields)
 
     def _batch(self, samples: Sequence[Sample]) -> Any:
+        from dancedata.store.tables_out import clip_row, free_types, window_row
+
         pa, store, free = import_module("pyarrow"), self.job.store, free_types(self.job.store)
         of_clips = {clip.id: clip_row(store, clip, free) for clip, _ in samples}
         facts = [
