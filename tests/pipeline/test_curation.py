@@ -238,6 +238,7 @@ def test_a_recipe_reads_what_it_wrote() -> None:
         {"curate": {"up": {"splits": 3}}}, {"repair": True}, {"repair": {"spike": True}},
         {"repair": {"gaps": -1}}, {"repair": {"original": 1}},
         {"repair": {"gaps": True}, "motion": {"edge151": {}, "edge151.original": {}}},
+        {"curate": {"floor_drift": 1e7}},
     ],
 )  # fmt: skip
 def test_wrong_keys(keys: dict[str, Any]) -> None:
@@ -275,6 +276,16 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
     assert opened.to_json()["clips"] == document["clips"]
     with raises_message(UsageError):
         dancedata.quality(source, out=tmp_path / "q.csv")
+
+
+def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:
+    lines = [f"{p.stem},{p.name},m,y,60" for p in sorted(source.iterdir())]
+    for path in source.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "manifest.csv").write_text("\n".join(["id,motion,unit,up,fps", *lines]))
+    found = dancedata.quality(tmp_path, dataset="folder", progress=False)
+    assert [clip.clip for clip in found.clips] == ["clean", "held", "sinks", "spike"]
+    assert found.rejects == ()
 
 
 def test_damaged_losses_are_an_error(plain: Store, tmp_path: Path) -> None:
