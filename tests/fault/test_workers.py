@@ -1,6 +1,7 @@
 """Worker processes that die, under loky and under Dask: the build continues, or names the unit at fault."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -42,6 +43,22 @@ def test_a_worker_killed_under_loky_loses_only_its_unit(
     assert hashes(out) == undisturbed
     assert set(songs[1:3]) <= {song for song in songs if slow.calls().count(song) > 1}
     assert len(slow.calls()) <= 10
+    # loky ends all workers when one dies: what the others held may be left, until the next build.
+    shutil.rmtree(out)
+    slow.build(corpus, out, "--jobs", 1)
+    assert slow.strays() == []
+
+
+def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(
+    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
+):
+    (slow.folder / f"kill-writing-{songs[1]}").touch()
+    slow.build(corpus, out, "--jobs", 2)
+    assert hashes(out) == undisturbed
+    assert ".tmp" in {Path(path).suffix for path in slow.strays()}
+    shutil.rmtree(out)
+    slow.build(corpus, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
     assert slow.strays() == []
 
 
