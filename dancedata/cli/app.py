@@ -400,7 +400,7 @@ def push(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Publish a dataset, or its recipe, on a hub or in a bucket.
+    """Publish a dataset, or its recipe, on a hub or bucket.
 
     dancedata push STORE hf://datasets/ORG/NAME --private
     """
