@@ -13,6 +13,7 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.packages import require
+from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing, field_json
 from dancedata.exports.base.needs import needs_fields, needs_music_from_start, needs_track_scope
@@ -195,6 +196,11 @@ class SampleExport(Export):
         missing = needs_fields(job, self.fields)
         if len(set(self.fields)) < len(self.fields):
             missing.append(Missing("fields has a name twice", "name each once"))
+        taken = [name for name in self._table(job).fields if name in self._table(job).facts]
+        if taken:
+            others = [name for name in job.store.fields if name not in taken]
+            fix = f"name the other fields, {listed(others)}; or build with another name, such as {taken[0]}.rows"
+            missing.append(Missing(f"a field has the name of a column of facts: {listed(taken)}", fix))
         if self.samples == "clips":
             missing += needs_track_scope(job) + needs_music_from_start(job.clips())
         return missing
@@ -202,6 +208,9 @@ class SampleExport(Export):
     def table(self, job: ExportJob) -> SampleTable:
         """Return the samples; MissingPackageError without pyarrow."""
         require("parquet", what=f"--to {self.name}")
+        return self._table(job)
+
+    def _table(self, job: ExportJob) -> SampleTable:
         return SampleTable(job, self.fields or tuple(job.store.fields), self.samples == "clips")
 
     def write_index(self, job: ExportJob, folder: ExportFolder, rows: Mapping[str, int]) -> None:
