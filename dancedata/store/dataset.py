@@ -587,7 +587,8 @@ class Store(SegmentQueries):
         Parameters
         ----------
         table
-            "clips": a row a clip, with free columns as "x/NAME". "windows": clip, split, first frame and length.
+            "clips": a row a clip, with free columns as "x/NAME", of whole numbers as Int64 where a clip has none.
+            "windows": clip, split, first frame and length.
             "rejects": what the build left out, and why. "quality": quality flags.
 
         Raises
