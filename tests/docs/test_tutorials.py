@@ -48,6 +48,16 @@ def environment(tmp_path: Path) -> dict[str, str]:
     }
 
 
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    """torch on one thread: threads of several tests on one machine wait for each other at each step."""
+    torch = pytest.importorskip("torch")
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
 def run(line: str, environment: dict[str, str], *, here: bool) -> None:
     """Run a line of a shell block; commands of dancedata in this process if `here`, which saves their imports."""
     if here and line.startswith("dancedata ") and ">" not in line:
@@ -60,6 +70,7 @@ def run(line: str, environment: dict[str, str], *, here: bool) -> None:
         assert process.returncode == 0, f"{line}\n{process.stdout}\n{process.stderr}"
 
 
+@pytest.mark.usefixtures("one_thread")
 @pytest.mark.filterwarnings("ignore")  # Lightning's advice on loaders and loggers
 def test_the_tutorials_run_and_print_the_output_shown(
     environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
