@@ -39,6 +39,10 @@ class Comparison(ABC):
     def figure(self, scene: Scene) -> Figure:
         """Return the motion of a scene's item, from the same first frame; DataError if there is none."""
 
+    def has(self, item: Item) -> bool:
+        """Return whether there may be a motion of an item, by its name."""
+        return True
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OriginalComparison(Comparison):
@@ -74,6 +78,10 @@ class StoreComparison(Comparison):
     scenes: Scenes
 
     @override
+    def has(self, item: Item) -> bool:
+        return any(self.scenes.has(one.clip.id) for one in item.members or (item,))
+
+    @override
     def figure(self, scene: Scene) -> Figure:
         item = scene.item
         try:
@@ -97,6 +105,11 @@ class FilesComparison(Comparison):
     any_clip: Path | None
     form: FileFormat
     body: Skeleton
+
+    @override
+    def has(self, item: Item) -> bool:
+        named = any(name in self.paths for one in item.members or (item,) for name in (one.id, one.clip.id))
+        return self.any_clip is not None or named
 
     @override
     def figure(self, scene: Scene) -> Figure:
@@ -251,5 +264,6 @@ def _compared(comparison: Comparison, scene: Scene) -> tuple[Json, Float64Array 
 
 
 def _distance(distance: Float64Array, figure: Figure) -> Json:
+    ends = int(np.flatnonzero(np.isfinite(distance))[-1]) + 1  # after the other's end there is no distance, not 0
     mean = round(float(distance[np.isfinite(distance)].mean()), 4)
-    return {"distance": curve(distance, float(figure.grid.rate)), "mean": mean}
+    return {"distance": curve(distance[:ends], float(figure.grid.rate)), "mean": mean}
