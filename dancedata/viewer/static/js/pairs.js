@@ -7,7 +7,7 @@ import { state } from './state.js';
 export function layOutGroup(clip, next, low) {
   const n = clip.members.length;
   // The dancers on the stage have more than half of the page: what is left after the other rows is for their lanes.
-  const left = innerHeight * 0.45 - (low ? 156 : 250) - (clip.pairs.length ? 96 : 0);
+  const left = innerHeight * 0.45 - (low ? 158 : 250) - (clip.pairs.length ? 96 : 0);
   const tall = Math.max(n > 6 ? 10 : 18, Math.min(low ? 18 : 30, Math.floor(left / n) - (low ? 1 : 3)));
   for (const [k] of clip.members.entries()) next(`dancer${k}`, tall, tall < 12 ? 0 : 3);
   if (!clip.pairs.length) return;
