@@ -186,13 +186,19 @@ def started(scheduler: str, requirements: WorkerRequirements) -> Iterator[Execut
         raise DanceDataError(
             "no Ray cluster answers at this address",
             where=scheduler,
-            found=first_line(error) or type(error).__name__,
+            found=_reason(error),
             fix="check that it runs and that this machine can reach it; if it needs a token, set RAY_AUTH_MODE=token",
         ) from error
     try:
         yield _executor(requirements)
     finally:
         ray.shutdown()
+
+
+def _reason(error: Exception) -> str:
+    """Return the first line of an error; with the last where a traceback of Ray Client's server comes between."""
+    lines = str(error).strip().split("\n")
+    return f"{lines[0]} {lines[-1]}" if lines[0].endswith(":") else lines[0] or type(error).__name__
 
 
 def _executor(requirements: WorkerRequirements) -> RayExecutor:
