@@ -3,8 +3,8 @@
 $DANCEDATA_TEST_WITHOUT names what is missing, separated by commas: names of `CALLS`, or of `MODES`; a name after "-"
 stays. dancedata's modules then get stand-ins of os, mmap, signal and fcntl without these names; other packages keep
 the real ones. The stand-in of Windows also has its rules: an open file cannot be removed, replaced or moved, nor can
-its folder; folders cannot be opened; `os.rename` replaces nothing; what is open for reading only cannot be flushed; the
-C library translates line ends of what is not opened as binary.
+its folder; folders cannot be opened; `os.rename` replaces nothing; what is open for reading only cannot be flushed;
+the C library translates line ends of what is not opened as binary.
 """
 
 import errno
