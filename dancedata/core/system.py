@@ -87,7 +87,11 @@ def open_folder(path: Path) -> int:
 
 _pread, _preadv, _pwrite = (getattr(os, name, None) for name in ("pread", "preadv", "pwrite"))
 #: Flags of a map whose bytes are read from the disk at once; 0 where there are none.
-_POPULATED = mmap.MAP_PRIVATE | mmap.MAP_POPULATE if hasattr(mmap, "MAP_POPULATE") else 0
+_POPULATED = (
+    mmap.MAP_PRIVATE | mmap.MAP_POPULATE
+    if all(hasattr(mmap, name) for name in ("MAP_POPULATE", "MAP_PRIVATE", "PROT_READ"))
+    else 0
+)
 _WILL_NEED: int | None = getattr(mmap, "MADV_WILLNEED", None)
 _memfd_create = getattr(os, "memfd_create", None)
 #: Reads and writes without the calls for a position move that of the descriptor, which its threads share.

@@ -6,6 +6,7 @@ the dataset's files. Needs no torch. `tests/platforms/test_modes.py` runs it wit
 """
 
 import json
+import os
 import sys
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +21,7 @@ if __name__ == "__main__":
 import numpy as np
 
 import dancedata
+from dancedata.core import system
 from dancedata.core.errors import StoreError
 from dancedata.execution.reference_process import expected
 from dancedata.files.locks import writing_lock
@@ -83,7 +85,8 @@ def replace(out: Path, source: Path, options: dict[str, object]) -> None:
             refused = ""
         except StoreError as error:
             refused = error.problem
-    assert refused == "another build is writing there"
+    has_locks = system._fcntl is not None or system._msvcrt is not None
+    assert refused == ("another build is writing there" if has_locks else "")
     assert {path.name: sha256_file(path) for path in out.iterdir()} == before
     dancedata.build("demo", source, out, overwrite=True, **options)
 
@@ -115,6 +118,7 @@ def view(out: Path, source: Path) -> None:
 
 def main() -> None:
     """Run it, and print a JSON document."""
+    os.environ["PATH"] = ""  # small images have no programs, such as pgrep, which loky calls without psutil
     hashes = run(Path(sys.argv[1]), jobs=int(sys.argv[2]) if len(sys.argv) > 2 else 2)
     print(json.dumps({"system": sys.platform, "arithmetic": expected(), "files": hashes}, indent=1, sort_keys=True))
 

@@ -3,8 +3,8 @@
 $DANCEDATA_TEST_WITHOUT names what is missing, separated by commas: names of `CALLS`, or of `MODES`; a name after "-"
 stays. dancedata's modules then get stand-ins of os, mmap, signal and fcntl without these names; other packages keep
 the real ones. The stand-in of Windows also has its rules: an open file cannot be removed, replaced or moved, nor can
-its folder; folders cannot be opened; `os.rename` replaces nothing; the C library translates line ends of what is not
-opened as binary.
+its folder; folders cannot be opened; `os.rename` replaces nothing; what is open for reading only cannot be flushed;
+the C library translates line ends of what is not opened as binary.
 """
 
 import errno
@@ -73,7 +73,7 @@ def _stand_ins() -> dict[str, ModuleType | None]:
 def _os() -> ModuleType:
     if not IS_WINDOWS:
         return StandIn(os)
-    return StandIn(os, name="nt", O_BINARY=O_BINARY, open=_open, **_rules())
+    return StandIn(os, name="nt", O_BINARY=O_BINARY, open=_open, fsync=_fsync, **_rules())
 
 
 def _rules() -> dict[str, object]:
@@ -105,6 +105,14 @@ def _open(path: object, flags: int, mode: int = 0o777, **options: object) -> int
     if not flags & O_BINARY and os.fspath(path) != os.devnull:  # type: ignore[call-overload]
         raise AssertionError(f"{path} is opened as text: line ends would be translated")
     return os.open(path, flags & ~O_BINARY, mode, **options)  # type: ignore[arg-type]
+
+
+def _fsync(descriptor: int) -> None:
+    import fcntl
+
+    if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+    os.fsync(descriptor)
 
 
 def _ruled(name: str) -> object:
