@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 from dancedata.curation.repair import STAGES, Repairs
 from dancedata.curation.scores import MEASURES
 
@@ -68,8 +68,8 @@ class CurationSpec:
         curate = {"curate": rules} if rules else {}
         return curate | ({"repair": self.repairs.document()} if self.repairs else {})
 
-    def notes(self) -> list[str]:
-        """Return notes on the source: what is left out, and what is repaired."""
+    def notes(self, splits: Collection[str]) -> list[str]:
+        """Return notes on a source with these splits: what is left out, where no clip is, and what is repaired."""
         notes = []
         for rule in self.rules:
             what = "clips with" if rule.leave_out == "clip" else "windows with"
@@ -78,6 +78,9 @@ class CurationSpec:
             notes.append(
                 f"left out{where}: {what} {rule.score} above {rule.limit:g} {'' if unit == '1' else unit}".strip()
             )
+            absent = sorted(set(rule.splits or ()) - set(splits))
+            if absent:
+                notes.append(f"curate.{rule.score}.splits: no clip is in {listed(absent)}, of {listed(sorted(splits))}")
         if self.repairs:
             stages = ", ".join(f"{name} ({limit:g} {_UNITS[name]})" for name, limit in self.repairs.key().items())
             kept = "; fields NAME.original have the motion as it was" if self.repairs.original else ""

@@ -120,6 +120,7 @@ def test_only_named_splits_are_curated(build: Any, plain: Store) -> None:
     store = build(curate={"spikes": {"splits": ["val"]}, "frozen": {"splits": "train"}})
     assert {r["clip"] for r in store.rejects} == {"held"}
     assert starts(store)["spike"] == starts(plain)["spike"]
+    assert "curate.spikes.splits: no clip is in val, of train" in store.meta["source"]["notes"]
 
 
 def test_a_clip_without_windows_is_left_out(build: Any) -> None:
