@@ -80,7 +80,8 @@ class CurationSpec:
             )
             absent = sorted(set(rule.splits or ()) - set(splits))
             if absent:
-                notes.append(f"curate.{rule.score}.splits: no clip is in {listed(absent)}, of {listed(sorted(splits))}")
+                known = listed(sorted(splits))
+                notes.append(f"curate.{rule.score}.splits: no clip is in {listed(absent)}, of {known}")
         if self.repairs:
             stages = ", ".join(f"{name} ({limit:g} {_UNITS[name]})" for name, limit in self.repairs.key().items())
             kept = "; fields NAME.original have the motion as it was" if self.repairs.original else ""
