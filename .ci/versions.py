@@ -41,6 +41,13 @@ EXTRAS = {
     "beats": "python -m pytest -q -o filterwarnings=default tests/audio/test_beats.py",
     "smpl": "python -c 'import smplx, torch'",
     "dask": "dancedata build demo --backend dask --quiet && dancedata check data/demo",
+    "ray": "ray start --head --num-cpus 2 && dancedata build demo --scheduler ray://auto --quiet && "
+    "dancedata check data/demo && ray stop",
+    "joblib": "dancedata build demo --scheduler joblib:loky --quiet && dancedata check data/demo",
+    "spark": "dancedata build demo --scheduler joblib:spark --quiet && dancedata check data/demo",  # Java as well
+    "parquet": f"{HERE} && dancedata export data/demo --to parquet --out parquet && "
+    "python -c 'import pyarrow.parquet as p; assert p.read_table(\"parquet/data\").num_rows == 756'",
+    "lightning": "python -m pytest -q -o filterwarnings=default tests/training",
     "report": f"{HERE} && dancedata report data/demo --to report.html && test -s report.html && "
     "python -m pytest -q -o filterwarnings=default tests/plot/test_figures.py",
     "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",

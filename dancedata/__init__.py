@@ -43,10 +43,11 @@ __all__ = [
     "report",
     "store",
     "synthetic",
+    "training",
 ]
 
 if TYPE_CHECKING:
-    from dancedata import cache, keymotion, metrics, plot, readers, report, store, synthetic
+    from dancedata import cache, keymotion, metrics, plot, readers, report, store, synthetic, training
     from dancedata.cache import FeatureCache
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
@@ -90,5 +91,5 @@ else:  # type checkers take the imports above, and so find misspelt names
             "push": "dancedata.publish.run",
             "quality": "dancedata.pipeline.quality",
         },
-        modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"),
+        modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic", "training"),
     )

@@ -259,17 +259,18 @@ def check(
     load_plugins(*(plugins or ()))
     from dancedata.pipeline import commands
     from dancedata.pipeline.describe import describe_problems
+    from dancedata.remote import path_text
 
     problems = commands.check(
         *paths, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,
         progress=not (quiet or as_json),
     )  # fmt: skip
     errors = [p for p in problems if p.severity == "error"]
-    others = {"others": [str(path) for path in paths[1:]]} if paths[1:] else {}
+    others = {"others": [path_text(path) for path in paths[1:]]} if paths[1:] else {}
     print_result(
         as_json,
-        lambda: {"path": str(paths[0]), "ok": not errors, "problems": [p.to_json() for p in problems]} | others,
-        lambda: describe_problems(" and ".join(map(str, paths)), problems),
+        lambda: {"path": path_text(paths[0]), "ok": not errors, "problems": [p.to_json() for p in problems]} | others,
+        lambda: describe_problems(" and ".join(map(path_text, paths)), problems),
     )
     if errors:
         raise typer.Exit(1)
@@ -400,7 +401,7 @@ def push(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Publish a dataset, or its recipe, on a hub or in a bucket.
+    """Publish a dataset, or its recipe, on a hub or bucket.
 
     dancedata push STORE hf://datasets/ORG/NAME --private
     """

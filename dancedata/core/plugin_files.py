@@ -122,7 +122,7 @@ def _load(file: PluginFile) -> Iterable[tuple[str, str]]:
     except DanceDataError as error:
         error.where = error.where or file.path
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a script ends the process, without a word
         raise UsageError(
             "the plug-in file cannot be loaded", where=file.path, found=f"{type(error).__name__}: {error}"
         ) from error

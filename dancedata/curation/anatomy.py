@@ -50,16 +50,16 @@ def _lowest(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[Floa
     return frames.astype(np.float64), feet[frames]
 
 
-def floor_trend(motion: Motion) -> tuple[float, float]:
+def floor_trend(motion: Motion) -> tuple[float, float] | None:
     """Return the slope of the floor, metres per frame, and how far it moves over the motion, metres.
 
     The Theil-Sen slope (the median of the slopes of all pairs) of the lowest foot joints of stretches of 2 s: jumps
     and floor work move some of them. The second is 0 where the middle half of the stretches is scattered about the
-    line by more than half of what it rises, and for less than three stretches.
+    line by more than half of what it rises. None for less than three stretches.
     """
     frames, heights = _lowest(motion.joints(), float(motion.grid.rate), motion.skeleton)
     if len(frames) < 3:
-        return 0.0, 0.0
+        return None
     first, second = np.triu_indices(len(frames), 1)
     slope = float(np.median((heights[second] - heights[first]) / (frames[second] - frames[first])))
     rest = heights - slope * frames

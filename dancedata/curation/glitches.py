@@ -24,8 +24,7 @@ _MOST = 0.8
 #: A pose is frozen if no joint moves by more than this, metres, for this long, and one moves by the third, metres per
 #: second, in the step before or after.
 _STILL_M, _LEAST_FROZEN_S, _FROM_M_S = 1e-5, 0.08, 0.3
-#: Above this frequency, hertz, or 0.8 of the Nyquist frequency, movement is jitter; and the stretches that are
-#: compared.
+#: Above this frequency, hertz, movement is jitter; and the stretches that are compared, seconds.
 _JITTER_HZ, _STRETCH_S = 10.0, 0.5
 _MAD = 1.4826  # of the standard deviation of a normal distribution
 
@@ -136,17 +135,18 @@ def frozen(motion: Motion) -> list[tuple[int, int]]:
     return spans
 
 
-def jitter(motion: Motion) -> Float64Array:
+def jitter(motion: Motion) -> Float64Array | None:
     """Return the size of movement above 10 Hz, (T,), metres: of the median joint, in the half second around a frame.
 
     Positions pass a Butterworth filter of fourth order forwards and backwards. The size is 1.4826 times the median of
-    the distances from 0 in the half second, which a spike hardly changes. Below 25 frames per second it is 0.
+    the distances from 0 in the half second, which a spike hardly changes. None below 25 frames per second, and for
+    less than 16 frames.
     """
     from scipy.ndimage import median_filter
 
     high = high_pass(motion.joints(), float(motion.grid.rate))
     if high is None:
-        return np.zeros(motion.n_frames)
+        return None
     size = 2 * round(_STRETCH_S * float(motion.grid.rate) / 2) + 1
     around = median_filter(_length(high), size=(size, 1), mode="nearest")
     return np.asarray(_MAD * np.median(around, axis=1))

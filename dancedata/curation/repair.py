@@ -150,7 +150,7 @@ def fill_gaps(motion: Motion, longest_s: float) -> tuple[Motion, list[Flag]]:
 
 def level_floor(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
     """Take the slope of the floor off all frames, where it rises or sinks by more than `least_m`; frame 0 stays."""
-    slope, moved = floor_trend(motion)
+    slope, moved = floor_trend(motion) or (0.0, 0.0)
     if abs(moved) <= least_m:
         return motion, []
     translation = np.array(motion.translation)
@@ -164,7 +164,8 @@ def smooth(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
 
     Places and quaternions of consistent sign pass a Butterworth filter forwards and backwards.
     """
-    size = float(np.median(jitter(motion)))
+    sizes = jitter(motion)
+    size = 0.0 if sizes is None else float(np.median(sizes))
     if size <= least_m:
         return motion, []
     rate = float(motion.grid.rate)

@@ -14,7 +14,7 @@ from dancedata.curation import anatomy, glitches
 from dancedata.curation.spans import Span, worst_spans
 
 #: Raised by hand when a score gives other numbers for the same motion.
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Score:
     ----------
     value
         Of the whole clip, the worst span's; None where the motion has none, such as joint limits of a rig that is not
-        SMPL's.
+        SMPL's, or jitter at 24 frames per second.
     spans
         In frames of the motion, in order.
     """
@@ -140,6 +140,8 @@ def _frozen(motion: Motion, least: float) -> Score:
 
 def _jitter(motion: Motion, least: float) -> Score:
     size = glitches.jitter(motion)
+    if size is None:
+        return Score(None)
     return Score(float(size.max()), worst_spans(size[:, None], least, ("",)))
 
 
@@ -148,6 +150,11 @@ def _of_floor(spans_of: Callable[..., tuple[Span, ...]]) -> Callable[[Motion, fl
         return _worst(spans_of(motion.joints(), float(motion.grid.rate), motion.skeleton, least))
 
     return score
+
+
+def _floor_drift(motion: Motion, least: float) -> Score:
+    trend = anatomy.floor_trend(motion)
+    return Score(None if trend is None else abs(trend[1]))
 
 
 def _bone_spread(motion: Motion, least: float) -> Score:
@@ -176,7 +183,7 @@ _SCORES: Mapping[str, Callable[[Motion, float], Score]] = {
     "jitter": _jitter,
     "sliding": _of_floor(anatomy.sliding),
     "penetration": _of_floor(anatomy.penetration),
-    "floor_drift": lambda motion, least: Score(abs(anatomy.floor_trend(motion)[1])),
+    "floor_drift": _floor_drift,
     "bone_spread": _bone_spread,
     "joint_limits": _of_body(lambda motion, least: _worst(anatomy.joint_limits(motion, least))),
     "self_contact": _of_body(lambda motion, least: _worst(anatomy.self_contact(motion.joints(), least))),

@@ -22,6 +22,8 @@ ROLES: tuple[Role, ...] = ("truth", "generated")
 Body = Literal["smpl24", "smplx24", "smplx55", "body22"]
 
 _MS = FrameGrid.of(1000)
+#: Longest piece, seconds: eleven days.
+_MAX_S = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,9 @@ class MotionRule:
     up: Literal["y", "z"] = "y"
     turned: bool = False
     pelvis: Literal["any", "body", "translation"] = "any"
+
+    def __post_init__(self) -> None:
+        _ = self.grid  # UsageError for a rate that is none
 
     @property
     def grid(self) -> FrameGrid | None:
@@ -86,6 +91,18 @@ class Pieces:
     seconds: tuple[float, float] | None = None
     shorter: bool = False
     multiple: int = 1
+
+    def __post_init__(self) -> None:
+        for name, least in (("skip", 0), ("first", 1), ("length", 1), ("stride", 1), ("multiple", 1)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise UsageError(f"invalid value for {name} of pieces", found=value, allowed=f"{least} and above")
+        if (self.length is None) != (self.stride is None):
+            raise UsageError("pieces have one of length and stride", allowed="both, or none: whole clips")
+        if self.seconds is not None and (self.length is not None or not all(0 < s <= _MAX_S for s in self.seconds)):
+            found = f"seconds {self.seconds}, length {self.length}"
+            allowed = f"above 0, to {_MAX_S:,}, without length"
+            raise UsageError("invalid seconds of pieces", found=found, allowed=allowed)
 
     def of(self, n_frames: int, grid: FrameGrid) -> list[tuple[int, int]]:
         """Return first frame and length of each piece of a clip."""
@@ -185,6 +202,9 @@ class MusicRule:
     scope: Literal["track", "window"] = "track"
     tempo: bool = True
     about: str = ""
+
+    def __post_init__(self) -> None:
+        _ = self.grid  # UsageError for a rate that is none
 
     @property
     def grid(self) -> FrameGrid | None:

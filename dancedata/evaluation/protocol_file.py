@@ -1,6 +1,6 @@
 """Protocols as YAML files, for ``evaluate --protocol FILE.yaml``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -70,6 +70,7 @@ def _members(document: Mapping[str, Any], problems: list[str]) -> dict[str, Any]
     measures = [
         _measure(f"measures[{k}]", entry, problems) for k, entry in enumerate(_list(document, "measures", problems))
     ]
+    problems += _repeated(measures)
     notes = _list(document, "notes", problems)
     problems += [f"notes: must be texts; found {shown(repr(note))}" for note in notes if not isinstance(note, str)]
     if "measures" in document and not measures:
@@ -79,6 +80,19 @@ def _members(document: Mapping[str, Any], problems: list[str]) -> dict[str, Any]
         problems.append("music: missing; a metric needs the beats of music, such as music: {features: [librosa35]}")
     lists = {"published": tuple(published), "measures": tuple(measures), "notes": tuple(notes)}
     return members | parts | lists | {"not_computable": MappingProxyType({})}
+
+
+def _repeated(measures: Sequence[Measure | None]) -> list[str]:
+    """Return problems of measures whose scores have the names of others: a report has one of each name."""
+    first: dict[str, int] = {}
+    problems = []
+    for k, measure in enumerate(measures):
+        names = () if measure is None else (measure.metric.better or (measure.metric.name,))
+        other = next((name for name in names if name in first), None)
+        if other is not None:
+            problems.append(f"measures[{k}]: measures[{first[other]}] has a score {other} already; keep one of them")
+        first |= {name: k for name in names if name not in first}
+    return problems
 
 
 def _list(document: Mapping[str, Any], key: str, problems: list[str]) -> list[Any]:

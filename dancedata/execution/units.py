@@ -3,6 +3,7 @@
 A unit is a call of a function with small arguments that leaves its arrays in the cache.
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
@@ -27,6 +28,12 @@ SCHEDULERS = {
     "dask": "tcp://HOST:8786",
     "ray": "ray://HOST:10001, or ray://auto on a machine of the cluster",
     "joblib": "joblib:NAME, such as joblib:spark",
+}
+_HOST = r"(\[[^\]\s]+\]|[^\s:/\[\]]+)"
+_ADDRESSES = {
+    "dask": re.compile(rf"((tcp|tls|ucx|wss?)://)?{_HOST}:\d+(/\S*)?|inproc://\S+"),
+    "ray": re.compile(rf"ray://{_HOST}(:\d+)?/?"),
+    "joblib": re.compile(r"joblib:\S+"),
 }
 #: After how many deaths of a worker that runs nothing else a unit is named as their cause.
 DEATHS_ALONE = 2
@@ -93,8 +100,9 @@ def check_backend(backend: str | None, scheduler: str | None) -> str:
         raise UsageError(
             f"the scheduler has an address of {engine}", found=f"--backend {backend}", fix="leave --backend out"
         )
-    if engine != "dask" and scheduler in (f"{engine}:", f"{engine}://"):
-        raise UsageError("the address of the scheduler is not complete", found=scheduler, allowed=SCHEDULERS[engine])
+    if _ADDRESSES[engine].fullmatch(scheduler) is None:
+        allowed = "; ".join(SCHEDULERS.values()) if engine == "dask" else SCHEDULERS[engine]
+        raise UsageError("not the address of a scheduler, or not a complete one", found=scheduler, allowed=allowed)
     return engine
 
 

@@ -13,11 +13,10 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.packages import require
+from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing, field_json
 from dancedata.exports.base.needs import needs_fields, needs_music_from_start, needs_track_scope
-from dancedata.store.clip_columns import CLIP_COLUMNS
-from dancedata.store.tables_out import clip_row, free_types, window_row
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -80,6 +79,9 @@ class SampleTable:
 
     @cached_property
     def _facts(self) -> dict[str, str]:
+        from dancedata.store.clip_columns import CLIP_COLUMNS  # reads HDF5, which listing plug-ins need not
+        from dancedata.store.tables_out import free_types
+
         kinds = {"id": "text", "split": "text", "seconds": "float"}
         kinds |= {c.name: "text" if c.type.startswith(("row:", "hash:")) else c.type for c in CLIP_COLUMNS} | _SHOWN
         kinds |= free_types(self.job.store)
@@ -123,6 +125,8 @@ class SampleTable:
         return sum(grid.rows_up(frames, of=field.grid) * field.row_bytes for field in fields)
 
     def _batch(self, samples: Sequence[Sample]) -> Any:
+        from dancedata.store.tables_out import clip_row, free_types, window_row
+
         pa, store, free = import_module("pyarrow"), self.job.store, free_types(self.job.store)
         of_clips = {clip.id: clip_row(store, clip, free) for clip, _ in samples}
         facts = [
@@ -193,6 +197,11 @@ class SampleExport(Export):
         missing = needs_fields(job, self.fields)
         if len(set(self.fields)) < len(self.fields):
             missing.append(Missing("fields has a name twice", "name each once"))
+        taken = [name for name in self._table(job).fields if name in self._table(job).facts]
+        if taken:
+            others = [name for name in job.store.fields if name not in taken]
+            fix = f"name the other fields, {listed(others)}; or build with another name, such as {taken[0]}.rows"
+            missing.append(Missing(f"a field has the name of a column of facts: {listed(taken)}", fix))
         if self.samples == "clips":
             missing += needs_track_scope(job) + needs_music_from_start(job.clips())
         return missing
@@ -204,6 +213,9 @@ class SampleExport(Export):
     def table(self, job: ExportJob) -> SampleTable:
         """Return the samples; MissingPackageError without pyarrow."""
         require("parquet", what=f"--to {self.name}")
+        return self._table(job)
+
+    def _table(self, job: ExportJob) -> SampleTable:
         return SampleTable(job, self.fields or tuple(job.store.fields), self.samples == "clips")
 
     def write_index(self, job: ExportJob, folder: ExportFolder, rows: Mapping[str, int]) -> None:

@@ -12,7 +12,6 @@ from dancedata.core.typing import override
 from dancedata.exports._samples import SampleExport, SampleTable
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.recipes.documents import document_of
-from dancedata.store.hub_head import unnamed_splits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,6 +32,8 @@ class HfDatasets(SampleExport):
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
+        from dancedata.store.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
+
         missing, unnamed = super().missing(job), unnamed_splits(job.store.splits)
         if unnamed:
             problem = f"datasets takes no split with this name: {listed(unnamed)}"

@@ -10,7 +10,6 @@ from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.exports._samples import SampleExport, SampleTable, require_size
 from dancedata.exports.base.job import EXPORTS, ExportJob
-from dancedata.store.hub_head import head, unnamed_splits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,6 +40,8 @@ class Parquet(SampleExport):
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
+        from dancedata.store.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
+
         table, rows = self.table(job), {}
         for split in job.store.splits:
             shards = table.shards(split, self.shard_mb)
@@ -58,6 +59,8 @@ class Parquet(SampleExport):
 
     @override
     def head(self, job: ExportJob) -> str:
+        from dancedata.store.hub_head import head, unnamed_splits
+
         splits = [split for split in job.store.splits if split not in unnamed_splits(job.store.splits)]
         return head(job.store, splits, {"default": "data/{}-*.parquet"}, viewer=True)
 

@@ -189,8 +189,8 @@ class Alignment:
                 start, o = row.start_of(clip), row.offset
                 numbers = ["" if v is None else f"{v:.4f}" for v in (o.offset_s, o.width_s, o.p)]
                 beat = "" if o.beat_s is None else f"{o.beat_s:.4f}"
-                cells = [clip.id, row.name, clip.music, *numbers, o.rivals, beat, o.unknown]
-                writer.writerow([*map(csv_cell, cells), "" if start is None else str(start)])
+                names = map(csv_cell, (clip.id, row.name, clip.music))  # negative numbers are no formulas
+                writer.writerow([*names, *numbers, o.rivals, beat, o.unknown, "" if start is None else str(start)])
         return text.getvalue()
 
     def __str__(self) -> str:

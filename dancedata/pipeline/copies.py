@@ -142,7 +142,10 @@ def _retimed(context: _Context, originals: Sequence[CopySource], rejects: list[R
         EncodedClip(_faster(spec, original.source), motion)
         for original, motion in _encoded(context, originals, rejects)
     ]
-    faults = {spec.clip_id(clip): of_clip for clip, of_clip in context.faults.items()}
+    faults = {
+        spec.clip_id(clip): [fault._replace(clip=spec.clip_id(fault.clip)) for fault in of_clip]
+        for clip, of_clip in context.faults.items()
+    }
     windowed, without_windows = cut_windows(recipe, encoded, faults)
     extracted, without_features = extract_features(
         context.cache, recipe, windowed, jobs=context.jobs, progress=context.progress

@@ -176,9 +176,13 @@ def without_faults(
 
 
 def _touches(recipe: Recipe, start: int, span: Span, rate: Fraction) -> bool:
-    """Whether a window covers an instant of a span: frames are instants, and a span ends before frame `end`."""
-    first, last = Fraction(span.start) / rate, Fraction(span.end - 1) / rate
-    return bool(recipe.grid.seconds(start) <= last and first < recipe.grid.seconds(start + recipe.windows.length))
+    """Whether a window covers the instant of a frame of a span, or has a row that is interpolated from one.
+
+    Rows between two frames are made of both, at the rate of each field.
+    """
+    stop = recipe.grid.seconds(start + recipe.windows.length)
+    last = stop - 1 / max(recipe.grid.rate, *(field.grid.rate for field in recipe.clip_fields))
+    return bool(recipe.grid.seconds(start) < span.end / rate and span.start / rate < max(stop, last + 1 / rate))
 
 
 def _above(rule: CurateRule, value: float) -> str:

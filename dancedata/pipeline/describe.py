@@ -13,6 +13,7 @@ from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
 from dancedata.core.text import counted, shown, size_text, table
 from dancedata.pipeline.rejects import NOT_IN_SOURCE, NOTED, describe_implausible, left_out_lines
+from dancedata.remote import path_text
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.free_columns import free_columns
@@ -213,7 +214,7 @@ def _store_json(store: Store, path: Path) -> dict[str, Any]:
     keys = ("name", "scope", "fps", "windows", "counts", "rejects", "quality_flags", "licence", "citation")
     heights = [c.height_m for c in store.clips if c.height_m is not None]
     return {
-        "path": str(path),
+        "path": path_text(path),
         **{key: store.meta[key] for key in keys if key in store.meta},
         "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
         "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
@@ -254,7 +255,7 @@ def describe_store(path: Path) -> str:
         quality = [*_repaired(store.quality), *quality, *_losses(store.meta.get("curation", {}))]
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
     lines = [
-        f"{shown(info.get('name', path.name))}: {shown(path)} ({size_text(info['bytes'])})",
+        f"{shown(info.get('name', path.name))}: {shown(path_text(path))} ({size_text(info['bytes'])})",
         scope_text(info["scope"], info["fps"], windows),
         f"  {_MUSIC_OF_WINDOWS[info['scope']]}",
         *_splits(info.get("counts", {})),
@@ -353,6 +354,5 @@ def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:
             lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
-    return "\n".join(
-        [*lines, f"{shown(path)}: {counted(len(errors), 'error')}, {counted(len(problems) - len(errors), 'note')}"]
-    )
+    numbers = f"{counted(len(errors), 'error')}, {counted(len(problems) - len(errors), 'note')}"
+    return "\n".join([*lines, f"{shown(path_text(path))}: {numbers}"])

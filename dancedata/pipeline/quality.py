@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -287,11 +287,19 @@ def _of_store(store: Store, progress: Progress) -> Quality:
 
 def _of_source(path: Path, dataset: str | None, recipe: Recipe | None, jobs: int, progress: Progress) -> Quality:
     reader, scan = scan_folder(path, dataset if recipe is None else recipe.dataset)
+    if recipe is None and any(reject.reason == "missing_music" for reject in scan.rejects):
+        reader, scan = scan_folder(path, _without_music(reader))
     calls = [(reader, None if recipe is None else recipe.without_audio, ref) for ref in scan.clips]
     scored = run_units(score_clip, calls, jobs=jobs, label="scoring motion", progress=progress)
     rows = tuple(row for row in scored if not isinstance(row, Reject))
     rejects = [*scan.rejects, *(row for row in scored if isinstance(row, Reject))]
     return Quality(str(path), rows, tuple(relative_to(reject, path) for reject in rejects))
+
+
+def _without_music(reader: Dataset) -> Dataset:
+    """Return a reader that keeps clips without music, where it has such a key: faults are those of the motion."""
+    names = {f.name for f in fields(reader)} if is_dataclass(reader) else set()
+    return replace(reader, music="optional") if "music" in names else reader
 
 
 def score_clip(reader: Dataset, recipe: Recipe | None, ref: ClipRef) -> ClipQuality | Reject:

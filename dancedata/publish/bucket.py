@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
@@ -14,6 +15,7 @@ from dancedata.execution.progress import Progress
 from dancedata.publish.contents import Upload
 from dancedata.remote.address import Address
 from dancedata.remote.bucket import BucketSource
+from dancedata.remote.cached import check_names
 from dancedata.remote.fetch import DATASET_FILE, PUBLICATION_FILE, fetch_description
 from dancedata.remote.source import NotThereError, refused
 
@@ -43,7 +45,7 @@ class BucketUpload:
             before, first = self._replaced(source, files, missing)
             self._delete(source, first)
             self._put(source, [file for file in rest if file in missing], progress)
-            self._delete(source, sorted(before - _names(files) - set(_COMPLETE)))
+            self._delete(source, self._ours(source, sorted(before - _names(files) - set(_COMPLETE))))
             self._verify(source, rest)
             for file in last:
                 self._put(source, [file], Progress(quiet=True))
@@ -66,6 +68,7 @@ class BucketUpload:
         first = [name for name in _COMPLETE if _head(source, name) is not None]
         with suppress(NotThereError):
             _, document = fetch_description(source, self.address, PUBLICATION_FILE)
+            check_names(document, f"{self.address}/{PUBLICATION_FILE}")
             before = {*document["files"], *_COMPLETE}
             # That of a dataset stays to the end: a run that goes on from here finds in it what is to be removed.
             first = first if "dataset" in document else [name for name in first if name == DATASET_FILE]
@@ -76,6 +79,14 @@ class BucketUpload:
             fix = "publish to another prefix, or replace what is there with --overwrite"
             raise UsageError(problem, where=str(self.address), found=listed(complete or foreign), fix=fix)
         return before, first
+
+    def _ours(self, source: BucketSource, names: Sequence[str]) -> list[str]:
+        """Return the names of objects that dancedata wrote: anyone may have written what publication.json lists."""
+        with ThreadPoolExecutor(_JOBS, thread_name_prefix="dancedata-push") as pool:
+            heads = pool.map(partial(_head, source), names)
+            return [
+                name for name, there in zip(names, heads, strict=True) if there and _ATTRIBUTE in there.attributes
+            ]
 
     def _put(self, source: BucketSource, files: Sequence[Upload], progress: Progress) -> None:
         import obstore

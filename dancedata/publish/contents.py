@@ -124,14 +124,14 @@ def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
     taken = {DATASET_FILE, PUBLICATION_FILE, CARD_FILE, RECIPE_FILE, CLIPS_FILE, STATS_FILE, REJECTS_FILE}
     for path in paths:
         name = path.name
+        if name in taken:
+            raise UsageError("a publication has another file of this name", where=path, fix="rename it")
         try:
             check_names({"files": {name: {"size": 0, "sha256": "0" * 64}}, "shards": []}, str(path))
         except DanceDataError:
             raise UsageError(
                 "the name of this file cannot be published", where=path, allowed="letters, digits, and _ . + -"
             ) from None
-        if name in taken:
-            raise UsageError("a publication has another file of this name", where=path, fix="rename it")
         taken.add(name)
         try:
             yield Upload.of_bytes(name, read_regular(path, _MAX_BESIDE))

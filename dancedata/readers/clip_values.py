@@ -19,6 +19,9 @@ from dancedata.store.tables import Tables
 #: Columns that can be chosen by, beside free ones.
 _CHOOSABLE = ("genre", "music", "dancer", "role", "member", "lists", "tempo_bpm", "height_m", "n_flags")
 _TYPES = {column.name: column.stated_type for column in CLIP_COLUMNS if column.name in _CHOOSABLE} | {"clip": "text"}
+_DEFAULTS: Mapping[str, Any] = {column.name: column.default for column in CLIP_COLUMNS}
+#: End of the details of rejects.
+ASKED = "as where= asks for"
 #: Python types of the values that a column is compared with.
 _COMPARED: Mapping[str, tuple[type, ...]] = {
     "text": (str,), "texts": (str,), "int": (int,), "ints": (int,), "float": (int, float), "floats": (int, float),
@@ -62,7 +65,7 @@ def chosen_clips(
         for name, values in where.items():
             has = _has(of_split, name, values)
             for row in np.flatnonzero(mask & ~has).tolist():
-                detail = f"{name} is not {listed(map(repr, values), 3)}, as where= asks for"
+                detail = f"{name} is not {listed(map(repr, values), 3)}, {ASKED}"
                 rejects.append(Reject("filtered", of_split.ids[row], detail=detail))
             mask &= has
         masks.append(mask)
@@ -71,8 +74,8 @@ def chosen_clips(
 
 def _has(tables: Tables, name: str, values: tuple[Any, ...]) -> npt.NDArray[np.bool_]:
     column = tables.ids if name == "clip" else tables.columns.get(name)
-    if column is None:
-        return np.zeros(tables.n_clips, dtype=np.bool_)
+    if column is None:  # not stored, as all clips have the default; of a free column, no value
+        return np.full(tables.n_clips, any(value == _DEFAULTS.get(name, "") for value in values))
     if isinstance(column, np.ndarray):
         return np.isin(column, [int(v) if isinstance(v, bool) else v for v in values])
     wanted = set(values)

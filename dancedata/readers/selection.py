@@ -12,7 +12,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
 from dancedata.core.text import counted
-from dancedata.readers.clip_values import chosen_clips
+from dancedata.readers.clip_values import ASKED, chosen_clips
 from dancedata.readers.music_beats import StartAt, windows_at
 from dancedata.store import ClipRecord
 from dancedata.store.clip_view import ClipView
@@ -236,6 +236,14 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
             where=str(store.path),
             found=f"{counted(len(beatless), 'clip')}, the first is {beatless[0].clip}: {beatless[0].detail}",
             fix=_NO_DOWNBEATS if at == "downbeat" else "use shorter windows",
+        )
+    unlike = [r for r in rejects if r.detail.endswith(ASKED)]
+    if unlike and len(unlike) == len(rejects):
+        return UsageError(
+            f"no clip of split {split!r} has the values that where= asks for",
+            where=str(store.path),
+            found=f"{counted(len(unlike), 'clip')}, the first is {unlike[0].clip}: {unlike[0].detail}",
+            fix="store.to_pandas() has the values of all clips",
         )
     longest = max((c.n_frames for c in store.clips), default=0)
     reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"

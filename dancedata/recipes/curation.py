@@ -160,6 +160,6 @@ def _number(value: Any, where: str, low: float) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not (is_number and low <= value <= _MAX):
         raise UsageError(
-            f"{where}: must be true, or a number", found=shown(repr(value)), allowed=f"{low:g} and above"
+            f"{where}: must be true, or a number", found=shown(repr(value)), allowed=f"{low:g} to {_MAX:,.0f}"
         )
     return float(value)

@@ -130,6 +130,14 @@ def description_of(folder: Path) -> Path:
     return folder / name if (folder / name).exists() else folder / DATASET_FILE
 
 
+def read_description(folder: Path) -> Mapping[str, Any]:
+    """Return the content of a dataset's `description_of`, whose names are checked."""
+    path = description_of(folder)
+    document = read_json(path, MAX_DESCRIPTION)
+    check_names(document, str(path))
+    return dict(document)
+
+
 def is_offline() -> bool:
     """Return whether HF_HUB_OFFLINE is set: then no server is asked."""
     return os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "ON", "YES", "TRUE")
@@ -179,18 +187,19 @@ def check_names(document: Mapping[str, Any], where: str) -> None:
     try:
         for file in remote_files(document):
             size = isinstance(file.size, int) and not isinstance(file.size, bool) and file.size >= 0
-            if not (_NAME.fullmatch(file.name) and size and _HASH.fullmatch(file.sha256)):
+            valid = size and _HASH.fullmatch(file.sha256) and _NAME.fullmatch(file.name)
+            # One that is listed would replace the file that was compared with self_sha256.
+            if not valid or file.name.casefold() in (DATASET_FILE, PUBLICATION_FILE):
                 raise ValueError(f"file {quoted(file.name, 60)}, size {quoted(file.size, 30)}")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise refused(
-            "dataset.json lists a file that no dataset has; nothing was fetched", where, quoted(str(error), 160)
+            "a file is listed that no dataset has; nothing was fetched", where, quoted(str(error), 160)
         ) from error
 
 
 @lru_cache(maxsize=4)
 def _listed(folder: Path) -> Mapping[str, RemoteFile]:
-    document = read_json(description_of(folder), MAX_DESCRIPTION)
-    return {file.name: file for file in remote_files(document)}
+    return {file.name: file for file in remote_files(read_description(folder))}
 
 
 def require_file(path: Path) -> None:

@@ -8,10 +8,9 @@ from typing import Any
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, size_text
 from dancedata.execution.progress import Progress
-from dancedata.files.strict_json import read_json
 from dancedata.remote.address import ALLOWED, is_address
-from dancedata.remote.cached import description_of, fetch_files, local_folder, origin_of, remote_files
-from dancedata.remote.fetch import MAX_DESCRIPTION, has_file
+from dancedata.remote.cached import fetch_files, local_folder, origin_of, read_description, remote_files
+from dancedata.remote.fetch import has_file
 
 #: Files that are fetched at once.
 JOBS = 6
@@ -67,7 +66,7 @@ def pull(
     if not is_address(address):
         raise UsageError("not an address of a dataset", found=str(address), allowed=ALLOWED)
     folder = local_folder(address, None if cache is None else Path(cache).expanduser().absolute())
-    document = read_json(description_of(folder), MAX_DESCRIPTION)
+    document = read_description(folder)
     splits = None if split is None else (split,) if isinstance(split, str) else tuple(split)
     known = list(dict.fromkeys(entry["split"] for entry in document["shards"]))
     for name in splits or ():
@@ -84,7 +83,7 @@ def pull(
 def require_whole(folder: Path) -> None:
     """Fetch what is missing of a dataset of the cache; nothing for other folders."""
     if origin_of(folder) is not None:
-        files = remote_files(read_json(description_of(folder), MAX_DESCRIPTION))
+        files = remote_files(read_description(folder))
         missing = [file for file in files if not has_file(folder / file.name, file.size)]
         if missing:
             fetch_files(folder, missing, jobs=JOBS)

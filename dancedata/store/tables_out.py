@@ -24,6 +24,10 @@ def table(store: Store, name: str) -> DataFrame:
     pandas = load("pandas", "pandas", what="to_pandas")
     rows = list(_TABLES[name](store))
     frame: DataFrame = pandas.DataFrame.from_records(rows, columns=None if rows else _EMPTY[name])
+    for column, kind in free_types(store).items() if name == "clips" and rows else ():
+        values = [row[column] for row in rows]
+        if kind == "int" and None in values:  # pandas would make them float64, which has 53 bits
+            frame[column] = pandas.array(values, dtype="Int64")
     return frame
 
 

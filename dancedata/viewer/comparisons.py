@@ -39,6 +39,10 @@ class Comparison(ABC):
     def figure(self, scene: Scene) -> Figure:
         """Return the motion of a scene's item, from the same first frame; DataError if there is none."""
 
+    def names(self, item: Item) -> bool:
+        """Whether it has a motion under the item's name."""
+        return True
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OriginalComparison(Comparison):
@@ -74,6 +78,10 @@ class StoreComparison(Comparison):
     scenes: Scenes
 
     @override
+    def names(self, item: Item) -> bool:
+        return any(other.clip.id == item.clip.id for other in self.scenes.items)
+
+    @override
     def figure(self, scene: Scene) -> Figure:
         item = scene.item
         try:
@@ -97,6 +105,10 @@ class FilesComparison(Comparison):
     any_clip: Path | None
     form: FileFormat
     body: Skeleton
+
+    @override
+    def names(self, item: Item) -> bool:
+        return self.any_clip is not None or item.id in self.paths or item.clip.id in self.paths
 
     @override
     def figure(self, scene: Scene) -> Figure:

@@ -159,9 +159,10 @@ class ViewRequest:
             unit=self.unit,
         )
 
-    def first(self, scenes: SceneList) -> tuple[Item, tuple[int, int] | None]:
-        """Return the item to begin with, and the loop."""
-        item = scenes.find(self.clip) if self.clip else scenes.items[0]
+    def first(self, scenes: SceneList, compared: Sequence[Comparison] = ()) -> tuple[Item, tuple[int, int] | None]:
+        """Return the item to begin with, and the loop; without a clip, the first that has a motion beside it."""
+        beside = (item for item in scenes.items if any(comparison.names(item) for comparison in compared))
+        item = scenes.find(self.clip) if self.clip else next(beside, scenes.items[0])
         if self.window is None:
             return item, None
         of_clip = scenes.items_of(item.name)
@@ -213,13 +214,13 @@ class Shown:
             sounds = None if request.source is None else ClipSource(scenes.store, request.source)
         elif isinstance(scenes, MotionScenes) and scenes.music is not None:
             sounds = scenes
-        item, loop = request.first(scenes)
         comparisons = request.comparisons(scenes, sounds)
-        if request.wall:
-            wall = Wall(scenes, comparisons[len(comparisons) - len(request.compare) :], apart=not request.overlay)
-            item = wall.wall_of(item) if request.clip else wall.items[0]
-            return cls(request, wall, None if sounds is None else WallSounds(wall, sounds), (), item, loop, "")
         added = comparisons[len(comparisons) - len(request.compare) :]
+        item, loop = request.first(scenes, added)
+        if request.wall:
+            wall = Wall(scenes, added, apart=not request.overlay)
+            item = wall.wall_of(item) if request.clip or (added and not item.members) else wall.items[0]
+            return cls(request, wall, None if sounds is None else WallSounds(wall, sounds), (), item, loop, "")
         return cls(request, scenes, sounds, comparisons, item, loop, added[0].name if added else "")
 
     @property

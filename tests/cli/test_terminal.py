@@ -122,9 +122,9 @@ def test_help_has_groups_in_the_order_of_use():
     assert re.findall(r"^(\w.*):$", text, re.M) == ["Options", "Make a dataset", "Look at it", "Use it", "The rest"]
     commands = re.findall(r"^  ([a-z-]+)  +(\S.*)$", text.split("Make a dataset:")[1], re.M)
     names = [name for name, _ in commands]
-    assert names[:5] == ["manifest", "build", "plan", "check", "align"]
-    assert names[5:10] == ["view", "report", "info", "study", "study-results"]
-    assert names[10:13] == ["export", "evaluate", "decode"]
+    assert names[:6] == ["manifest", "build", "plan", "check", "quality", "align"]
+    assert names[6:11] == ["view", "report", "info", "study", "study-results"]
+    assert names[11:14] == ["export", "evaluate", "decode"]
     known = {command.name or command.callback.__name__ for command in app.registered_commands}  # type: ignore[union-attr]
     assert set(names) == known | {group.name for group in app.registered_groups}
     assert [text for _, text in commands if "..." in text or len(text) > 55 or not text.endswith(".")] == []

@@ -23,7 +23,7 @@ PUBLIC = {
     "decode_file", "decode_group", "load_plugins", "push", "Motion", "Skeleton", "AudioSignal", "Evaluator",
     "FeatureCache", "__version__",
 }  # fmt: skip
-MODULES = {"cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic"}
+MODULES = {"cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic", "training"}
 
 
 def for_type_checkers(package: ModuleType) -> dict[str, str]:

@@ -71,6 +71,9 @@ def test_members_are_those_of_the_file(tmp_path: Path) -> None:
         ("body22", "body23"), ("pfc:", "pcf:"), ("variant: rescaled", "variant: odd"), ("music:", "musik:"),
         ("steady: true\n  - beat", "steady: 2\n  - beat"), ("notes: [of a file]", "notes: 3"),
         ("protocol: 1", "protocol: 2"), (TEXT, "[]"), (TEXT, ""),
+        ("seconds: [5, 2.5]", "length: 150, stride: 0"), ("seconds: [5, 2.5]", "length: 150"),
+        ("seconds: [5, 2.5]", "skip: -10"), ("[5, 2.5]", "[5, .nan]"), ("fps: null", "fps: 0"),
+        ("  - pfc: {variant: rescaled}", "  - pfc\n  - pfc: {variant: rescaled}"),
     ],
 )  # fmt: skip
 def test_wrong_files(old: str, new: str, tmp_path: Path) -> None:

@@ -137,6 +137,15 @@ def test_the_card_is_what_hubs_read(path: Path, store: Store, tmp_path: Path) ->
     assert "CC BY-NC 4.0" in (tmp_path / "out/LICENCE.txt").read_text()
 
 
+@pytest.mark.parametrize("target", ["parquet", "hf-datasets"])
+def test_a_field_with_the_name_of_a_column_is_refused(target: str, tmp_path: Path) -> None:
+    fields = random_fields({"edge151": 151}, {"music": 3})
+    made = write_random_store(tmp_path / "store", fields=fields, clips={"train": 1})
+    with raises_message(StoreError):
+        dancedata.export(made.path, target, tmp_path / "out", progress=False)
+    dancedata.export(made.path, target, tmp_path / "out", progress=False, fields=("edge151",))
+
+
 @pytest.fixture
 def hf(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")

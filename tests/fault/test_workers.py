@@ -1,6 +1,7 @@
 """Worker processes that die, under loky and under Dask: the build continues, or names the unit at fault."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -42,6 +43,22 @@ def test_a_worker_killed_under_loky_loses_only_its_unit(
     assert hashes(out) == undisturbed
     assert set(songs[1:3]) <= {song for song in songs if slow.calls().count(song) > 1}
     assert len(slow.calls()) <= 10
+    # loky ends all workers when one dies: what the others held may be left, until the next build.
+    shutil.rmtree(out)
+    slow.build(corpus, out, "--jobs", 1)
+    assert slow.strays() == []
+
+
+def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(
+    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
+):
+    (slow.folder / f"kill-writing-{songs[1]}").touch()
+    slow.build(corpus, out, "--jobs", 2)
+    assert hashes(out) == undisturbed
+    assert ".tmp" in {Path(path).suffix for path in slow.strays()}
+    shutil.rmtree(out)
+    slow.build(corpus, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
     assert slow.strays() == []
 
 
@@ -164,8 +181,14 @@ def test_a_worker_is_checked_for_its_requirements(
         (["--backend", "spark"], 2, "allowed: loky, dask, ray, joblib"),
         (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], 2, "an address of dask; found --backend loky"),
         (["--backend", "dask", "--scheduler", "ray://auto"], 2, "an address of ray; found --backend dask"),
-        (["--scheduler", "ray://"], 2, "is not complete; found ray://; allowed: ray://HOST:10001"),
-        (["--scheduler", "joblib:"], 2, "is not complete; found joblib:; allowed: joblib:NAME"),
+        (["--scheduler", "ray://"], 2, "not a complete one; found ray://; allowed: ray://HOST:10001"),
+        (["--scheduler", "ray://:10001"], 2, "not a complete one; found ray://:10001; allowed: ray://HOST:10001"),
+        (["--scheduler", "joblib:"], 2, "not a complete one; found joblib:; allowed: joblib:NAME"),
+        (["--scheduler", "joblib: loky"], 2, "not a complete one; found joblib: loky; allowed: joblib:NAME"),
+        (["--scheduler", "ray"], 2, "not a complete one; found ray; allowed: tcp://HOST:8786; ray://HOST:10001"),
+        (["--scheduler", ""], 2, "not a complete one; found ; allowed: tcp://HOST:8786"),
+        (["--scheduler", "tcp://HOST"], 2, "not a complete one; found tcp://HOST; allowed: tcp://HOST:8786"),
+        (["--scheduler", "spark://HOST:7077"], 2, "not a complete one; found spark://HOST:7077; allowed: tcp://"),
         (["--scheduler", "joblib:nothing"], 2, "Invalid backend: nothing, expected one of"),
         (["--scheduler", "joblib:multiprocessing"], 2, "does not support return_as=generator_unordered"),
         (["--part", "5/4"], 2, "a part is NUMBER/COUNT"),

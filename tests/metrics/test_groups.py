@@ -128,7 +128,7 @@ def test_segments_against_a_search_over_points() -> None:
     first = p[:, None] + steps[:, None] * (q - p)[:, None]
     second = r[:, None] + steps[:, None] * (s - r)[:, None]
     searched = np.linalg.norm(first[:, :, None] - second[:, None], axis=3).min(axis=(1, 2))
-    distances = groups._segment_distances(p, q, r, s)
+    distances = groups.segment_distances(p, q, r, s)
     assert (distances <= searched + 1e-12).all()
     np.testing.assert_allclose(distances, searched, atol=0.05)
 
@@ -164,7 +164,7 @@ def test_boxes_round_limbs_lose_no_collision() -> None:
     limbs = [(SMPL24.parents[joint], joint) for joint in range(1, 22)]
     near = np.zeros(300, dtype=bool)
     for (p, j), (q, k) in itertools.product(limbs, limbs):
-        apart = groups._segment_distances(bodies[0, :, p], bodies[0, :, j], bodies[1, :, q], bodies[1, :, k])
+        apart = groups.segment_distances(bodies[0, :, p], bodies[0, :, j], bodies[1, :, q], bodies[1, :, k])
         near |= apart < radius[j] + radius[k]
     assert 20 < near.sum() < 280
     assert (groups.collisions(bodies)[0, 1] == near).all()

@@ -16,6 +16,7 @@ import pytest
 import soundfile
 
 import dancedata
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.metrics.offsets import Offset
@@ -113,6 +114,15 @@ def test_a_manifest_with_the_seconds_of_the_table_has_no_offset_left(
         assert row.offset.offset_s == pytest.approx(0, abs=0.002)
     with raises_message(UsageError):
         align(planted, cache, out=table)
+
+
+def test_negative_offsets_are_numbers_in_the_table() -> None:
+    offset = Offset(offset_s=-0.08, width_s=0.004, p=0.01, beat_s=0.5)
+    clip = ClipRef("=a", Path("a.npz"), Path("a.wav"), "train", "-song")
+    found = Alignment(Path("source"), "folder", "clip", Search(), (Aligned("=a", (clip,), offset),))
+    (row,) = csv.DictReader(found.to_csv().splitlines())
+    assert float(row["offset_s"]) == -0.08
+    assert (row["id"], row["music"], row["audio_start_s"]) == ("'=a", "'-song", "-2/25")
 
 
 def test_json_has_all_numbers(planted: Path, cache: Path) -> None:

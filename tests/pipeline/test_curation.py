@@ -92,6 +92,22 @@ def test_windows_that_touch_a_span_are_left_out(build: Any, plain: Store) -> Non
     assert np.array_equal(store.clip("spike").read("edge151"), plain.clip("spike").read("edge151"))
 
 
+@pytest.mark.parametrize("rates", [(24, 30), (25, 60), (50, 30)])
+def test_windows_with_rows_between_a_faulty_frame_and_its_neighbour_are_left_out(
+    build: Any, rates: tuple[int, int]
+) -> None:
+    of_source, fps = rates
+    dataset = {"folder": {**DOCUMENT["dataset"]["folder"], "fps": of_source}}
+    keys = {"dataset": dataset, "fps": fps, "windows": {"length_frames": 7, "stride_frames": 1}}
+    store, every = build(curate={"spikes": True}, **keys), build(**keys)
+    seconds = np.arange(every.clip("spike").n_frames) / fps
+    off = np.flatnonzero(np.abs(seconds * of_source - 300) < 1 - 1e-9)  # slerp and lines take two frames
+    touched = {start for start in starts(every)["spike"] if np.isin(np.arange(start, start + 7), off).any()}
+    assert len(off) > 1 or of_source > fps
+    assert not touched & set(starts(store)["spike"])
+    assert len(starts(every)["spike"]) - len(starts(store)["spike"]) <= len(touched) + 1
+
+
 def test_clips_are_left_out(build: Any) -> None:
     store = build(curate={"floor_drift": 0.1, "spikes": {"leave_out": "clip", "limit": 0.1}})
     assert sorted(clip.id for clip in store.clips) == ["clean", "held"]
@@ -132,6 +148,8 @@ def test_copies_lose_the_same_windows(build: Any) -> None:
     store = build(curate={"spikes": True}, augment={"mirror": True, "tempo": {"speeds": [1]}})
     of_clip = starts(store)
     assert of_clip["spike__mirror"] == of_clip["spike__tempo"] == of_clip["spike"] == [0, 30, 60, 90, 180]
+    assert {r["clip"] for r in store.rejects} == {"spike", "spike__tempo"}
+    assert not any("partner" in r["detail"] for r in store.rejects)
 
 
 def test_what_was_repaired_is_flagged_and_the_original_is_kept(build: Any, plain: Store) -> None:
@@ -220,6 +238,7 @@ def test_a_recipe_reads_what_it_wrote() -> None:
         {"curate": {"up": {"splits": 3}}}, {"repair": True}, {"repair": {"spike": True}},
         {"repair": {"gaps": -1}}, {"repair": {"original": 1}},
         {"repair": {"gaps": True}, "motion": {"edge151": {}, "edge151.original": {}}},
+        {"curate": {"floor_drift": 1e7}},
     ],
 )  # fmt: skip
 def test_wrong_keys(keys: dict[str, Any]) -> None:
@@ -257,6 +276,16 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
     assert opened.to_json()["clips"] == document["clips"]
     with raises_message(UsageError):
         dancedata.quality(source, out=tmp_path / "q.csv")
+
+
+def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:
+    lines = [f"{p.stem},{p.name},m,y,60" for p in sorted(source.iterdir())]
+    for path in source.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "manifest.csv").write_text("\n".join(["id,motion,unit,up,fps", *lines]))
+    found = dancedata.quality(tmp_path, dataset="folder", progress=False)
+    assert [clip.clip for clip in found.clips] == ["clean", "held", "sinks", "spike"]
+    assert found.rejects == ()
 
 
 def test_damaged_losses_are_an_error(plain: Store, tmp_path: Path) -> None:

@@ -115,6 +115,8 @@ def test_groups_have_a_value_of_each_dancer(tmp_path: Path) -> None:
         ({"genre": "break"}, {0, 2, 4}),
         ({"tempo_bpm": 80}, {0, 2, 4}),
         ({"lists": "all", "n_flags": 1}, {1, 3, 5}),
+        # Columns that are not stored, as all clips have the default.
+        ({"x/level": 3, "role": "", "member": -1}, {2, 3}),
     ],
 )
 def test_clips_with_some_values(path: Path, where: dict[str, Any], wanted: set[int]) -> None:
@@ -135,6 +137,19 @@ def test_clips_with_some_values(path: Path, where: dict[str, Any], wanted: set[i
 def test_wrong_choices(path: Path, where: Any) -> None:
     with raises_message(UsageError):
         WindowDataset(path, where=where)
+
+
+def test_whole_numbers_of_pandas_are_exact_where_a_clip_has_none(tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    made = write_random_store(tmp_path / "draft", clips={"train": 2})
+    columns: list[dict[str, Any]] = [{"number": 2**60 + 1, "all": 2**60 + 1}, {"all": 3}]
+    clips = [replace(clip, columns=c) for clip, c in zip(made.clips, columns, strict=True)]
+    (tmp_path / "store").mkdir()
+    write_store(tmp_path / "store", made.header, clips)
+    table = open_store(tmp_path / "store").to_pandas()
+    assert int(table["x/number"][0]) == 2**60 + 1  # numpy compares as float64
+    assert table["x/number"].isna().tolist() == [False, True]
+    assert table["x/all"].tolist() == [2**60 + 1, 3]
 
 
 def test_no_clip_is_left(path: Path) -> None:

@@ -188,8 +188,12 @@ def test_two_files_with_one_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [None, "", "1 / 0\n", "import nothing_of_this_name\n", FEATURE.replace("template_name", "librosa35")]
-)
+    "content",
+    [
+        None, "", "1 / 0\n", "import nothing_of_this_name\n", FEATURE.replace("template_name", "librosa35"),
+        "raise SystemExit(3)\n",
+    ],
+)  # fmt: skip
 def test_files_that_cannot_be_loaded(content: str | None, tmp_path: Path) -> None:
     if content is not None:
         (tmp_path / "file.py").write_text(content)

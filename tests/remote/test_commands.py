@@ -92,7 +92,10 @@ def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme
         dancedata.export(where, "npz", tmp_path / folder / "npz", progress=False)
         run("view", where, "--export", tmp_path / folder / "page.html", "--quiet")
         report = as_json("report", where, "--clips", "none", "--quiet")
-        checked = [p for p in as_json("check", where, "--quiet")["problems"] if p["severity"] == "error"]
+        found = as_json("check", where, "--quiet")
+        assert found["path"] == as_json("info", where)["path"] == str(where)
+        assert f": {where} (" in run("info", where).output
+        checked = [p for p in found["problems"] if p["severity"] == "error"]
         values = dancedata.evaluate(where, metrics=("pfc",), bootstrap=0, jobs=1, progress=False).to_json()
         (tmp_path / folder / "numbers.json").write_text(json.dumps([report, checked, values["scores"]]))
     for path in sorted((tmp_path / "local").rglob("*")):

@@ -18,7 +18,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.hashing import json_sha256
-from dancedata.remote import fetch, http, pull, source
+from dancedata.remote import fetch, http, pull, require_whole, source
 from dancedata.remote.cached import local_folder
 from tests.messages import raises_message
 from tests.remote.servers import Hub, Server, cut, other, status
@@ -219,7 +219,7 @@ def test_a_description_that_is_none(server: Server, address: str, text: str) -> 
 @pytest.mark.parametrize(
     ("name", "size"),
     [("../evil.h5", 1), ("/etc/evil", 1), ("a/b.h5", 1), (".hidden", 1), ("x\x00.h5", 1), ("x" * 300, 1),
-     ("a.h5", -1), ("a.h5", True), ("dataset.json\n", 1)],
+     ("a.h5", -1), ("a.h5", True), ("dataset.json\n", 1), ("dataset.json", 1), ("Publication.JSON", 1)],
 )  # fmt: skip
 def test_names_that_lead_out(server: Server, address: str, own_cache: Path, name: str, size: int) -> None:
     def bend(data: bytes) -> bytes:
@@ -229,9 +229,20 @@ def test_names_that_lead_out(server: Server, address: str, own_cache: Path, name
         return json.dumps(document).encode()
 
     server.fault("dataset.json", other(bend))
-    with pytest.raises(StoreError, match=r"dataset.json lists a file that no dataset has; nothing was fetched"):
+    with pytest.raises(StoreError, match=r"a file is listed that no dataset has; nothing was fetched"):
         local_folder(address)
     assert not own_cache.exists()
+
+
+def test_names_of_a_description_that_was_changed_in_the_cache(address: str, published: Path, tmp_path: Path) -> None:
+    folder = pull(address, progress=False).path
+    (tmp_path / "kept").mkdir()
+    document = json.loads((folder / "dataset.json").read_bytes())
+    document["files"][str(tmp_path / "kept/stats.json")] = document["files"]["stats.json"]
+    (folder / "dataset.json").write_text(json.dumps(document))
+    with pytest.raises(StoreError, match="nothing was fetched"):
+        require_whole(folder)
+    assert not list((tmp_path / "kept").iterdir())
 
 
 def test_a_hundred_thousand_shards(server: Server, address: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.hashing import sha256_bytes
+from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.remote import pull
 from dancedata.remote.cached import remote_files
 from dancedata.store import open_store
@@ -102,6 +102,26 @@ def test_files_of_others_are_kept(bucket: str, published: Path) -> None:
     assert there(bucket) == {"README.md": b"mine", "notes.txt": b"mine too"}
     push(published, bucket, overwrite=True)
     assert there(bucket)["notes.txt"] == b"mine too"
+
+
+def test_a_publication_that_lists_files_of_others(
+    bucket: str, published: Path, random_store: Callable[..., Any], tmp_path: Path
+) -> None:
+    from obstore.store import from_url
+
+    def lists(name: str) -> None:
+        document = {"files": {name: {"size": 4, "sha256": "0" * 64}}, "shards": []}
+        data = json.dumps(document | {"self_sha256": json_sha256(document)}).encode()
+        obstore.put(from_url(bucket), "publication.json", data)
+
+    push(random_store(tmp_path / "other", seed=3).path, bucket)
+    obstore.put(from_url(bucket), "notes.txt", b"mine")
+    lists("../elsewhere.txt")
+    with pytest.raises(StoreError, match="a file is listed that no dataset has"):
+        push(published, bucket, overwrite=True)
+    lists("notes.txt")
+    push(published, bucket, overwrite=True)
+    assert there(bucket)["notes.txt"] == b"mine"
 
 
 @pytest.mark.parametrize("replaced", [False, True])

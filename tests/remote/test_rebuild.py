@@ -325,5 +325,5 @@ def test_a_changed_byte(as_folder: Path, fine_source: Path, tmp_path: Path, cach
         rebuild(as_folder, source, out, cache)
     path = as_folder / "publication.json"
     path.write_text(path.read_text().replace('"name"', '"nane"', 1))
-    with raises_message(StoreError):
+    with pytest.raises(StoreError, match=r"a damaged one; found ValueError: 'self_sha256 \w+\.\.\., content"):
         rebuild(as_folder, source, out, cache)

@@ -7,7 +7,7 @@ import hashlib
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,7 +152,9 @@ def _fetched(
     write_json(part / PROVENANCE, model.record())
     shutil.rmtree(part / _CLIENT, ignore_errors=True)
     _require_new(out)
-    part.rename(out)  # an empty folder may be there
+    with suppress(FileNotFoundError):
+        out.rmdir()  # an empty folder, which Windows does not replace
+    part.rename(out)
     flush_folder(out.parent)
     return model
 

@@ -6,6 +6,7 @@ import logging
 import os
 import socket
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -178,7 +179,8 @@ def started(scheduler: str, requirements: WorkerRequirements) -> Iterator[Execut
         yield _executor(requirements)
         return
     try:
-        with kept_signals():
+        with kept_signals(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of Ray Client, beside its error
             ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False)
     except Exception as error:  # Ray raises errors of many types
         raise DanceDataError(

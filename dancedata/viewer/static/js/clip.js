@@ -231,7 +231,7 @@ export function showAbout() {
   document.title = `${plain(name)} - ${head.name}`;
   el('meta').textContent = [
     clip.split,
-    clip.members && (one ? `dancer ${one.part}, of ${clip.members.length}` : `${clip.members.length} dancers`),
+    clip.members && (one ? `dancer ${one.part}, of ${clip.members.length}` : `${clip.members.length} dancer${clip.members.length > 1 ? 's' : ''}`),
     clip.genre && `genre ${clip.genre}`,
     clip.music && `song ${clip.music}`,
     clip.dancer && `dancer ${clip.dancer}`,

@@ -12,7 +12,7 @@ let signsOf = () => '';
 const describe = item =>
   [
     item.split,
-    item.members && `${item.members.length} dancers`,
+    item.members && `${item.members.length} dancer${item.members.length > 1 ? 's' : ''}`,
     item.genre,
     item.music,
     `${item.seconds.toFixed(1)} s`,
