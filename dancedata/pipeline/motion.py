@@ -217,8 +217,10 @@ def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, C
     info = ClipInfo(*cached) if cached is not None and cached[5:] == [_EXAMINED] else None
     arrays = {name: cache.array("motion", key) for name, key in keys.fields.items()}
     for name, array in arrays.items():
-        if array is not None and not array.shape[0] and cache.json("clips", keys.fields[name]) is None:
-            arrays[name] = None  # without its reason, see `_published`
+        # (0, D) is of an optional field, with its reason; in window scope (0, L, D) is of a clip without windows.
+        is_absent = array is not None and len(array.shape) == 2 and not array.shape[0]
+        if is_absent and cache.json("clips", keys.fields[name]) is None:
+            arrays[name] = None
     return info, arrays
 
 
