@@ -12,11 +12,14 @@ import pytest
 import dancedata
 from dancedata.core.clip import Window
 from dancedata.core.errors import RecipeError, StoreError, UsageError
+from dancedata.core.plugins import CopyAugmentation
 from dancedata.pipeline.check import check
+from dancedata.pipeline.copies import _CopiedArray
 from dancedata.pipeline.diff import diff
 from dancedata.readers import ClipDataset, GroupDataset, WindowDataset
 from dancedata.readers.scalers import scaler_of
 from dancedata.readers.selection import Choice
+from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.report.measure import measure
 from dancedata.store import open_store, verify_store, write_store
@@ -230,6 +233,17 @@ def test_copies_lack_what_their_clip_lacks(captures: Path, cache: Path, tmp_path
     ds = open_store(tmp_path / "out")
     assert {clip.id for clip in ds if not clip.has_field(FIELD)} == {*WITHOUT, "bvh_1__mirror"}
     assert not [p for p in verify_store(tmp_path / "out") if p.severity == "error"]
+
+
+def test_augmentations_do_not_see_rows_that_are_not_there() -> None:
+    class Fragile(CopyAugmentation):
+        def change_rows(self, rows: Any, *_: Any, **__: Any) -> Any:
+            return rows - rows[:1].max()  # an error for no rows
+
+    recipe = parse_recipe(RECIPE)
+    empty = np.empty((0, recipe.motion[1].columns.width), np.float32)
+    copied = _CopiedArray(empty, recipe.motion[1], CopySpec("fragile", Fragile()), "bvh_1")
+    assert np.asarray(copied).shape == copied.shape == empty.shape
 
 
 MISTAKES = [
