@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from dancedata.core.motion import Motion
+from dancedata.core.motion import Motion, grounded
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.examples import MIXAMO_NAMES
 from dancedata.formats.bvh.write import write_bvh
@@ -46,6 +46,7 @@ SECONDS = 13.5
 def write_take(path: Path, motion: Motion) -> None:
     """Write a motion at 60 frames per second as its ending says."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    motion = grounded(motion)
     n, pelvis = motion.n_frames, motion.translation + SMPL24.offsets[0]
     if path.suffix == ".bvh":
         offsets = 100 * np.array(SMPL24.offsets)

@@ -6,7 +6,8 @@
     accelerate launch examples/train_edge_like.py --data data/aistpp --out runs/edge --width 512 --steps 200000
 
 `--data` has edge151, lodge139 or finedance319, and librosa35: AIST++, FineDance, or your own data. OUT/dance.bvh,
-for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. Resume with the same `--seconds`.
+for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. Resume with the same `--seconds`. It needs
+accelerate: pip install accelerate.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@
 A window of four segments has 13 primitives of 8 frames: diffusion makes all of them at once, from the music around
 each and the genre. OUT/dance.bvh and OUT/dance.svg have the generated primitives, with straight lines between them
 (the task of Lodge's local stage); OUT/primitives.npz has them unchanged. Training, resuming and diffusion are those
-of train_edge_like.py.
+of train_edge_like.py, and it needs accelerate, too: pip install accelerate.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def view(
     fps: Annotated[str | None, typer.Option(help="Frame rate of motion files; default: the dataset's.")] = None,
     up: Annotated[str, typer.Option(help="Up axis of motion files: y or z.")] = "y",
     unit: Annotated[
-        str | None, typer.Option(help="Unit of motion files: m, cm, ...; default: m, guessed of BVH.")
+        str | None, typer.Option(help="Unit of motion files: m, cm, ...; default: m of positions, guessed of BVH.")
     ] = None,
     wall: Annotated[bool, typer.Option("--wall", help=WALL_HELP)] = False,
     mirrored: Annotated[bool, typer.Option("--mirrored", help="Show the mirrored dancer.")] = False,
@@ -93,15 +93,16 @@ def view(
         window=window, scaler=scaler, clip_to_range=clip_to_range, mirrored=mirrored, overlay=overlay, wall=wall,
         body_model=body_model, betas=betas_of(betas),
     )  # fmt: skip
+    notes: list[str] = []
     share_options: dict[str, Any] = {"audio": audio == "embed", "shared": share, "overwrite": overwrite}
     if export is not None:
         with Progress(quiet).stage("writing the page", None):
-            page = export_page(request, export, **share_options)
-        say(str(page))
+            written = export_page(request, export, say=notes.append, **share_options)
+        for line in (str(written), *notes):
+            say(line)
     elif video is not None:
         from dancedata.plot.video import export_video
 
-        notes: list[str] = []
         with Progress(quiet).stage("writing the video", None):
             written = export_video(request, video, size=size, say=notes.append, **share_options)
         for line in (str(written), *notes):

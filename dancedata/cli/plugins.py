@@ -50,7 +50,8 @@ _NEXT = """wrote {module} and {test}
 next:
   1. python -m pytest {test}: the template passes; change it, and run the test again
   2. in a checkout of dancedata: move {module} to {folder}/;
-     elsewhere: write the pyproject.toml below next to it, and pip install -e {out}
+     elsewhere: name the file in a recipe (plugins: [{module}]) or on the command line (--plugin {module});
+     for a package: write the pyproject.toml below next to it, and pip install -e {out}
   3. dancedata list shows it, and {use}
 
 [project]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -244,11 +245,11 @@ def _undefined_lines(scores: Sequence[Score]) -> list[str]:
 
 
 def markdown(report: Report) -> str:
-    """Return the scores as a Markdown table of two lines, values with their intervals."""
+    """Return the scores as a Markdown table of two lines, values with their intervals; of a path, its last part."""
     head = " | ".join(LABELS.get(s.name, s.name) for s in report.scores)
     values = " | ".join(_with_interval(s, " [{}, {}]") for s in report.scores)
     rule = "|".join("---:" for _ in report.scores)
-    return f"| {report.protocol.name} | {head} |\n|---|{rule}|\n| {_escaped(report.source)} | {values} |"
+    return f"| {report.protocol.name} | {head} |\n|---|{rule}|\n| {_escaped(Path(report.source).name)} | {values} |"
 
 
 def latex(report: Report) -> str:
@@ -262,7 +263,7 @@ def latex(report: Report) -> str:
             r"\begin{table}",
             f"\\begin{{tabular}}{{l{'r' * len(report.scores)}}}",
             rf"\hline & {head} \\ \hline",
-            rf"{_escaped(report.source, latex=True)} & {values} \\ \hline",
+            rf"{_escaped(Path(report.source).name, latex=True)} & {values} \\ \hline",
             r"\end{tabular}",
             rf"\caption{{Protocol {name}; {counted(len(report.clips), 'clip')}, {report.fps} frames per second.}}",
             r"\end{table}",

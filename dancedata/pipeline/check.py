@@ -69,9 +69,7 @@ def check(
     """
     if dataset is None and recipe is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
         return _check_built(path)
-    if not path.is_dir():
-        problem = "this is not a folder" if path.exists() else "the folder does not exist"
-        raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
+    _require_folder(path)
     reporter = progress or Progress(quiet=True)
     if recipe is not None:
         return _check_as_built(recipe, path, jobs, reporter)
@@ -305,6 +303,7 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         reader = DATASETS.get(dataset)() if isinstance(dataset, str) else dataset
         _require_files(reader, path)
         return reader, reader.scan(path)
+    _require_folder(path)
     failures = []
     for name in DATASETS.names():
         cls = DATASETS.get(name)
@@ -321,6 +320,12 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         except SourceError as error:
             failures.append(f"  - {reader.name}: {error}")
     raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
+
+
+def _require_folder(path: Path) -> None:
+    if not path.is_dir():
+        problem = "this is not a folder" if path.exists() else "the folder does not exist"
+        raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
 
 
 def _require_files(reader: Dataset, path: Path) -> None:

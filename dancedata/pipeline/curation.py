@@ -181,7 +181,7 @@ def _touches(recipe: Recipe, start: int, span: Span, rate: Fraction) -> bool:
     Rows between two frames are made of both, at the rate of each field.
     """
     stop = recipe.grid.seconds(start + recipe.windows.length)
-    last = stop - 1 / max(recipe.grid.rate, *(field.grid.rate for field in recipe.clip_fields))
+    last = stop - 1 / max([recipe.grid.rate, *(field.grid.rate for field in recipe.clip_fields)])
     return bool(recipe.grid.seconds(start) < span.end / rate and span.start / rate < max(stop, last + 1 / rate))
 
 

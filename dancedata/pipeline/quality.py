@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -298,8 +298,7 @@ def _of_source(path: Path, dataset: str | None, recipe: Recipe | None, jobs: int
 
 def _without_music(reader: Dataset) -> Dataset:
     """Return a reader that keeps clips without music, where it has such a key: faults are those of the motion."""
-    names = {f.name for f in fields(reader)} if is_dataclass(reader) else set()
-    return replace(reader, music="optional") if "music" in names else reader
+    return replace(reader, music="optional") if getattr(reader, "music", None) == "required" else reader
 
 
 def score_clip(reader: Dataset, recipe: Recipe | None, ref: ClipRef) -> ClipQuality | Reject:

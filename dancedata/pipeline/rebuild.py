@@ -110,6 +110,8 @@ class Published:
             check_names(document, str(path))
             files = {}
             if "publication" in document:
+                if document["publication"] != 1:
+                    raise ValueError(f"publication {quoted(document['publication'], 20)} of a later dancedata")
                 files = {name: entry["sha256"] for name, entry in document["files"].items()}
                 document = _sealed(document["dataset"])
                 check_names(document, str(path))

@@ -16,6 +16,7 @@ from dancedata.viewer.figure import Figure
 from dancedata.viewer.palette import Theme, colours_of
 from dancedata.viewer.scene_list import Scene
 from dancedata.viewer.together import stretches
+from dancedata.viewer.wall import ROW
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -131,7 +132,8 @@ class GroupFrames(Frames):
         x, floor, z = self._targets[number].tolist()
         across = (2 * self._reach + 1.3) * 1.25 * height / width
         yaw = _WALL_YAW if any(dancer.numbers for dancer in self.scene.dancers) else Camera.yaw
-        camera = Camera(width, height, (x, floor, z), max(_DISTANCE, across) + 0.55 * self._reach, yaw)
+        back = (1 if len(self._figures) > ROW else 0.55) * self._reach  # rows: the first one is whole
+        camera = Camera(width, height, (x, floor, z), max(_DISTANCE, across) + back, yaw)
         self._floor(draw, camera, 3.0 + np.ceil(self._reach))
         dancers = sorted(self._figures, key=lambda dancer: camera(dancer[0].joints[at, 0])[2])
         for figure, colours, _ in dancers:

@@ -32,7 +32,7 @@ from dancedata.plot.group_frames import GroupFrames
 from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Figure, Scene, Scenes
-from dancedata.viewer.notebook import Motions, motion_scenes_of
+from dancedata.viewer.notebook import Played, motion_scenes_of
 from dancedata.viewer.palette import Theme
 from dancedata.viewer.request import Shown, ViewRequest
 from dancedata.viewer.source import ClipSound, ClipSource
@@ -203,7 +203,7 @@ def write_scene(
 
 
 def write_video(
-    store: Store | str | Path | Motions,
+    store: Store | str | Path | Played,
     clip: str,
     path: str | Path,
     *,
@@ -331,13 +331,13 @@ def export_video(
         raise UsageError("invalid size of a video", found=size, allowed="WIDTHxHEIGHT, such as 1080x1920")
     pixels = int(sides[0]), int(sides[1])
     _require_drawable(pixels, "dark")
-    if not request.clip:
-        raise UsageError(
-            "a video shows one clip, group or wall", fix="name it: dancedata view X CLIP --video FILE.mp4"
-        )
     to = require_free(to, [request.path], "video", overwrite=overwrite)
     mesh = request.mesh()
     opened = Shown.of(replace(request, wall=request.wall or bool(request.compare)))
+    if not request.clip and len(opened.scenes.items) > 1:
+        raise UsageError(
+            "a video shows one clip, group or wall", fix="name it: dancedata view X CLIP --video FILE.mp4"
+        )
     sound, credit = None, opened.credit
     if audio:
         signal, notice = opened.shared_music(allowed_by_caller=shared)

@@ -17,7 +17,7 @@ from dancedata.remote.address import Address
 from dancedata.remote.bucket import BucketSource
 from dancedata.remote.cached import check_names
 from dancedata.remote.fetch import DATASET_FILE, PUBLICATION_FILE, fetch_description
-from dancedata.remote.source import NotThereError, refused
+from dancedata.remote.source import NotThereError, public_line, refused
 
 #: Attribute of objects that dancedata wrote: letters alone, as Azure asks for.
 _ATTRIBUTE = "dancedatasha256"
@@ -121,7 +121,7 @@ class BucketUpload:
 
     @contextmanager
     def _client(self) -> Iterator[None]:
-        """Translate the errors of obstore: the first line of its long texts, which holds no key or signature."""
+        """Translate the errors of obstore: the first line of its long texts, which holds no key."""
         from obstore import exceptions
 
         try:
@@ -135,7 +135,7 @@ class BucketUpload:
             raise self._failure(error) from None
 
     def _failure(self, error: Exception) -> StoreError:
-        text = shown(f"{type(error).__name__}: " + str(error).split("\n")[0].split("?")[0], 200)
+        text = shown(f"{type(error).__name__}: " + public_line(str(error)), 200)
         return refused("the object store failed; no half of a publication is there", str(self.address), text, _AGAIN)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -26,7 +25,7 @@ from dancedata.remote.address import Address
 from dancedata.remote.cached import check_names
 from dancedata.remote.fetch import DATASET_FILE, PUBLICATION_FILE, fetch_description, read_small
 from dancedata.remote.hub import HubSource
-from dancedata.remote.source import NotThereError, refused
+from dancedata.remote.source import NotThereError, public_line, refused
 from dancedata.store.schema import CARD_FILE
 
 if TYPE_CHECKING:
@@ -41,7 +40,6 @@ _ASKED = 500
 #: Logs with the addresses of requests, which are signed, and with their headers.
 _LOGS = ("huggingface_hub", "httpx", "httpx2", "httpcore", "httpcore2")
 _AGAIN = "run the same command again: what was uploaded is not uploaded again"
-_SIGNED = re.compile(r"\?\S+")
 _LOGIN = "log in with a token that may write: hf auth login, or HF_TOKEN"
 
 
@@ -246,7 +244,7 @@ class HubUpload:
             error = error.__cause__
         status = getattr(getattr(error, "response", None), "status_code", None)
         text = str(getattr(error, "server_message", "") or "") if status else f"{type(error).__name__}: {error}"
-        found = ": ".join(filter(None, (f"HTTP {status}" if status else "", without_secrets(text.split("\n")[0]))))
+        found = ": ".join(filter(None, (f"HTTP {status}" if status else "", without_secrets(text))))
         if status == 401:
             return refused("the hub does not accept the token", str(self.address), found, f"{_LOGIN}; {_AGAIN}")
         if status == 403:
@@ -261,8 +259,7 @@ def without_secrets(text: str) -> str:
     from huggingface_hub import get_token
 
     token = get_token()
-    text = _SIGNED.sub("?...", text if not token else text.replace(token, "..."))
-    return shown(text, 300)
+    return shown(public_line(text if not token else text.replace(token, "...")), 300)
 
 
 def _batches(files: Sequence[Upload]) -> Iterator[tuple[int, int]]:

@@ -8,7 +8,7 @@ from typing import Any
 from dancedata.core.packages import require
 from dancedata.core.text import shown
 from dancedata.remote.address import Address
-from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, no_ranges, refused
+from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, no_ranges, public_line, refused
 
 _CHUNK = 1 << 20
 #: Seconds of obstore's own attempts; longer failures are the caller's.
@@ -90,8 +90,8 @@ def _chunks(result: Any) -> Generator[bytes, None, None]:
 
 
 def _failed(error: Exception, *, is_range: bool = False) -> Exception:
-    """Return the failure; of obstore's long text the first line, which holds neither keys nor signatures."""
+    """Return the failure; of obstore's long text the first line, which holds no keys."""
     text = str(error)
     if is_range and "416" in text:
         return OutOfRange()
-    return Interrupted(shown(f"{type(error).__name__}: " + text.split("\n")[0].split("?")[0], 200))
+    return Interrupted(shown(f"{type(error).__name__}: " + public_line(text), 200))

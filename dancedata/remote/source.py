@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
@@ -73,6 +74,14 @@ def steady(chunks: Iterator[bytes]) -> Iterator[bytes]:
             if arrived < STALL_BYTES:
                 raise Interrupted(f"the server sent {arrived} bytes in {STALL_S:g} s")
             since, arrived = time.monotonic(), 0
+
+
+_SECRETS = re.compile(r"(?<=://)[^/@\s]*@|\?\S+")
+
+
+def public_line(text: str) -> str:
+    """Return the first line of a client's or server's text, its addresses without passwords and signatures."""
+    return _SECRETS.sub("", text.split("\n")[0])
 
 
 def no_ranges(where: object, found: object) -> StoreError:

@@ -612,8 +612,9 @@ class Store(SegmentQueries):
         Parameters
         ----------
         table
-            "clips": a row a clip, with free columns as "x/NAME", and the names of the fields that it does not have as
-            "without" where fields are optional. "windows": clip, split, first frame and length.
+            "clips": a row a clip, with free columns as "x/NAME", of whole numbers as Int64 where a clip has none;
+            where fields are optional, with the names of those that it does not have as "without".
+            "windows": clip, split, first frame and length.
             "rejects": what the build left out, and why. "quality": quality flags.
 
         Raises

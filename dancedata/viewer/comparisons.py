@@ -39,8 +39,8 @@ class Comparison(ABC):
     def figure(self, scene: Scene) -> Figure:
         """Return the motion of a scene's item, from the same first frame; DataError if there is none."""
 
-    def names(self, item: Item) -> bool:
-        """Whether it has a motion under the item's name."""
+    def has(self, item: Item) -> bool:
+        """Return whether there may be a motion of an item, by its name."""
         return True
 
 
@@ -78,8 +78,8 @@ class StoreComparison(Comparison):
     scenes: Scenes
 
     @override
-    def names(self, item: Item) -> bool:
-        return any(other.clip.id == item.clip.id for other in self.scenes.items)
+    def has(self, item: Item) -> bool:
+        return any(self.scenes.has(one.clip.id) for one in item.members or (item,))
 
     @override
     def figure(self, scene: Scene) -> Figure:
@@ -107,8 +107,9 @@ class FilesComparison(Comparison):
     body: Skeleton
 
     @override
-    def names(self, item: Item) -> bool:
-        return self.any_clip is not None or item.id in self.paths or item.clip.id in self.paths
+    def has(self, item: Item) -> bool:
+        named = any(name in self.paths for one in item.members or (item,) for name in (one.id, one.clip.id))
+        return self.any_clip is not None or named
 
     @override
     def figure(self, scene: Scene) -> Figure:
@@ -263,5 +264,6 @@ def _compared(comparison: Comparison, scene: Scene) -> tuple[Json, Float64Array 
 
 
 def _distance(distance: Float64Array, figure: Figure) -> Json:
+    ends = int(np.flatnonzero(np.isfinite(distance))[-1]) + 1  # after the other's end there is no distance, not 0
     mean = round(float(distance[np.isfinite(distance)].mean()), 4)
-    return {"distance": curve(distance, float(figure.grid.rate)), "mean": mean}
+    return {"distance": curve(distance[:ends], float(figure.grid.rate)), "mean": mean}

@@ -87,7 +87,8 @@ class Figure:
     mesh
         Body model that is drawn, whose bones the figure has; None for limbs.
     measured
-        The figure before it got these bones, which distances are measured on; None if it has its own.
+        The figure before it got these bones, of the same frames and place, which distances are measured on; None if
+        it has its own.
     """
 
     joints: Float64Array
@@ -249,13 +250,16 @@ class Figure:
             )
         facing = None if self.facing is None else self.facing[frames]
         turns = None if self.rotations is None else self.rotations[frames]
+        measured = None if self.measured is None else self.measured.part(begin, seconds)
         return replace(
-            self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing, rotations=turns
-        )
+            self, joints=self.joints[frames], contacts=self.contacts[frames], facing=facing, rotations=turns,
+            measured=measured,
+        )  # fmt: skip
 
     def shifted(self, by: npt.ArrayLike) -> Figure:
         """Return the figure moved by (3,) metres."""
-        return replace(self, joints=self.joints + np.asarray(by, dtype=np.float64))
+        measured = None if self.measured is None else self.measured.shifted(by)
+        return replace(self, joints=self.joints + np.asarray(by, dtype=np.float64), measured=measured)
 
     def mirrored(self) -> Figure:
         """Return the figure reflected across the plane x = 0, left and right exchanged."""
@@ -266,7 +270,9 @@ class Figure:
         facing = None if self.facing is None else self.facing * (-1, 1, 1)
         turns = None if self.rotations is None else self.rotations[:, order] * (1, -1, -1)
         joints = self.joints[:, order] * (-1, 1, 1)
-        return replace(self, joints=joints, contacts=self.contacts[:, feet], facing=facing, rotations=turns)
+        contacts = self.contacts[:, feet]
+        measured = None if self.measured is None else self.measured.mirrored()
+        return replace(self, joints=joints, contacts=contacts, facing=facing, rotations=turns, measured=measured)
 
     def resampled(self, grid: FrameGrid, seconds: float) -> Figure:
         """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
@@ -279,7 +285,11 @@ class Figure:
         joints = self.joints[lower] * (1 - share) + self.joints[upper] * share
         facing = None if self.facing is None else self.facing[lower]
         turns = None if self.rotations is None else slerp(self.rotations, frames)
-        return replace(self, joints=joints, grid=grid, contacts=self.contacts[lower], facing=facing, rotations=turns)
+        contacts = self.contacts[lower]
+        measured = None if self.measured is None else self.measured.resampled(grid, seconds)
+        return replace(
+            self, joints=joints, grid=grid, contacts=contacts, facing=facing, rotations=turns, measured=measured
+        )
 
     def with_mesh(self, mesh: BodyMesh) -> Figure:
         """Return the figure as a body model, whose bones it then has; the pelvis stays where it is.
@@ -325,6 +335,7 @@ class Figure:
         """
         if self.measured is not None:
             return self.measured.distance_mm(other)
+        other = other.measured or other
         names = [n for n in self.skeleton.joints if n in other.skeleton.joints]
         ours = self.joints[:, [self.skeleton.joints.index(n) for n in names]]
         theirs = other.joints[:, [other.skeleton.joints.index(n) for n in names]]

@@ -24,6 +24,8 @@ from dancedata.viewer.wall import Wall, WallSounds
 
 #: One motion, or several, by name or numbered from 0.
 Motions: TypeAlias = Motion | Sequence[Motion] | Mapping[str, Motion]
+#: The same of motions and of clips of a dataset.
+Played: TypeAlias = Motion | ClipView | Sequence[Motion | ClipView] | Mapping[str, Motion | ClipView]
 #: Height of the output of a notebook cell, CSS pixels.
 _CELL_HEIGHT = 640
 #: Most windows of a clip of window scope that one output holds.
@@ -69,27 +71,30 @@ class View:
         return f"View({self.title}, {len(self.page) / 1000:.0f} kB)"
 
 
-def motion_scenes_of(motions: Motions, music: str | Path | None = None) -> MotionScenes:
+def motion_scenes_of(motions: Played, music: str | Path | None = None) -> MotionScenes:
     """Return the scenes of motions in memory, with a music file or folder as `MusicFiles.beside` takes it."""
-    if isinstance(motions, Motion):
+    if isinstance(motions, Motion | ClipView):
         motions = {"motion": motions}
     elif not isinstance(motions, Mapping):
         motions = {f"motion_{number}": motion for number, motion in enumerate(motions)}
-    wrong = [name for name, motion in motions.items() if not isinstance(motion, Motion)]
+    wrong = [name for name, motion in motions.items() if not isinstance(motion, Motion | ClipView)]
     if wrong:
         raise UsageError(f"{wrong[0]!r} is no Motion", found=type(motions[wrong[0]]).__name__)
-    clips = [MemoryClip(id=name, motion=motion) for name, motion in motions.items()]
+    clips = [
+        MemoryClip(id=name, motion=motion.motion() if isinstance(motion, ClipView) else motion)
+        for name, motion in motions.items()
+    ]
     beside = None if music is None else MusicFiles.beside(Path(music).expanduser(), list(motions))
     return MotionScenes(clips, "motions", beside)
 
 
-def view_motions(motions: Motions, *, music: str | Path | None = None, wall: bool = False) -> View:
+def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool = False) -> View:
     """Return a page that plays motions.
 
     Parameters
     ----------
     motions
-        One Motion; several, by name or in a sequence.
+        One Motion, or clip of a dataset; several, by name or in a sequence.
     music
         Music file, or folder of files named as the motions; it is put into the page.
     wall
@@ -125,7 +130,7 @@ def view_clip(store: Store, clip: ClipView) -> View:
 
 
 def write_page(
-    motions: Motions,
+    motions: Played,
     path: str | Path,
     *,
     music: str | Path | None = None,

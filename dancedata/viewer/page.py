@@ -30,8 +30,8 @@ _QUOTED = re.compile(r'="([\w-]+)"(?=[ >])')
 #: What a style sheet does not need.
 _CSS = re.compile(r"/\*[^*]*\*/|;?\s*([{}])\s*|([:;,])\s+")
 #: Names of the browser that stand in a page hundreds of times, and what they are called there.
-_SHORT = {"document.documentElement": "$e", "document": "$d", "Math": "$m"}
-_GLOBAL = re.compile(rf"\b({'|'.join(map(re.escape, _SHORT))})\.")
+_SHORT = {"document.documentElement": "$e", "document": "$d", "Math.max": "$x", "Math.min": "$n", "Math": "$m"}
+_GLOBAL = re.compile(rf"\b({'|'.join(map(re.escape, _SHORT))})(?=[.(])")
 #: Line ends within brackets and after statements, with a semicolon before a closing brace.
 _BREAK = re.compile(r"(?<=[{,;(\[])\n|;?\n(?=\})|\n(?=[)\],])")
 
@@ -62,7 +62,7 @@ class Parts:
 @cache
 def page_parts() -> Parts:
     """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
-    text = _GLOBAL.sub(lambda match: f"{_SHORT[match[1]]}.", "".join(_modules("viewer", {}).values()))
+    text = _GLOBAL.sub(lambda match: _SHORT[match[1]], "".join(_modules("viewer", {}).values()))
     short = ", ".join(f"{name} = {what}" for what, name in _SHORT.items())
     script = f"'use strict';\n(() => {{\nconst {short};\n{text}}})();\n"
     css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))

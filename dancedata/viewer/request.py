@@ -160,9 +160,11 @@ class ViewRequest:
         )
 
     def first(self, scenes: SceneList, compared: Sequence[Comparison] = ()) -> tuple[Item, tuple[int, int] | None]:
-        """Return the item to begin with, and the loop; without a clip, the first that has a motion beside it."""
-        beside = (item for item in scenes.items if any(comparison.names(item) for comparison in compared))
-        item = scenes.find(self.clip) if self.clip else next(beside, scenes.items[0])
+        """Return the item to begin with, and the loop; without a clip the first that most of `compared` have."""
+        if self.clip:
+            item = scenes.find(self.clip)
+        else:
+            item = max(scenes.items, key=lambda item: sum(comparison.has(item) for comparison in compared))
         if self.window is None:
             return item, None
         of_clip = scenes.items_of(item.name)

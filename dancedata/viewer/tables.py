@@ -23,9 +23,11 @@ _SIDES = ("#7d8791", "#2193e0", "#cc7200")
 
 def store_html(store: Store) -> str:
     """Return a dataset as an element: name, splits, fields, licence, and its first clips."""
+    counted_by = store.meta.get("counts", {})
+    kinds = [kind for kind in ("clips", "groups", "windows") if any(kind in counts for counts in counted_by.values())]
     splits = [
-        (split, *(counts.get(key, "") for key in ("clips", "groups", "windows")), f"{60 * counts['hours']:.1f}")
-        for split, counts in store.meta.get("counts", {}).items()
+        (split, *(counts.get(kind, "") for kind in kinds), f"{round(60 * counts['hours'], 6):.1f}")
+        for split, counts in counted_by.items()
     ]
     fields = [
         (name, store.field(name).kind, columns.width, str(store.field(name).rate))
@@ -35,7 +37,7 @@ def store_html(store: Store) -> str:
     head += f" &middot; {store.grid} frames per second &middot; scope {_text(store.scope)}"
     return (
         f"<div><p>{head}</p>"
-        f"{_table(('split', 'clips', 'groups', 'windows', 'minutes'), splits)}"
+        f"{_table(('split', *kinds, 'minutes'), splits)}"
         f"{_table(('field', 'kind', 'columns', 'rows per second'), fields)}"
         f"<p>{_text(store.meta.get('licence', ''))}</p>{clips_html(store.clips[:MOST_CLIPS], len(store.clips))}</div>"
     )

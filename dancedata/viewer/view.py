@@ -13,6 +13,7 @@ from types import FrameType
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.system import has_display
+from dancedata.core.text import shown
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.viewer.model import ModelScenes
@@ -51,19 +52,20 @@ def serve(
     UsageError, StoreError, SourceError
         If the dataset, the clip, the source or the port cannot be used.
     """
-    mesh, shown = request.mesh(), Shown.of(request)
-    scenes = shown.scenes if mesh is None else ModelScenes(shown.scenes, mesh)
-    site = Site(scenes, shown.sounds, shown.comparisons)
+    mesh, opened = request.mesh(), Shown.of(request)
+    scenes = opened.scenes if mesh is None else ModelScenes(opened.scenes, mesh)
+    site = Site(scenes, opened.sounds, opened.comparisons)
     end = until or _interrupt()
     with ViewServer(site, port) as server:
-        address = server.address + shown.address
+        address = server.address + opened.address
         say(address)
-        for line in _advice(server, shown):
+        for line in _advice(server, opened):
             say(line)
         thread = threading.Thread(target=server.serve_forever, name="server", daemon=True)
         thread.start()
         # While a browser starts, the data of the first clip is loaded.
-        threading.Thread(target=_warm_up, args=(site, shown.item, request.field), name="warm-up", daemon=True).start()
+        first = (site, opened.item, request.field)
+        threading.Thread(target=_warm_up, args=first, name="warm-up", daemon=True).start()
         if browser and _has_display():
             webbrowser.open(address)
         end.wait()
@@ -72,7 +74,13 @@ def serve(
 
 
 def export_page(
-    request: ViewRequest, to: Path, *, audio: bool = False, shared: bool = False, overwrite: bool = False
+    request: ViewRequest,
+    to: Path,
+    *,
+    audio: bool = False,
+    shared: bool = False,
+    overwrite: bool = False,
+    say: Callable[[str], None] = print,
 ) -> Path:
     """Write one clip as a separate page, which works from a file, without a network.
 
@@ -82,6 +90,8 @@ def export_page(
         Whether its music goes into the page; the licence of the dataset has to allow that.
     shared
         The caller states to have the right to pass the music on.
+    say
+        Takes the name of the clip, where the request names none of several.
 
     Raises
     ------
@@ -99,17 +109,20 @@ def export_page(
             fix="leave it out: the page draws a body of its own; or write a video of the model: --video FILE.mp4",
         )  # fmt: skip
     to = require_free(to, [request.path], "page", overwrite=overwrite)
-    shown = Shown.of(request)
+    opened = Shown.of(request)
     sound = None
     if audio:
-        signal, notice = shown.shared_music(allowed_by_caller=shared)
+        signal, notice = opened.shared_music(allowed_by_caller=shared)
         sound = PageSound({0: opus(signal)}, notice)
-    address = shown.address if "&" in shown.address else ""  # the only item is shown without one
-    page = clip_page(shown.scenes, [shown.item], sound=sound, comparisons=shown.comparisons, address=address)
+    address = opened.address if "&" in opened.address else ""  # the only item is shown without one
+    page = clip_page(opened.scenes, [opened.item], sound=sound, comparisons=opened.comparisons, address=address)
     try:
         atomic.write_bytes(to, page.encode())
     except OSError as error:
         raise StoreError("the page cannot be written", where=to, found=str(error)) from error
+    n = len(opened.scenes.items)
+    if n > 1 and not request.clip:
+        say(f"  of {n} it shows {shown(opened.item.name)}; another: dancedata view X CLIP --export FILE.html")
     return to
 
 

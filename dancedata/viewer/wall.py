@@ -34,8 +34,8 @@ class Wall(SceneList):
     """Walls of up to `MOST` dancers: each clip beside what it is compared with, or the clips of each song.
 
     Every dancer begins at a place of his own, on one floor; where he goes from there, and which way he faces, is as
-    it was. Figures are drawn at the rate of the first; one that ends earlier stands still, and is measured without
-    that.
+    it was. A wall is as long as the longest. Figures are drawn at the rate of the first; one that ends earlier stands
+    still, and is measured without that.
 
     Parameters
     ----------
@@ -89,22 +89,22 @@ class Wall(SceneList):
     @override
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
         # Numbers are of whole motions, so all is read.
-        first = self.scenes.scene(self.first(item), field)
-        notes, grid = list(first.notes), None if first.figure is None else first.figure.grid
+        longest = self.scenes.scene(self.longest(item), field)
+        notes, grid = list(longest.notes), None
         if self._left_out or item.n_source > len(item.members):
             named = listed(self._left_out) or counted(item.n_source - len(item.members), "further dancer")
             notes.append(f"a wall has {MOST} dancers at most; left out: {named}")
         takes: list[tuple[Item, Figure, Figure]] = []
         for number, member in enumerate(item.members):
             try:
-                figure = self._figure(item, number, first, field)
+                figure = self._figure(item, number, longest, field)
             except DanceDataError as error:
                 notes.append(f"{member.part}: {error}")
                 continue
             grid = grid or figure.grid
-            if figure.n_frames / float(figure.grid.rate) < first.seconds - 1 / float(grid.rate):
+            if figure.n_frames / float(figure.grid.rate) < longest.seconds - 1 / float(grid.rate):
                 notes.append(f"{member.part} ends at {figure.n_frames / float(figure.grid.rate):.2f} s")
-            takes.append((member, figure, figure.resampled(grid, first.seconds)))
+            takes.append((member, figure, figure.resampled(grid, longest.seconds)))
         if not takes:
             raise DataError("nothing of this wall can be drawn", reason="missing_joints", found="; ".join(notes))
         truth = takes[0][1] if self.comparisons and takes[0][0].clip.member == 0 else None
@@ -112,12 +112,14 @@ class Wall(SceneList):
         members = tuple(
             Scene(
                 member, self.grid, "", figure.shifted(place), figure.movement if figure.n_frames > 1 else None,
-                first.rhythm, first.windows, (), (), numbers=_numbers(as_read, first.rhythm, truth),
+                longest.rhythm, longest.windows, (), (), numbers=_numbers(as_read, longest.rhythm, truth),
             )
             for (member, as_read, figure), place in zip(takes, shifts, strict=True)
         )  # fmt: skip
         kept = replace(item, members=tuple(member for member, _, _ in takes))
-        return Scene(kept, self.grid, first.field, None, None, first.rhythm, first.windows, (), tuple(notes), members)
+        return Scene(
+            kept, self.grid, longest.field, None, None, longest.rhythm, longest.windows, (), tuple(notes), members
+        )
 
     @override
     def about(self) -> dict[str, Any]:
@@ -127,9 +129,9 @@ class Wall(SceneList):
     def changed(self) -> bool:
         return self.scenes.changed()
 
-    def first(self, wall: Item) -> Item:
-        """Return the clip of `scenes` whose music is that of a wall."""
-        return self._takes[wall.number][1][0][0]
+    def longest(self, wall: Item) -> Item:
+        """Return the clip of `scenes` whose length, music, beats and windows are those of a wall: its longest."""
+        return max((item for item, _ in self._takes[wall.number][1][:MOST]), key=lambda item: item.n_frames)
 
     def wall_of(self, item: Item) -> Item:
         """Return the wall that a clip of `scenes` stands on; UsageError if it stands on none."""
@@ -139,17 +141,18 @@ class Wall(SceneList):
         raise UsageError("this clip stands on no wall", where=self.place, found=item.id)
 
     def _wall(self, number: int, name: str, takes: list[tuple[Item, str]]) -> Item:
-        members = []
+        members, n_frames = [], max(item.n_frames for item, _ in takes[:MOST])
         for k, (item, called) in enumerate(takes[:MOST]):
             name_of_clip = f"{item.clip.id} {called}" if self.comparisons else item.clip.id
             clip = replace(item.clip, id=name_of_clip, group=name, member=k, role="")
-            members.append(replace(item, number=number, called=called, clip=clip))
+            members.append(replace(item, number=number, called=called, clip=clip, n_frames=n_frames))
         return replace(members[0], members=tuple(members), n_source=len(takes), called="")
 
-    def _figure(self, wall: Item, number: int, first: Scene, field: str | None) -> Figure:
+    def _figure(self, wall: Item, number: int, longest: Scene, field: str | None) -> Figure:
         if self.comparisons and number:
-            return self.comparisons[number - 1].figure(first)
-        scene = first if number == 0 else self.scenes.scene(self._takes[wall.number][1][number][0], field)
+            return self.comparisons[number - 1].figure(longest)
+        item = self._takes[wall.number][1][number][0]
+        scene = longest if item is longest.item else self.scenes.scene(item, field)
         if scene.figure is None:
             raise DataError("; ".join(scene.notes) or "no figure", reason="missing_joints")
         return scene.figure
@@ -157,14 +160,14 @@ class Wall(SceneList):
 
 @dataclass(frozen=True, eq=False)
 class WallSounds:
-    """The music of walls: that of their first dancers."""
+    """The music of walls: that of their longest clips."""
 
     wall: Wall
     sounds: Sounds
 
     def sound(self, item: Item) -> ClipSound | None:
         """Return the music of a wall; None without any. DataError if it cannot be decoded."""
-        return self.sounds.sound(self.wall.first(item))
+        return self.sounds.sound(self.wall.longest(item))
 
 
 def places(figures: Sequence[Figure]) -> list[np.ndarray]:
@@ -187,7 +190,8 @@ def _numbers(figure: Figure, rhythm: Rhythm, truth: Figure | None) -> tuple[tupl
         beats = MusicBeats(np.round(rhythm.beats * 1000).astype(np.int64), FrameGrid.of(1000), rhythm.beats)
         score = BeatAlignment(joints=_BODY).measure(Dance(figure.joints, figure.grid, beats))[0]
         numbers.append(("BAS", f"{score:.3f}"))
-    numbers.append(("sliding", f"{100 * figure.sliding:.1f} cm/s"))
+    if figure.n_frames > 1:
+        numbers.append(("sliding", f"{100 * figure.sliding:.1f} cm/s"))
     with suppress(Undefined, DanceDataError):
         numbers.append(("PFC", f"{pfc(figure.joints, float(figure.grid.rate)):.3g}"))
     if truth is not None and figure is not truth:

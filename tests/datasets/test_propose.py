@@ -115,3 +115,13 @@ def test_music_by_a_word_that_no_other_song_has(tmp_path: Path) -> None:
     }  # fmt: skip
     assert "audio" in rows["anna_RED_1"].guessed
     assert any("'red' is in both names" in why for why in rows["anna_RED_1"].evidence)
+
+
+def test_the_rate_of_arrays_that_do_not_state_it(tmp_path: Path) -> None:
+    arrays = {"smpl_poses": np.full((120, 72), 0.01), "smpl_trans": np.zeros((120, 3))}
+    np.savez(tmp_path / "aist.npz", **arrays, smpl_scaling=np.array([94.0]))
+    np.savez(tmp_path / "other.npz", **arrays)
+    rows = {row.id: row for row in propose(tmp_path).rows}
+    assert (rows["aist"].fps, rows["other"].fps) == ("60", "30")
+    assert "fps: nothing states it; 60 is usual for AIST++'s arrays, by smpl_scaling" in rows["aist"].evidence
+    assert "fps: nothing states it; 30 is usual" in rows["other"].evidence

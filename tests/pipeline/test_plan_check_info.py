@@ -144,7 +144,13 @@ def test_wrong_options_end_with_2(args: str, named: str):
 
 @pytest.mark.parametrize(
     "args",
-    ["build aist++ --source nowhere --out x", "plan aist++ --source nowhere", "check nowhere", "info nowhere"],
+    [
+        "build aist++ --source nowhere --out x",
+        "plan aist++ --source nowhere",
+        "check nowhere",
+        "info nowhere",
+        "quality nowhere",
+    ],
 )
 def test_a_problem_in_the_data_ends_with_1(args: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)

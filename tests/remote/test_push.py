@@ -384,6 +384,6 @@ def test_names_that_lead_out_of_the_folder(
     document["files"]["../id_rsa"] = {"size": 11, "sha256": sha256_bytes(b"private key")}
     document["self_sha256"] = json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
     (out / "dataset.json").write_text(json.dumps(document))
-    with pytest.raises(StoreError, match="a file that no dataset has"):
+    with pytest.raises(StoreError, match="a file is listed that no dataset has"):
         push(out)
     assert not uploads.storage

@@ -176,7 +176,7 @@ def test_killed_before_any_request(
 def test_keys_are_in_no_error(bucket: str, published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(StoreError) as caught:
         push(published, "s3://nosuchbucket/x")
-    monkeypatch.setenv("AWS_ENDPOINT", "http://127.0.0.1:9")
+    monkeypatch.setenv("AWS_ENDPOINT", f"http://user:{SECRET}@127.0.0.1:9")
     monkeypatch.setattr("dancedata.remote.bucket._RETRY", {"max_retries": 0})
     with pytest.raises(StoreError, match="no half of a publication") as gone:
         push(published, bucket)

@@ -274,6 +274,7 @@ def test_local_plugins(
         lambda d: d["dataset"].update(recipe=7),
         lambda d: d["dataset"].update(recipe_sha256=None),
         lambda d: d.update(dataset=[]),
+        lambda d: d.update(publication=2),
         lambda d: d["files"].update({"clips.jsonl": 3}),
     ],
 )  # fmt: skip

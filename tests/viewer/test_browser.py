@@ -350,6 +350,17 @@ def test_the_dancer_jumps_with_the_click(served: str, odd: Path) -> None:
     assert np.abs(jumps / FPS - CLICKS).max() <= 1 / FPS
 
 
+def test_a_comparison_that_has_ended_has_no_distance(browser: Browser, odd: Path, tmp_path: Path) -> None:
+    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    np.savez(tmp_path / "wav.npz", joints=joints[: 2 * FPS], fps=FPS)
+    clock = "return document.querySelector('[data-dd=clock]').textContent"
+    with serving(ViewRequest(odd, "wav", compare=(tmp_path / "wav.npz",))) as address:
+        for at, wanted in ((1, "0.0 mm from wav.npz"), (4, "wav.npz has ended")):
+            browser.open(address.partition("#")[0] + f"#clip=wav&with=wav.npz&t={at}")
+            browser.wait(f"return {V}.state.other")
+            browser.wait(f"return ({clock.removeprefix('return ')}).includes('{wanted}')")
+
+
 def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source: Path) -> None:
     with serving(ViewRequest(odd, "wav", source=source, compare=(odd, odd))) as address:
         browser.open(address + "&with=original&over=1&t=1")

@@ -105,3 +105,15 @@ def test_what_is_measured_is_the_motion_as_it_was_read(scenes: Of, mesh: BodyMes
     assert compared["figure"]["joints"] == list(SMPL24.joints)  # positions alone
     assert dressed.figure is not None
     assert dressed.figure.sliding == figure.sliding
+
+
+def test_another_dressed_clip_is_measured_as_it_was_read(scenes: Of, mesh: BodyMesh) -> None:
+    plain = scenes("thirty")
+    one, other = plain.scene(plain.items[0]), plain.scene(plain.items[1])
+    wanted = one.figure.distance_mm(other.figure)
+    dressed = one.with_mesh(mesh).figure.distance_mm(other.with_mesh(mesh).figure.part(0.0, one.seconds))
+    np.testing.assert_allclose(dressed, wanted, rtol=0, atol=1e-9)
+    part = other.with_mesh(mesh).figure.part(0.5, 1.0)
+    assert part.sliding == other.figure.part(0.5, 1.0).sliding
+    moved = other.with_mesh(mesh).figure.shifted((0.0, 0.0, 1.0))
+    assert moved.distance_mm(other.figure).mean() == pytest.approx(1000)

@@ -1,5 +1,7 @@
 """Anything that moves: files and motions that are no dataset, with music beside; pages, walls and videos of them."""
 
+import base64
+import gzip
 import json
 from dataclasses import replace
 from fractions import Fraction
@@ -280,3 +282,48 @@ def test_a_mirrored_figure_is_its_reflection() -> None:
     np.testing.assert_array_equal(half.joints[:180], figure.joints[::2][:180])
     np.testing.assert_array_equal(half.joints[180:], np.repeat(figure.joints[-1:], 120, axis=0))
     assert Fraction(half.n_frames, 30) == 10
+
+
+def test_a_wall_lasts_as_long_as_its_longest_dancer() -> None:
+    motions = {"short": dance(0, 60), "long": dance(1, 150), "still": dance(2, 1)}
+    scenes = motion_scenes_of(motions)
+    wall = Wall(scenes)
+    scene = wall.scene(wall.items[0])
+    assert scene.seconds == 2.5
+    assert {member.figure.n_frames for member in scene.members} == {150}
+    long = scene.members[1].figure.joints
+    np.testing.assert_allclose(np.diff(long, axis=0), np.diff(motions["long"].joints(), axis=0), rtol=0, atol=1e-9)
+    assert [note for note in scene.notes if "ends" in note] == ["short ends at 1.00 s", "still ends at 0.02 s"]
+    page = document(view_motions(motions, wall=True).page)["clips"]["0"]
+    assert page["seconds"] == 2.5
+    numbers = [dict(member.numbers) for member in scene.members]
+    assert "sliding" in numbers[0]
+    assert "sliding" not in numbers[2]  # of one frame there is no speed
+
+
+def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_is_one(
+    odd: Path, tmp_path: Path
+) -> None:
+    ds = dancedata.open(odd)
+    joints = dancedata.decode(ds.clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    (tmp_path / "mine").mkdir()
+    np.savez(tmp_path / "mine" / "wav.npz", joints=np.add(joints[:60], (0.0, 0.0, 0.01)), fps=FPS)
+    said: list[str] = []
+    request = ViewRequest(odd, compare=(tmp_path / "mine",))
+    page = document(export_page(request, tmp_path / "page.html", say=said.append))
+    assert page["list"]["clips"][0][0] == "wav"  # the only clip that is in both
+    compared = page["clips"]["0"]["with"]["mine"]
+    assert compared["mean"] == pytest.approx(10, abs=0.1)
+    assert len(gzip.decompress(base64.b64decode(compared["distance"]["data"]))) == 2 * 60
+    assert len(said) == 1
+    assert "it shows wav" in said[0]
+    walled = Shown.of(replace(request, wall=True))
+    assert [member.item.part for member in walled.scenes.scene(walled.item).members] == ["odd", "mine"]
+
+
+def test_clips_of_a_dataset_are_played_beside_motions(odd: Path) -> None:
+    clip = dancedata.open(odd).clip("wav")
+    page = document(view_motions({"truth": clip, "mine": dance()}, wall=True).page)
+    assert [member["part"] for member in page["clips"]["0"]["members"]] == ["truth", "mine"]
+    figure = motion_scenes_of(clip).scene(motion_scenes_of(clip).items[0]).figure
+    np.testing.assert_allclose(figure.joints, clip.motion().joints(), rtol=0, atol=1e-9)

@@ -19,6 +19,7 @@ def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:
     ds = dancedata.open(odd)
     page = ds._repr_html_()
     assert "edge151" in page
+    assert "groups" not in page  # there is none
     assert "librosa35" in page
     assert page.count("<svg") == min(MOST_CLIPS, len(ds.clips)) == 7
     counts = ds.meta["counts"]["train"]

@@ -215,7 +215,8 @@ def _measured(path: Path, row: ProposedRow, audio_s: float | None) -> ProposedRo
         except DataError as error:
             asked = _ASKED.search(error.fix or "")
             key, value = asked.groups() if asked else ("", "")
-            usual = {"fps": "30", "up": "y", "unit": GUESS if path.suffix.lower() == ".bvh" else "m"}
+            fps = "60" if "smpl_scaling" in str(error.found) else "30"  # AIST++'s arrays, else usual
+            usual = {"fps": fps, "up": "y", "unit": GUESS if path.suffix.lower() == ".bvh" else "m"}
             if not key or (key in guess and value not in UPRIGHT) or guess.get(key) == value:
                 return row.told(f"the motion cannot be read: {error.reason}: {shown(error.problem, 200)}")
             guess[key] = value if value in UPRIGHT else usual[key]
@@ -223,8 +224,10 @@ def _measured(path: Path, row: ProposedRow, audio_s: float | None) -> ProposedRo
         seconds, rate = motion.n_frames / float(motion.grid.rate), str(motion.grid)
         if "fps" in guess:
             fitting = [r for r in _RATES if audio_s is not None and abs(motion.n_frames / r - audio_s) <= _SAME_S]
-            why = "its length is then the music's" if fitting else "nothing states it; 30 is usual"
-            rate = str(fitting[0] if fitting else 30)
+            kind = " for AIST++'s arrays, by smpl_scaling" if guess["fps"] == "60" else ""
+            usual_rate = f"nothing states it; {guess['fps']} is usual{kind}"
+            why = "its length is then the music's" if fitting else usual_rate
+            rate = str(fitting[0]) if fitting else guess["fps"]
             row, seconds = row.with_guess("fps", rate, why), motion.n_frames / float(rate)
         if "unit" in guess:
             row = _unit(path, row, guess)

@@ -168,7 +168,9 @@ def _spark() -> Iterator[Any]:
                 session = builder.config("spark.ui.showConsoleProgress", "false").getOrCreate()
         except Exception as error:  # Spark raises errors of many types
             raise DanceDataError(
-                "Spark does not start", found=first_line(error), fix="check spark.master and that Java is installed"
+                "Spark does not start",
+                found=first_line(error).rstrip("."),
+                fix="check spark.master and that Java is installed",
             ) from error
         session.sparkContext.setLogLevel("OFF")
     try:

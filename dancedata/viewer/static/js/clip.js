@@ -294,17 +294,13 @@ export function showNow() {
   const near = flagsNear();
   const o = state.other;
   let text = `${state.t.toFixed(2)} / ${duration().toFixed(2)} s · frame ${state.drawn}`;
-  if (o?.distance)
-    text +=
-      ' · ' +
-      (o.distance.values[Math.min(o.distance.values.length - 1, Math.round(state.t * o.distance.rate))] || 0).toFixed(
-        1,
-      ) +
-      ' mm from ' +
-      plain(o.name) +
-      ' (mean ' +
-      o.mean.toFixed(1) +
-      ')';
+  if (o?.distance) {
+    const { values, rate } = o.distance;
+    const at = state.t * rate;
+    const now = values[Math.min(values.length - 1, Math.round(at))];
+    const from = at > values.length ? plain(o.name) + ' has ended' : `${now.toFixed(1)} mm from ${plain(o.name)}`;
+    text += ` · ${from} (mean ${o.mean.toFixed(1)})`;
+  }
   if (clip.loading) text += ' · music is loading';
   if (together()) text += groupNow(clip);
   for (const words of wordsAt(clip, state.t)) text += ` · ${words.length > 90 ? `${words.slice(0, 88)}…` : words}`;

@@ -66,7 +66,9 @@ export function drawCrowd() {
   const wide = 2 * clip.reach + 1.3;
   follow(drawn, floor, room);
   const across = (wide * (beside ? 2.1 : 1) * 1.25 * canvas.height) / canvas.width;
-  aim((Math.max(room * 1.85, across) + 0.55 * clip.reach) * camera.zoom);
+  // Further away where dancers stand in rows, so that the first one is whole.
+  const back = (clip.members.length > 4 ? 1 : 0.55) * clip.reach;
+  aim((Math.max(room * 1.85, across) + back) * camera.zoom);
   drawFloor(drawn[0].figure, clip.reach * (beside ? 2 : 1));
   const half = beside ? wide / 2 : 0;
   const shift = [-Math.cos(camera.yaw) * half, Math.sin(camera.yaw) * half];

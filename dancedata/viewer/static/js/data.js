@@ -122,13 +122,15 @@ async function pairOf(pair) {
   return { ...pair, distance, facing };
 }
 
+const shortened = name => (name.length > 33 ? `${name.slice(0, 16)}…${name.slice(-16)}` : name);
+
 async function clipOf(payload) {
   const clip = await dancerOf(payload);
   clip.onset = await curveOf(payload.onset);
   clip.others = new Map();
   if (payload.members) {
     clip.members = await Promise.all(payload.members.map(dancerOf));
-    for (const member of clip.members) member.called = plain(member.part);
+    for (const member of clip.members) member.called = shortened(plain(member.part));
     clip.pairs = await Promise.all(payload.pairs.map(pairOf));
     const [first, ...more] = clip.pairs.map(pair => pair.distance.values);
     clip.nearest = first?.map((metres, i) => Math.min(metres, ...more.map(values => values[i])));

@@ -187,7 +187,7 @@ export function facingNow() {
 export function drawBody(figure, places, frame, options) {
   const { shift = [0, 0], swap = false, thin = false, alpha = 1, label = '', colours = null } = options;
   // Not transparent: parts behind others would show through.
-  const tones = (colours || [css.mid, css.left, css.right]).map(tone => blend(tone, css.bg, alpha));
+  const tones = (colours || [swap ? css.ink : css.mid, css.left, css.right]).map(tone => blend(tone, css.bg, alpha));
   const points = [];
   for (let j = 0; j < figure.count; j++)
     points.push(project(places[3 * j] + shift[0], places[3 * j + 1], places[3 * j + 2] + shift[1]));
@@ -370,7 +370,7 @@ export function drawStage() {
       0.6,
     );
   drawPath(figure, place(0), Math.max(0, frame - Math.round(1.5 * figure.rate)), frame, 2.6 * ratio, css.accent, 0.9);
-  const points = drawBody(figure, here, frame, { shift: place(0), label: copies ? 'this' : '' });
+  const points = drawBody(figure, here, frame, { shift: place(0), label: copies && !(other && state.over) ? 'this' : '' });
   let k = 1;
   if (state.mirror)
     drawBody(figure, mirrored(figure, here), frame, {

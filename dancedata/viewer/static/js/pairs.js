@@ -27,12 +27,17 @@ const columnsOf = clip => {
 export const numbersWidth = () =>
   together() && lanes.clientWidth > 700 ? columnsOf(state.clip).reduce((sum, column) => sum + column[1], 0) : 0;
 
+// The end of a long name, where ends differ; else its beginning.
+const shortOf = (name, ends) =>
+  name.length < 13 ? name : ends ? `…${name.slice(-11)}` : `${name.slice(0, 11)}…`;
+
 export function labelGroup(label, clip) {
   const columns = numbersWidth() ? columnsOf(clip) : [];
+  const ends = new Set(clip.members.map(m => m.called.slice(-11))).size === clip.members.length;
   for (const [k, dancer] of clip.members.entries()) {
     const row = rows[`dancer${k}`];
     const y = row.y + row.h / 2;
-    label(dancer.called.slice(0, 12), y, coloursOf(dancer)[0]);
+    label(shortOf(dancer.called, ends), y, coloursOf(dancer)[0], 0, 72);
     let x = 74;
     for (const [name, wide] of columns) {
       label(dancer.numbers?.find(pair => pair[0] === name)?.[1] || '', y, css.ink, x);

@@ -147,10 +147,10 @@ function drawBase(c, clip) {
   c.textBaseline = 'middle';
   c.font = fontOf(rows.dancer0?.h < 12 ? 10 : 11);
   drawAxis(c);
-  const label = (text, y, colour = css.dim, x = 0) => {
+  const label = (text, y, colour = css.dim, x = 0, most) => {
     c.fillStyle = colour;
     c.textAlign = 'left';
-    c.fillText(text, x * ratio, y * ratio);
+    c.fillText(text, x * ratio, y * ratio, most && most * ratio);
   };
   c.save();
   labelLanes(label, clip);
