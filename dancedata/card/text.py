@@ -72,7 +72,16 @@ def _splits(store: Store, splits: Sequence[str]) -> str:
         copies = sum(clip.split == split and bool(clip.source) for clip in store.clips)
         minutes = float(store.grid.seconds(sum(clip.n_frames for clip in clips)) / 60)
         songs = len({clip.music for clip in clips if clip.music})
-        rows.append((_text(split), len(clips), copies, len(store.windows(split)), songs, f"{minutes:.1f}"))
+        rows.append(
+            (
+                _text(split),
+                len(clips),
+                copies,
+                len(store.windows(split, fields=store.required_fields)),
+                songs,
+                f"{minutes:.1f}",
+            )
+        )
     genres = sorted({clip.genre for clip in store.clips if clip.genre})
     windows = store.meta["windows"]
     about = (

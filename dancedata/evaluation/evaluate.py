@@ -47,7 +47,7 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
         raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
     return report_of(
         protocol, measured, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
-        numbers=inputs.numbers, left_out=[(reject.clip, reject.detail) for reject in rejects],
+        numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
         warnings=[*problems, *_short_music(measured, music)],
     )  # fmt: skip
 

@@ -18,7 +18,7 @@ from dancedata.core.text import listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, GroupClip, MemoryClip
 from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
 from dancedata.evaluation.inputs.songs import MusicSources, song_files
-from dancedata.evaluation.inputs.store import named_reader, store_clips
+from dancedata.evaluation.inputs.store import named_reader, store_clips, without_field
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
@@ -158,7 +158,9 @@ class Request:
             role = role or "truth"
             clips = store_clips(store, self.protocol, split=split, field=self.field, role=role)
             place = store.path if store.origin is None else store.origin.address
-            return ClipSet(clips, f"{place}" + (f", split {split}" if split else ""), role, store)
+            left_out = without_field(store, self.protocol, split=split, field=self.field)
+            source = f"{place}" + (f", split {split}" if split else "")
+            return ClipSet(clips, source, role, store, left_out=left_out)
         if split is not None:
             raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
         role = role or "generated"

@@ -44,9 +44,18 @@ def field_name(job: ExportJob, field: str) -> str:
     return field or next(iter(_decodable(job)))
 
 
+def decoded_fields(job: ExportJob, field: str) -> tuple[str, ...]:
+    """Return the name of the field that `decoded` reads, for `Export.reads`; none where there is no such field."""
+    decodable = _decodable(job)
+    return (field,) if field in decodable else tuple(decodable)[:1] if not field else ()
+
+
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
-    """Return the readers of fields that decode; last those that only give back positions."""
+    """Return the readers of fields that decode; last those that only give back positions, or that clips may lack."""
     from dancedata.store.motion_fields import motion_readers  # reads HDF5, which listing plug-ins need not
 
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
-    return dict(sorted(readers.items(), key=lambda item: item[1].representation.positions_only))
+    optional = job.store.optional_fields
+    return dict(
+        sorted(readers.items(), key=lambda item: (item[1].representation.positions_only, item[0] in optional))
+    )

@@ -101,10 +101,11 @@ class SampleTable:
             yield self._batch(part)
 
     def _samples(self, split: str) -> list[Sample]:
-        clips = {clip.id: clip for clip in self.job.store.clips if clip.split == split}
+        left_out = self.job.without
+        clips = {c.id: c for c in self.job.store.clips if c.split == split and c.id not in left_out}
         if self.whole:
             return [(clip, None) for clip in clips.values()]
-        return [(clips[window.clip], window) for window in self.job.store.windows(split)]
+        return [(clips[window.clip], window) for window in self.job.store.windows(split, fields=self.fields)]
 
     def _parts(self, samples: Sequence[Sample], size: float) -> Iterator[list[Sample]]:
         part: list[Sample] = []
@@ -204,6 +205,10 @@ class SampleExport(Export):
         if self.samples == "clips":
             missing += needs_track_scope(job) + needs_music_from_start(job.clips())
         return missing
+
+    @override
+    def reads(self, job: ExportJob) -> tuple[str, ...]:
+        return self.fields or tuple(job.store.fields)
 
     def table(self, job: ExportJob) -> SampleTable:
         """Return the samples; MissingPackageError without pyarrow."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, field_name, needs_motion
+from dancedata.exports._motions import decoded, decoded_fields, field_name, needs_motion
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.formats.bvh.write import motion_bvh
@@ -33,6 +33,10 @@ class BvhFiles(Export):
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
         return needs_motion(job, self.field)
+
+    @override
+    def reads(self, job: ExportJob) -> tuple[str, ...]:
+        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

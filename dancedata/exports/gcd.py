@@ -12,7 +12,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, needs_motion
+from dancedata.exports._motions import decoded, decoded_fields, needs_motion
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start
@@ -68,6 +68,10 @@ class Gcd(Export):
         if not any(clip.group for clip in job.clips()):
             missing.append(Missing("the dataset has no groups", "dataset: {aioz-gdance: {}}, or another with groups"))
         return missing
+
+    @override
+    def reads(self, job: ExportJob) -> tuple[str, ...]:
+        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

@@ -46,6 +46,10 @@ class Npz(Export):
         return absent + (needs_music(job, job.clips()) if job.source is not None else [])
 
     @override
+    def reads(self, job: ExportJob) -> tuple[str, ...]:
+        return self._names(job)
+
+    @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         clips = {
             clip.id: self._write_clip(
@@ -84,7 +88,10 @@ class Npz(Export):
         store = job.store
         axes = store.meta.get("axes", {})
         fields = {name: field_json(job, name, axes=axes.get(name)) for name in self._names(job)}
-        windows = {split: [[w.clip, w.start, w.length] for w in store.windows(split)] for split in store.splits}
+        windows = {
+            split: [[w.clip, w.start, w.length] for w in store.windows(split, fields=self._names(job))]
+            for split in store.splits
+        }
         entry = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}
         return {**entry, "fields": fields, "clips": clips, "windows": windows}
 

@@ -17,7 +17,7 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, needs_motion
+from dancedata.exports._motions import decoded, decoded_fields, needs_motion
 from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, wav_bytes, with_whole_sound
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
@@ -86,6 +86,10 @@ class Tcdiff(Export):
                 fix = "dataset: {aioz-gdance: {}}, or another with groups in train and val"
                 missing.append(Missing(f"{split}, of which {part} is made, has no group of five seconds", fix))
         return missing + needs_music(job, [clip for clip in job.clips(*_PARTS.values()) if clip.group])
+
+    @override
+    def reads(self, job: ExportJob) -> tuple[str, ...]:
+        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

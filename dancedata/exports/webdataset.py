@@ -79,7 +79,7 @@ class WebDataset(SampleExport):
 
     def _windows(self, job: ExportJob, split: str) -> list[tuple[ClipView, Window | None]]:
         clips = {clip.id: clip for clip in job.clips(split)}
-        return [(clips[window.clip], window) for window in job.store.windows(split)]
+        return [(clips[window.clip], window) for window in job.store.windows(split, fields=self._names(job))]
 
     def _shards(
         self, job: ExportJob, folder: ExportFolder, split: str, samples: list[tuple[ClipView, Window | None]]

@@ -29,6 +29,7 @@ from dancedata.pipeline.rebuild import Published, Rebuilt
 from dancedata.pipeline.rejects import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
+from dancedata.recipes.fields import MotionField
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -192,7 +193,16 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
         stride=recipe.windows.stride,
         order=recipe.windows.order,
         fields=tuple(
-            Field(f.name, f.stored_kind, f.columns, f.grid.rate, f.dtype, f.codebook) for f in recipe.fields
+            Field(
+                f.name,
+                f.stored_kind,
+                f.columns,
+                f.grid.rate,
+                f.dtype,
+                f.codebook,
+                optional=isinstance(f, MotionField) and f.optional,
+            )
+            for f in recipe.fields
         ),
         skeleton=recipe.skeleton,
         meta=meta,

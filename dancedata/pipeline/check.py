@@ -30,7 +30,14 @@ from dancedata.pipeline.build import workers_for
 from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.curation import curate
 from dancedata.pipeline.encode import encode_clips
-from dancedata.pipeline.rejects import NOT_IN_SOURCE, NOTED, attempt, implausible_problems, relative_to
+from dancedata.pipeline.rejects import (
+    NOT_IN_SOURCE,
+    NOTED,
+    attempt,
+    implausible_problems,
+    relative_to,
+    without_fields,
+)
 from dancedata.pipeline.sources import identify, scan_source
 from dancedata.pipeline.windows import cut_windows
 from dancedata.pipeline.word_check import word_notes
@@ -128,7 +135,8 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
             for c in encoded
             if c.source.signal is not None
         ]
-        return [*sources.rejects, *unreadable, *curated.rejects, *without_windows], quality, lengths
+        lacking = [r for c in encoded for r in without_fields(c.source.ref, c.motion.without)]
+        return [*sources.rejects, *unreadable, *curated.rejects, *without_windows, *lacking], quality, lengths
 
     with workers_for(recipe, source, store_cache, jobs) as workers:
         rejects, quality, lengths = with_lost_entries(store_cache, examined, progress)
@@ -248,7 +256,7 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
     field = _field_with_body(store)
     if field is None:
         return
-    for clip in store.clips:
+    for clip in (clip for clip in store.clips if clip.has_field(field.name)):
         if store.scope == "track":
             columns = clip.read(field.name)
         else:

@@ -17,6 +17,7 @@ from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.facts import compute_facts
 from dancedata.pipeline.features import extract_features, stored_clip
 from dancedata.pipeline.groups import sizes_of, whole_groups
+from dancedata.pipeline.rejects import without_fields
 from dancedata.pipeline.sources import Sources
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import check_ids
@@ -88,6 +89,7 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
             *without_windows,
             *without_features,
             *incomplete,
+            *(r for c in extracted for r in without_fields(c.source.ref, c.motion.without)),
             *not_copied,
         ),
         quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.motion.flags),

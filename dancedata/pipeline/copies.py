@@ -26,6 +26,7 @@ from dancedata.pipeline.facts import compute_facts
 from dancedata.pipeline.features import extract_features, stored_clip
 from dancedata.pipeline.groups import require_acts_on
 from dancedata.pipeline.motion import MotionResult
+from dancedata.pipeline.rejects import without_fields
 from dancedata.pipeline.sources import SourceClip
 from dancedata.pipeline.windows import cut_windows
 from dancedata.recipes.copies import CopySpec, is_copied
@@ -127,6 +128,9 @@ def _encoded(
         if isinstance(result, Reject):
             rejects.append(replace(result, clip=c.spec.clip_id(original.clip.id)))
         else:
+            # What the clip lacks, its copy lacks for the same reason.
+            more = {name: why for name, why in result.without.items() if original.clip.motion[name].shape[0]}
+            rejects += without_fields(replace(original.source.ref, id=c.spec.clip_id(original.clip.id)), more)
             yield original, result
 
 
@@ -203,6 +207,8 @@ class _CopiedArray:
         return tuple(self.array.shape)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        if not self.array.shape[0]:
+            return np.asarray(self.array, dtype=dtype)  # without an optional field
         rows = self.spec.rows_of(np.asarray(self.array), self.field.columns, self.field.kind, self.clip)
         return np.array(rows, dtype=dtype)
 

@@ -240,6 +240,7 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
         "groups": list(field.columns.names),
         "rate": str(field.rate),
         "dtype": field.dtype,
+        **({"without": sum(not clip.has_field(name) for clip in store.clips)} if field.optional else {}),
         **({} if field.codebook is None else {"codebook": field.codebook.to_json()}),
         "axes": store.meta.get("axes", {}).get(name),
     }
@@ -266,6 +267,7 @@ def describe_store(path: Path) -> str:
         if book := field.get("codebook"):
             sizes = " x ".join(map(str, book["sizes"]))
             axes += f"; codes of {shown(book['name'], _NOTE)}, {shown(sizes, _NOTE)}, pad {book['pad']}"
+        axes += f"; optional, {counted(field['without'], 'clip')} without it" if "without" in field else ""
         lines.append(
             f"  {name}: {field['columns']} columns ({groups}), {field['rate']} per second, {field['dtype']}{axes}"
         )

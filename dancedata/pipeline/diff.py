@@ -355,7 +355,7 @@ def _pieces(
     """Yield the rows of both stores: clip by clip, in window scope window by window."""
     if one.scope == "track":
         for clip, same in common:
-            yield clip.id, (one.rows_within(clip.id, name)[1], two.rows_within(same.id, name)[1])
+            yield clip.id, (_clip_rows(one, clip, name), _clip_rows(two, same, name))
         return
     others = {(w.clip, w.start, w.length): w for split in two.splits for w in two.windows(split)}
     for split in one.splits:
@@ -363,6 +363,13 @@ def _pieces(
             other = others.get((window.clip, window.start, window.length))
             if other is not None:
                 yield window.clip, (one.read(window, name), two.read(other, name))
+
+
+def _clip_rows(store: Store, clip: ClipView, name: str) -> npt.NDArray[Any]:
+    """Return the rows of a field within a clip; none where the clip does not have it."""
+    if clip.has_field(name):
+        return store.rows_within(clip.id, name)[1]
+    return np.empty((0, store.fields[name].width))
 
 
 def _rows(

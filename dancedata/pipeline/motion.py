@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import CROSSING, SKELETONS, crosses
+from dancedata.core.bodies import CROSSING, SKELETONS, SMPLX52, crosses
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -44,6 +44,7 @@ MOTION_STAGE = 4
 _EXAMINED = 2
 #: Up to this many values, clips remember matrices and joints while they are encoded: 200 MB.
 _REMEMBERED = 2**23
+_FINGERS = frozenset(SMPLX52.joints[22:])
 
 
 class ClipInfo(NamedTuple):
@@ -70,7 +71,10 @@ class MotionResult:
     height_m
         Vertical extent of the joints, median over frames, metres.
     arrays
-        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope.
+        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope; (0, D) of an optional field
+        that cannot take the motion.
+    without
+        Why, per such field.
     """
 
     n_source: int
@@ -80,6 +84,7 @@ class MotionResult:
     height_m: float
     flags: tuple[dict[str, Any], ...] = ()
     arrays: dict[str, CachedArray] = field(default_factory=dict)
+    without: dict[str, str] = field(default_factory=dict)
 
     def stored(self, recipe: Recipe, starts: tuple[int, ...]) -> dict[str, CachedArray]:
         """Return the arrays to store; in window scope only the windows that begin at `starts`."""
@@ -129,6 +134,8 @@ class MotionKeys:
                 version=[MOTION_STAGE, *field.version],
                 dataset=loading,
                 representation={field.name: field.document()},
+                # Of an optional field an entry may have no rows, which others must not find.
+                **({"optional": True} if isinstance(field, MotionField) and field.optional else {}),
                 fps=str(field.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},
@@ -178,7 +185,7 @@ def encode_motion(
     """Load, check, resample and encode one clip, or its copy, for every motion and key motion field of the recipe."""
     try:
         with cache.lock("clips", keys.info):
-            return _result(recipe, *_encode_missing(cache, recipe, ref, keys, sha256, copies))
+            return _result(cache, keys, recipe, *_encode_missing(cache, recipe, ref, keys, sha256, copies))
     except DataError as error:
         return reject_of(error, clip=ref.id, file=ref.motion_path)
 
@@ -186,23 +193,35 @@ def encode_motion(
 def cached_motion(cache: Cache, recipe: Recipe, keys: ClipKeys) -> MotionResult | None:
     """Return the cached result of `encode_motion`, None if a part is missing."""
     info, arrays = _encoded(cache, keys)
-    return None if info is None or None in arrays.values() else _result(recipe, info, arrays)
+    return None if info is None or None in arrays.values() else _result(cache, keys, recipe, info, arrays)
 
 
-def _result(recipe: Recipe, info: ClipInfo, arrays: dict[str, CachedArray | None]) -> MotionResult:
+def _result(
+    cache: Cache, keys: ClipKeys, recipe: Recipe, info: ClipInfo, arrays: dict[str, CachedArray | None]
+) -> MotionResult:
     rate = Fraction(info.source_rate)
     encoded = {name: array for name, array in arrays.items() if array is not None}
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(info.n_source, recipe.grid)
     first = min(grid.rows_up(info.trim_start, of=recipe.grid), n_frames - 1)
-    return MotionResult(info.n_source, rate, n_frames, first, float(info.height_m), tuple(info.flags), encoded)
+    absent = [f.name for f in recipe.motion if f.optional and not encoded[f.name].shape[0]]
+    without = {name: str(cache.json("clips", keys.fields[name])) for name in absent}
+    return MotionResult(
+        info.n_source, rate, n_frames, first, float(info.height_m), tuple(info.flags), encoded, without
+    )
 
 
 def _encoded(cache: Cache, keys: ClipKeys) -> tuple[ClipInfo | None, dict[str, CachedArray | None]]:
     """Return the cached entries of a clip."""
     cached = cache.json("clips", keys.info)
     info = ClipInfo(*cached) if cached is not None and cached[5:] == [_EXAMINED] else None
-    return info, {name: cache.array("motion", key) for name, key in keys.fields.items()}
+    arrays = {name: cache.array("motion", key) for name, key in keys.fields.items()}
+    for name, array in arrays.items():
+        # (0, D) is of an optional field, with its reason; in window scope (0, L, D) is of a clip without windows.
+        is_absent = array is not None and len(array.shape) == 2 and not array.shape[0]
+        if is_absent and cache.json("clips", keys.fields[name]) is None:
+            arrays[name] = None
+    return info, arrays
 
 
 def _encode_missing(
@@ -260,11 +279,19 @@ def _published(
         # For all fields, and in window scope for all windows.
         motion, same = motion.with_cache(), original is motion
         original = motion if same else original.with_cache()
-    encoded = {
-        f.name: _encode(recipe, f, original if _unrepaired(f) else motion, floors.get(f.name))
-        for f in recipe.clip_fields
-        if arrays[f.name] is None
-    }
+    encoded: dict[str, npt.NDArray[np.float32]] = {}
+    without: dict[str, str] = {}
+    for f in recipe.clip_fields:
+        if arrays[f.name] is None:
+            try:
+                version = original if _unrepaired(f) else motion
+                _require_joints(f, version)
+                encoded[f.name] = _encode(recipe, f, version, floors.get(f.name))
+            except DataError as error:
+                if not (isinstance(f, MotionField) and f.optional):
+                    raise
+                encoded[f.name] = np.empty((0, f.columns.width), np.float32)
+                without[f.name] = str(error)
     if sha256_file(ref.motion_path) != sha256:
         raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
     content = content_hashes(recipe.dataset, cache.file_sha256)
@@ -273,10 +300,29 @@ def _published(
             raise DataError(CHANGED, reason="changed", where=f"{ref.motion_path} ({named})", fix=BUILD_AGAIN)
     flags = [f.to_json() for f in [*quality_flags(motion), *done]]
     info = ClipInfo(motion.n_frames, str(motion.grid), flags, motion.trim_start, vertical_extent(motion), _EXAMINED)
+    for name, reason in without.items():
+        cache.put_json("clips", keys.fields[name], reason)
     for name, array in encoded.items():
         arrays[name] = cache.put_array("motion", keys.fields[name], array, durable=False)
     cache.put_json("clips", keys.info, info)
     return info, arrays
+
+
+def _require_joints(clip_field: MotionField | KeyMotionField, motion: Motion) -> None:
+    """Raise DataError for an optional field with fingers where the motion has none: they would not move.
+
+    The hands of SMPL's 24 joints, and jaw and eyes, are no reason: few captures have them.
+    """
+    if not (isinstance(clip_field, MotionField) and clip_field.optional):
+        return
+    body, name = clip_field.representation.skeleton, clip_field.representation.name
+    fingers = [joint for joint in body.joints if joint in _FINGERS]
+    if fingers and not _FINGERS & set(motion.skeleton.joints):
+        raise DataError(
+            f"the motion has no fingers, which {name} has",
+            reason="missing_joints",
+            found=f"{motion.skeleton.n_joints} joints, without {fingers[0]} and {len(fingers) - 1} more",
+        )
 
 
 def _unrepaired(clip_field: MotionField | KeyMotionField) -> bool:
@@ -322,24 +368,36 @@ def encode_group(
             if any(info is None or None in arrays.values() for info, arrays in encoded):
                 group = _group_versions(recipe, refs, copies)
                 grounded = [f for f in recipe.motion if f.representation.grounded]
-                floors = {
-                    f.name: min(
-                        f.representation.floor((v.motion if f.repaired else v.original).resampled(f.grid))
-                        for v in group
-                    )
-                    for f in grounded
-                }
+                floors = {f.name: _floor(f, group) for f in grounded}
                 encoded = [
                     _published(cache, recipe, ref, keys, sha256, versions, arrays, floors)
                     for (ref, sha256, keys), versions, (_, arrays) in zip(members, group, encoded, strict=True)
                 ]
-        return [_result(recipe, info, arrays) for info, arrays in encoded if info is not None]
+        return [
+            _result(cache, keys, recipe, info, arrays)
+            for (_, _, keys), (info, arrays) in zip(members, encoded, strict=True)
+            if info is not None
+        ]
     except DataError as error:
         unusable = unusable_dancers(recipe, refs)
         if not unusable or len(unusable) == len(members):
             return [reject_of(error, clip=ref.id, file=ref.motion_path) for ref in refs]
         others = iter(encode_group(cache, recipe, [m for k, m in enumerate(members) if k not in unusable], copies))
         return [unusable[k] if k in unusable else next(others) for k in range(len(members))]
+
+
+def _floor(motion_field: MotionField, group: Sequence[_Versions]) -> float:
+    """Return the floor of a group in a field: of an optional one, of the dancers that it can take."""
+    floors = []
+    for dancer in group:
+        version = dancer.motion if motion_field.repaired else dancer.original
+        try:
+            _require_joints(motion_field, version)
+            floors.append(motion_field.representation.floor(version.resampled(motion_field.grid)))
+        except DataError:
+            if not motion_field.optional:
+                raise
+    return min(floors, default=0.0)
 
 
 def _group_versions(recipe: Recipe, refs: Sequence[ClipRef], copies: CopySpec | None) -> list[_Versions]:

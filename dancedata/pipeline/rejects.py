@@ -33,6 +33,7 @@ BY_CHOICE = {
     "filtered",
     "curated",
     "short_field",
+    "no_field",
     "unmirrored_words",
     "unused_segments",
 }
@@ -66,6 +67,14 @@ def missing_music(ref: ClipRef) -> Reject:
     """Return the reject of a clip without music."""
     detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
     return Reject("missing_music", clip=ref.id, detail=detail, music=ref.music, fix=ref.music_fix)
+
+
+def without_fields(ref: ClipRef, without: Mapping[str, str]) -> list[Reject]:
+    """Return a reject for each optional field that a clip is kept without, by name and reason."""
+    return [
+        Reject("no_field", ref.id, str(ref.motion_path), detail=f"kept without {name}: {reason}")
+        for name, reason in without.items()
+    ]
 
 
 def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:

@@ -14,6 +14,7 @@ from dancedata.core.clip import Reject, Window
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.spatial import middle_of
+from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.readers.arguments import whole
 from dancedata.readers.augmenting import Augment
@@ -25,6 +26,7 @@ from dancedata.readers.windows import WindowDataset
 from dancedata.remote import Stream
 from dancedata.store.clip_columns import FREE
 from dancedata.store.dataset import Store
+from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, WindowList
 
 Array = npt.NDArray[Any]
@@ -164,6 +166,9 @@ class GroupDataset(WindowDataset):
         if not singles and len(single):
             clips = f"{len(single)} single dancers, the first is {tables.ids[int(single[0])]}"
             rejects.append(Reject("single", detail=f"{clips}; singles=True reads them as groups of one"))
+        lacking = self._without_field(tables, first[:n_groups], count[:n_groups])
+        kept[list(lacking)] = False
+        rejects += lacking.values()
         others = int((count[:n_groups] != exactly).sum()) if exactly is not None else 0
         if others:
             rejects.append(Reject("group_size", detail=f"{others} groups of another size than {exactly}"))
@@ -187,6 +192,21 @@ class GroupDataset(WindowDataset):
         start = np.repeat(self.windows.start.astype(np.int64), sizes)
         length = int(self.windows.length[0])
         self._dancers = WindowList.equally_long(self.split, self.windows.clip_ids, clip, start, length)
+
+    def _without_field(
+        self, tables: Tables, first: npt.NDArray[np.int64], count: npt.NDArray[np.int64]
+    ) -> dict[int, Reject]:
+        """Return a reject for each group with a dancer who does not have all fields, by the group's number."""
+        rejects = {}
+        for name in self.fields:
+            having = tables.having(self.store.field(name))
+            for group in range(len(first)) if not having.all() else ():
+                dancers = range(int(first[group]), int(first[group] + count[group]))
+                absent = [tables.ids[row] for row in dancers if not having[row]]
+                if absent:
+                    detail = f"group {tables.groups['id'][group]}: {listed(absent, 3)} kept without {name}"
+                    rejects[group] = Reject("no_field", detail=detail)
+        return rejects
 
     def _check_augmentations(self) -> None:
         for step in self._augmenter.steps:

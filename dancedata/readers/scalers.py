@@ -167,7 +167,9 @@ def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
     if choice.protocol is None:
         return None
     windows = select(store, "train", replace(choice, windows={}, trim=False, filter=None, start_at=None)).windows
-    if "train" in store.splits and {w.clip for w in windows} == {w.clip for w in store.windows("train")}:
+    if "train" in store.splits and {w.clip for w in windows} == {
+        w.clip for w in store.windows("train", fields=choice.fields)
+    }:
         return None
     return windows
 
@@ -175,10 +177,10 @@ def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
 def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]:
     for split in store.splits:
         if store.scope == "window":
-            for window in store.windows(split):
+            for window in store.windows(split, fields=(name,)):
                 yield store.read(window, name)
     if store.scope == "track":
-        for clip in store.clips:
+        for clip in (clip for clip in store.clips if clip.has_field(name)):
             first = store.grid.rows_down(clip.trim_start, of=store.field(name).grid) if trim else 0
             lead, rows = store.rows_within(clip.id, name)
             yield rows[max(0, first - lead) :]

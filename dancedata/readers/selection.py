@@ -108,7 +108,7 @@ def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, 
         chosen, rejects = chosen_clips([tables], choice.where)
         windows, missing = windows.take(chosen[windows.clip]), missing & chosen
     short = sorted((tables.record(row) for row in np.flatnonzero(missing).tolist()), key=lambda clip: clip.id)
-    return windows, rejects + [_too_short(clip, choice) for clip in short]
+    return windows, rejects + [_without_window(store, clip, choice) for clip in short]
 
 
 def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
@@ -132,7 +132,9 @@ def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowLis
     windows = WindowList.joined(split, parts)
     windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))
     with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
-    return windows, rejects + [_too_short(clips[clip], choice) for clip in sorted(remaining - with_window)]
+    return windows, rejects + [
+        _without_window(store, clips[clip], choice) for clip in sorted(remaining - with_window)
+    ]
 
 
 def _unmarked(
@@ -200,7 +202,10 @@ def _ignore_lists(record: ClipRecord, choice: Choice) -> list[str]:
     return [name for name in record.lists if name in lists]
 
 
-def _too_short(record: ClipRecord, choice: Choice) -> Reject:
+def _without_window(store: Store, record: ClipRecord, choice: Choice) -> Reject:
+    absent = store.without(record.id, choice.fields)
+    if absent:
+        return Reject("no_field", record.id, detail=f"kept without {', '.join(absent)}")
     trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""
     detail = f"{record.n_frames} frames{trimmed}: not long enough for a window of fields {', '.join(choice.fields)}"
     return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})

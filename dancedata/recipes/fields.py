@@ -106,6 +106,8 @@ class MotionField(FieldSpec):
     ----------
     repaired
         False for the motion as it was before the recipe's repairs.
+    optional
+        Whether clips whose motion the representation cannot take are kept, without rows of this field.
     """
 
     kind: ClassVar[Literal["motion"]] = "motion"
@@ -113,6 +115,7 @@ class MotionField(FieldSpec):
     representation: Representation
     contacts: ContactRule | None
     repaired: bool = True
+    optional: bool = False
 
     @property
     def columns(self) -> Columns:

@@ -46,7 +46,7 @@ SLOTS: dict[str, Registry[Any]] = {
     "augment": AUGMENTATIONS,
 }
 #: Keys of a slot in addition to the plug-in's.
-_SLOT_KEYS = {"motion": ("contacts",), "audio": ("fps",)}
+_SLOT_KEYS = {"motion": ("contacts", "optional"), "audio": ("fps",)}
 #: Motion is resampled to a recipe's rate however slowly it was captured: a billion per second would fill any memory.
 MAX_FPS = 1000
 _LABEL = re.compile(r"[A-Za-z0-9_-]+")
@@ -102,7 +102,13 @@ def make_slots(
     if windows is not None:
         chosen = _window_filter(document["windows"].get("filter"), columns, problems)
         windows = dataclasses.replace(windows, filter=chosen)
+        if chosen is not None and any(field.name == chosen.field and field.optional for field in motion):
+            problems.append(
+                f"windows.filter.{chosen.name}: {chosen.field} is optional, and clips without it cannot be filtered; "
+                "fix: name a field that every clip has"
+            )
     audio = _feature_jobs(document.get("audio"), any_grid, windows if by_window else None, problems)
+    problems += _optional_problems(motion, by_window=by_window)
     if windows is not None:
         for field in (*motion, *audio):
             problems.catch(partial(field.require_whole, windows))
@@ -151,24 +157,43 @@ def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Moti
         problems.append(f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(slot))}")
         return ()
     fields = []
-    for name, representation, rule in _instances(REPRESENTATIONS, "motion", slot, problems):
+    for name, representation, keys in _instances(REPRESENTATIONS, "motion", slot, problems):
         if representation is None:
             continue
+        rule, optional = keys.get("contacts"), keys.get("optional", False)
+        if not isinstance(optional, bool):
+            problems.append(f"motion.{name}.optional: must be true or false; found {shown(repr(optional))}")
         default = representation.default_contacts
         rule = default if rule is None else rule
         if rule is not None and default is None:
             problems.append(f"motion.{name}.contacts: {name} has no contact columns")
         contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
         rate = representation.rate
-        fields.append(MotionField(name, grid if rate is None else FrameGrid(rate), representation, contacts))
+        of_rate = grid if rate is None else FrameGrid(rate)
+        fields.append(MotionField(name, of_rate, representation, contacts, optional=optional is True))
     return _by_name(fields)
+
+
+def _optional_problems(fields: Sequence[MotionField], *, by_window: bool) -> list[str]:
+    """Return why fields of motion cannot be optional."""
+    optional = [field for field in fields if field.optional]
+    problems = []
+    if optional and by_window:
+        problems.append(f"motion.{optional[0].name}.optional: clips without a field need scope: track")
+    if optional and len(optional) == len(fields):
+        problems.append("motion: all fields are optional; fix: one field has to be there for every clip")
+    for field in optional:
+        if field.representation.name == "root_place":
+            problems.append(f"motion.{field.name}.optional: the places of dancers cannot be left out")
+    return problems
 
 
 def _feature_jobs(
     slot: Any, grid: FrameGrid, windows: WindowSpec | None, problems: Problems
 ) -> tuple[FeatureJob, ...]:
     jobs = []
-    for name, feature, fps in _instances(FEATURES, "audio", slot, problems):
+    for name, feature, keys in _instances(FEATURES, "audio", slot, problems):
+        fps = keys.get("fps")
         rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
         if feature is not None and rows is not None:
             jobs.append(FeatureJob(name, rows, feature, windows, rows != grid))
@@ -219,18 +244,18 @@ def _window_filter(slot: Any, fields: Mapping[str, Columns], problems: Problems)
 
 def _instances(
     registry: Registry[P], slot: str, plugins: Any, problems: Problems
-) -> Iterator[tuple[str, P | None, Any]]:
-    """Yield name, plug-in (None if it is wrong) and the value of the slot's key for each entry of a slot."""
+) -> Iterator[tuple[str, P | None, dict[str, Any]]]:
+    """Yield name, plug-in (None if it is wrong) and the values of the slot's keys for each entry of a slot."""
     also = _SLOT_KEYS.get(slot, ())
     if not isinstance(plugins, dict):
         plugins = {str(plugins): {}} if plugins else {}
     for key, parameters in plugins.items():
         name = str(key)  # in YAML a key may be a number
-        value = None
+        keys: dict[str, Any] = {}
         if also and isinstance(parameters, dict):
-            parameters = dict(parameters)
-            value = parameters.pop(also[0], None)
-        yield name, make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=True), value
+            keys = {key: parameters[key] for key in also if key in parameters}
+            parameters = {key: value for key, value in parameters.items() if key not in keys}
+        yield name, make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=True), keys
 
 
 def _by_name(fields: Sequence[F]) -> tuple[F, ...]:

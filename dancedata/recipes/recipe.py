@@ -106,7 +106,11 @@ class Recipe:
             "fps": str(self.grid),
             "scope": self.scope,
             "windows": self.windows.document(),
-            "motion": {field.name: field.document() for field in self.motion if field.repaired},
+            "motion": {
+                field.name: {**field.document(), **({"optional": True} if field.optional else {})}
+                for field in self.motion
+                if field.repaired
+            },
             "audio": {field.name: field.document() for field in self.audio},
             "keymotion": {field.name: field.document() for field in self.keymotion},
             "augment": augment_document(self.augment),

@@ -219,7 +219,9 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
                 measured.clips[clip.id] = _clip(measured, clip, of_clip)
                 space.add(clip, of_clip, windows[clip.id])
             if dancers[0].group:
-                measured.groups.add(store, dancers, pieces, len(windows[dancers[0].id]))
+                # Without the field of one dancer, nothing is measured between them.
+                together = pieces if all(pieces) else [[] for _ in pieces]
+                measured.groups.add(store, dancers, together, len(windows[dancers[0].id]))
             advance(1)
     return measured
 

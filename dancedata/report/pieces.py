@@ -90,6 +90,8 @@ class ClipReader:
     def of(cls, store: Store) -> ClipReader:
         """Choose the fields: motion with contacts before other motion, and the first of the others that fit."""
         readers = drawable_fields(store)
+        # Of fields that every clip has, where one can be drawn: clips without the field have no figures.
+        readers = {name: reader for name, reader in readers.items() if name in store.required_fields} or readers
         with_contacts = (n for n in readers if set(_CONTACTS) & set(readers[n].representation.columns.names))
         motion = next(with_contacts, next(iter(readers), None))
         fields = [store.field(name) for name in store.fields]
@@ -116,7 +118,7 @@ class ClipReader:
         DataError
             If columns are not those of the representation.
         """
-        if self.motion is None or self.reader is None:
+        if self.motion is None or self.reader is None or not clip.has_field(self.motion.name):
             return
         if self.store.scope == "track":
             yield self._piece(clip, None, self.motion, self.reader)

@@ -90,4 +90,8 @@ def _other_rows(store: Store, name: str) -> Iterator[npt.NDArray[Any]]:
         if store.scope == "window":
             yield from (store.read(window, name) for window in store.windows(split))
         else:
-            yield from (clip.read(name) for clip in store.clips if clip.split == split and not clip.source)
+            yield from (
+                clip.read(name)
+                for clip in store.clips
+                if clip.split == split and not clip.source and clip.has_field(name)
+            )

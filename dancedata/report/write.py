@@ -247,6 +247,8 @@ def _heat_maps(store: Store, numbers: Document, reader: ClipReader) -> dict[str,
     beats = () if piece is None or piece.beat_times is None else tuple(piece.beat_times.tolist())
     figures = {}
     for name, columns in store.fields.items():
+        if not store.has_field(clip, name):
+            continue
         rows = store.rows_within(clip, name)[1] if store.scope == "track" else store.read(windows[0], name)
         if not len(rows):
             continue

@@ -28,6 +28,10 @@ class ClipReader(Protocol):
 
     grid: FrameGrid
 
+    def has_field(self, clip_id: str, field: str) -> bool:
+        """Return whether a clip has rows of a field."""
+        ...
+
     def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to a clip."""
         ...
@@ -62,6 +66,10 @@ class ClipView(ClipRecord):
         """The row of the table alone, without the store."""
         return ClipRecord(**{f.name: getattr(self, f.name) for f in fields(ClipRecord)})
 
+    def has_field(self, field: str) -> bool:
+        """Return whether the clip has rows of a field; an optional one may be missing."""
+        return self.store.has_field(self.id, field)
+
     def read(self, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to the clip, (T, D), a new array.
 
@@ -69,6 +77,8 @@ class ClipView(ClipRecord):
 
         Raises
         ------
+        UsageError
+            For a field that the clip does not have.
         StoreError
             In window scope, where clips are not stored whole.
         """

@@ -25,7 +25,7 @@ from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import Description, stated_weights
 from dancedata.store.leaves import ranged_shards
 from dancedata.store.listed_file import FileHash, ListedFile, SideFiles, open_listed, rebuilt_error
-from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows
+from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows, require_field
 from dancedata.store.normalize import MinMax, ZScore
 from dancedata.store.schema import Field, Kind, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
@@ -271,7 +271,8 @@ class Store(SegmentQueries):
             Length and stride of the windows, at most one of each pair; default: as stored. Other values need a
             store of track scope.
         fields
-            Fields in which these windows have to begin and end at whole rows. Default: all.
+            Fields in which these windows have to begin and end at whole rows, and that their clips have. Default:
+            all.
         trim
             Begin at each clip's trim_start: skip the frames that the source would cut (track scope only).
         whole
@@ -294,12 +295,12 @@ class Store(SegmentQueries):
             length_s=length_s, length_frames=length_frames, stride_s=stride_s, stride_frames=stride_frames
         )
         stored = WindowGrid(self._description.length, self._description.stride)
+        window_fields = [self.field(name) for name in fields or self._fields]
         if requested == stored and not trim and not whole:
-            return stored_windows(tables)
+            return stored_windows(tables, window_fields)
         if self.scope == "window":
             request = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
             raise self._only_built_windows(request + (", trimmed" if trim else ""))
-        window_fields = [self.field(name) for name in fields or self._fields]
         if whole:
             return whole_clips(tables, self._description, window_fields, trim)
         return cut_windows(tables, self._description, requested, window_fields, trim)
@@ -321,6 +322,29 @@ class Store(SegmentQueries):
     ) -> WindowGrid:
         """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
         return requested_grid(self._description, length_s, length_frames, stride_s, stride_frames)
+
+    def has_field(self, clip_id: str, field: str) -> bool:
+        """Return whether a clip has rows of a field: fields that a recipe makes optional may be missing.
+
+        UsageError for an unknown clip or field.
+        """
+        f = self.field(field)
+        tables, row = self._place(clip_id)
+        return not f.optional or bool(tables.having(f)[row])
+
+    @property
+    def required_fields(self) -> tuple[str, ...]:
+        """Names of the fields that every clip has."""
+        return tuple(name for name, f in self._fields.items() if not f.optional)
+
+    @property
+    def optional_fields(self) -> tuple[str, ...]:
+        """Names of the fields that a clip may not have."""
+        return tuple(name for name, f in self._fields.items() if f.optional)
+
+    def without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
+        """Return those of some fields that a clip does not have; see `has_field`."""
+        return tuple(name for name in fields if self.field(name).optional and not self.has_field(clip_id, name))
 
     def windows_of(self, clip_id: str) -> tuple[Window, ...]:
         """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
@@ -502,6 +526,7 @@ class Store(SegmentQueries):
                 where=f"clip {clip_id}",
                 fix="read its windows, or build with scope: track",
             )
+        require_field(tables, row, f)
         spans = tables.spans[field]
         rows, lead = int(spans.available[row]), spans.lead(row)
         if lead:
@@ -587,7 +612,8 @@ class Store(SegmentQueries):
         Parameters
         ----------
         table
-            "clips": a row a clip, with free columns as "x/NAME", of whole numbers as Int64 where a clip has none.
+            "clips": a row a clip, with free columns as "x/NAME", of whole numbers as Int64 where a clip has none;
+            where fields are optional, with the names of those that it does not have as "without".
             "windows": clip, split, first frame and length.
             "rejects": what the build left out, and why. "quality": quality flags.
 

@@ -16,7 +16,15 @@ from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 from dancedata.remote import PUBLICATION_FILE, origin_of
-from dancedata.store.schema import DATASET_FILE, FORMATS, Field, is_shard_name, segments_name, tables_name
+from dancedata.store.schema import (
+    DATASET_FILE,
+    FORMATS,
+    OPTIONAL_FIELDS,
+    Field,
+    is_shard_name,
+    segments_name,
+    tables_name,
+)
 from dancedata.store.table_columns import type_of
 
 REBUILD = "build the dataset again"
@@ -25,7 +33,7 @@ MAX_BYTES = 1 << 26
 #: Largest recipe with all its defaults, characters.
 MAX_RECIPE = 1 << 17
 #: Names that `needs` may hold: what readers must understand so that what they read is right.
-NEEDS: tuple[str, ...] = ()
+NEEDS = (OPTIONAL_FIELDS,)
 #: Larger numbers are refused.
 _LARGE = 1e300
 #: Frames after which frames and rows coincide, at most: this multiple of a frame number fits into 64 bits.

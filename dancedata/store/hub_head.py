@@ -114,7 +114,7 @@ def head(
         Whether a hub can show the files as a table.
     """
     name, licence = strictest(store)
-    n = sum(len(store.windows(split)) for split in splits) or len(store.clips)
+    n = sum(len(store.windows(split, fields=store.required_fields)) for split in splits) or len(store.clips)
     kinds = {store.field(field).kind for field in store.fields}
     tags = ["dance", "human-motion", "motion-capture", "dancedata"]
     tags += ["music", "music-to-dance"] if "audio" in kinds else []

@@ -68,7 +68,7 @@ class SideFiles:
             )
         if f.name not in self.stats["fields"]:
             raise StoreError(
-                "there is no scaler without train windows",
+                "there is no scaler without train windows" + (f" that have field {f.name}" if f.optional else ""),
                 where=str(self._folder),
                 found=f"splits {', '.join(sort_splits({s.split for s in self._description.shards}))}",
                 fix="pass normalize=False, or build with a train split",

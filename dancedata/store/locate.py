@@ -23,6 +23,17 @@ class RowSpan:
     length: int
 
 
+def require_field(tables: Tables, row: int, f: Field) -> None:
+    """Raise UsageError for a clip that does not have an optional field."""
+    if f.optional and not tables.having(f)[row]:
+        raise UsageError(
+            f"the clip has no rows of field {f.name}",
+            where=f"clip {tables.ids[row]}",
+            found="a clip that was kept without it; rejects.jsonl says why",
+            fix=f"take clips whose has_field({f.name!r}) is true, or windows(split, fields=({f.name!r},))",
+        )
+
+
 def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
     """Find first row and number of rows of a window in track scope, where any window within its clip is allowed.
 
@@ -44,6 +55,7 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
             found=f"start {window.start}, length {window.length} frames",
             allowed=f"multiples of {grid.common_period(f.grid)[0]} frames (rows at {f.rate} per second)",
         )
+    require_field(tables, row, f)
     first, length = grid.rows_down(window.start, of=f.grid), grid.rows_down(window.length, of=f.grid)
     spans = tables.spans[f.name]
     available, lead = int(spans.available[row]), spans.lead(row)

@@ -28,6 +28,8 @@ from dancedata.store.schema import Field
 ORIGINAL = ".original"
 _POSITION = "position"
 _AS_STORED = Scaling()
+#: Keys of a motion field in a recipe that are not parameters of its representation.
+_NOT_OF_PLUGIN = ("contacts", "optional")
 
 #: By the name of a body: names of its joints in arrays (T, J, 3), and whether the pelvis is that of the body.
 BODIES: dict[str, tuple[tuple[str, ...], bool]] = {
@@ -57,7 +59,7 @@ def stored_representation(recipe: object, field: str, columns: Columns) -> Repre
     that are stored: a dataset may come from elsewhere. UsageError if no installed plug-in makes them, with the
     reason.
     """
-    parameters = {key: value for key, value in _entry(recipe, field).items() if key != "contacts"}
+    parameters = {key: value for key, value in _entry(recipe, field).items() if key not in _NOT_OF_PLUGIN}
     try:
         representation = REPRESENTATIONS.make(REPRESENTATIONS.split(field)[0], parameters)
         if representation.columns.to_json() != columns.to_json():
@@ -199,7 +201,7 @@ def clip_pose(store: Store, clip_id: str, field: str = "") -> Pose:
     if field:
         reader = motion_reader(store, field)
     else:
-        kept = pose_readers(store)
+        kept = {name: reader for name, reader in pose_readers(store).items() if store.has_field(clip_id, name)}
         if not kept:
             raise UsageError(
                 "the dataset has no field of motion that can be decoded", where=str(store.path),

@@ -22,6 +22,8 @@ from dancedata.core.text import listed, quoted
 #: Version of the layout that is written. Readers also read format 1.
 FORMAT = 2
 FORMATS = (1, 2)
+#: Name in `needs` of datasets with fields that not every clip has.
+OPTIONAL_FIELDS = "optional_fields"
 #: Every dataset's bytes start at a multiple of this, so that a mapped file gives aligned arrays.
 ALIGNMENT = 64
 #: The order in which splits are listed; others follow by name.
@@ -61,6 +63,8 @@ class Field:
         Type on disk, little-endian; whole numbers for codes.
     codebook
         Of codes; None for real values.
+    optional
+        Whether clips may have no rows of it, see `Tables.having`; of motion in track scope alone.
     """
 
     name: str
@@ -69,6 +73,7 @@ class Field:
     rate: Fraction
     dtype: DType = "float32"
     codebook: Codebook | None = None
+    optional: bool = False
 
     @property
     def per_clip(self) -> bool:
@@ -112,6 +117,7 @@ class Field:
             "width": self.columns.width,
             "columns": self.columns.to_json(),
             **({} if self.codebook is None else {"codebook": self.codebook.to_json()}),
+            **({"optional": True} if self.optional else {}),
         }
 
     @classmethod
@@ -129,6 +135,7 @@ class Field:
             rate=as_rate(obj["rate"]),
             dtype=obj["dtype"],
             codebook=_codebook(obj["codebook"], columns.width, obj["dtype"]) if values == "code" else None,
+            optional=obj.get("optional") is True,
         )
 
 
@@ -191,6 +198,8 @@ class StoreHeader:
             raise StoreError("two fields share a name", found=", ".join(names))
         if not any(f.kind == "motion" for f in self.fields):
             raise StoreError("a store needs at least one motion field", found=", ".join(names) or "no field")
+        if all(f.optional for f in self.fields if f.kind == "motion"):
+            raise StoreError("every motion field is optional", fix="one has to be there for every clip")
         for f in self.fields:
             self._check_field(f)
 
@@ -208,6 +217,8 @@ class StoreHeader:
                 f.codebook.check(f.columns.width, f.dtype)
             except UsageError as error:
                 raise StoreError(f"the codebook of field {f.name} cannot be stored", found=str(error)) from error
+        if f.optional and (f.kind != "motion" or self.scope == "window"):
+            raise StoreError(f"field {f.name} cannot be optional", allowed="fields of motion in track scope")
         if not self.grid.is_whole(self.length, of=f.grid):
             raise StoreError(
                 f"a window is not a whole number of rows of field {f.name}",

@@ -67,7 +67,8 @@ def compute_stats(
     -------
     dict
         stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear interpolation) and
-        EDGE's min-max scaler; of codes n, min, max and counts alone. Without train windows: no fields, and a note.
+        EDGE's min-max scaler; of codes n, min, max and counts alone. Without train windows: no fields, and a note; an
+        optional field that no train clip has is left out.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     result: dict[str, Any] = {
@@ -83,6 +84,8 @@ def compute_stats(
     for f in header.fields:
         stats: list[ColumnStats] = []
         sources = _covered(out, header, f, train)
+        if f.optional and not any(len(source.weights) for source in sources):
+            continue
         if f.codebook is not None:
             result["fields"][f.name] = _code_summary(sources, f.codebook)
             continue
@@ -155,7 +158,10 @@ def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan
     first_shard: dict[str, tuple[Counts, int]] = {}
     counted: list[Counts] = []
     for plan in train:
-        starts = plan.window_table().rows[f.name]
+        windows = plan.window_table()
+        starts = windows.rows[f.name]
+        if f.optional:
+            starts = starts[np.array([span.length > 0 for span in plan.motion[f.name]])[windows.clip]]
         edges = np.zeros(plan.rows[f.name] + 1, dtype=np.int64)
         np.add.at(edges, starts, 1)
         np.add.at(edges, starts + length, -1)

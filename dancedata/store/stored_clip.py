@@ -72,6 +72,8 @@ def _check_motion(header: StoreHeader, clip: StoredClip, f: Field, array: LazyAr
             raise StoreError("wrong shape", where=where, found=shape, allowed=f"{needed} (windows, rows, columns)")
         return
     _check_columns(where, shape, f)
+    if f.optional and shape[0] == 0:
+        return
     # A clip at another rate ends within the last frame: less than one frame, or one row, of difference.
     frames, rows = header.grid.common_period(f.grid)
     if abs(shape[0] * frames - clip.n_frames * rows) >= max(frames, rows):
@@ -189,7 +191,8 @@ class StoredClip(ClipRecord):
     starts
         First frame of every window, at the store's fps, ascending.
     motion
-        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope.
+        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope; (0, D) of an optional field
+        that the clip does not have.
     audio
         Per audio and scene field: one block in track scope; one per window, (L, D), in window scope.
     signal

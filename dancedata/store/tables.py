@@ -208,6 +208,13 @@ class Tables:
         index[self.by_start] = np.arange(len(in_order)) - self.clip_begin[in_order]
         return index
 
+    def having(self, f: Field) -> npt.NDArray[np.bool_]:
+        """Return which clips (N,) have rows of a field: every clip, unless the field is optional.
+
+        This alone decides it: a clip without an optional field has no rows of it in its shard.
+        """
+        return self.spans[f.name].available > 0 if f.optional else np.ones(self.n_clips, dtype=np.bool_)
+
     def rows_of(self, f: Field, grid: FrameGrid) -> IntArray:
         """Return the first row of every stored window in a field, (W,), in its clip's shard."""
         if f.name in self.window_rows:

@@ -41,6 +41,7 @@ def clip_row(store: Store, clip: ClipView, free: Iterable[str]) -> dict[str, Any
     row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
     row |= {name: _plain(value) for name, value in asdict(clip.record).items() if name not in {*row, "columns"}}
     row["licence"] = _licence(store, clip)
+    row |= {"without": list(store.without(clip.id, store.fields))} if store.optional_fields else {}
     return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
 
 
@@ -61,7 +62,10 @@ def _clips(store: Store) -> Iterator[dict[str, Any]]:
 
 
 def _windows(store: Store) -> Iterator[dict[str, Any]]:
-    return (window_row(store, split, window) for split in store.splits for window in store.windows(split))
+    fields = store.required_fields  # windows of clips without an optional field as well
+    return (
+        window_row(store, split, window) for split in store.splits for window in store.windows(split, fields=fields)
+    )
 
 
 def _plain(value: Any) -> Any:

@@ -307,7 +307,7 @@ def _check_rows(tables: Tables, f: Field, description: Description) -> str:
         bad = (rows < 0) | (rows + length > n_rows[tables.shard_of(clip)]) if description.format > 1 else rows < 0
     elif description.scope == "track":
         inside, whole = description.grid.rows_of_all(start, of=f.grid)
-        bad = ~whole | (inside + length > spans.available[clip])
+        bad = (~whole | (inside + length > spans.available[clip])) & tables.having(f)[clip]
         if spans.offset is not None:
             bad |= inside + spans.offset[clip] < 0
     else:

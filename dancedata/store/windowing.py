@@ -42,10 +42,14 @@ def _frames(description: Description, what: str, seconds: Seconds | None, frames
     return int(frames)
 
 
-def stored_windows(tables: Tables) -> WindowList:
-    """Return the windows of a split as stored."""
+def stored_windows(tables: Tables, fields: Sequence[Field]) -> WindowList:
+    """Return the windows of a split as stored, of the clips that have all of `fields`."""
     clip, start = tables.window_clip, tables.window_start
-    return WindowList.equally_long(tables.split, tables.ids, clip, start, tables.window_length)
+    windows = WindowList.equally_long(tables.split, tables.ids, clip, start, tables.window_length)
+    for f in fields:
+        if f.optional:
+            windows = windows.take(tables.having(f)[windows.clip])
+    return windows
 
 
 def cut_windows(

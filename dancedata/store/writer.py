@@ -21,6 +21,7 @@ from dancedata.store.schema import (
     DATASET_FILE,
     FORMAT,
     LEAVES_FILE,
+    OPTIONAL_FIELDS,
     REJECTS_FILE,
     STATS_FILE,
     StoreHeader,
@@ -149,7 +150,7 @@ def _describe(
 ) -> dict[str, Any]:
     return {
         "format": FORMAT,
-        "needs": [],
+        "needs": [OPTIONAL_FIELDS] if any(f.optional for f in header.fields) else [],
         "scope": header.scope,
         "fps": str(header.fps),
         "windows": {"length": header.length, "stride": header.stride, "order": header.order},

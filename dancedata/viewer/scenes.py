@@ -88,7 +88,8 @@ class Scenes(SceneList):
         self.place, self.grid, self.body = str(store.path), store.grid, store.skeleton
         self.readers = drawable_fields(store)
         self.fields = tuple(self.readers)
-        self.field = next(iter(self.readers), None) if field is None else self._drawable(field)
+        common = [name for name in self.readers if name in store.required_fields]
+        self.field = next(iter([*common, *self.readers]), None) if field is None else self._drawable(field)
         self._rhythm_field = next(iter(rhythm_fields(store)), None)
         self._identity = self._file_identity()
 
@@ -127,7 +128,7 @@ class Scenes(SceneList):
         StoreError
             If the dataset cannot be read, or was built again in the meantime.
         """
-        name = self.field if field is None else self._drawable(field)
+        name = self._drawn(item) if field is None else self._drawable(field)
         if item.members:
             return self._group_scene(item, name, first_s)
         figure, problem = self._figure(item, name, first_s)
@@ -183,6 +184,13 @@ class Scenes(SceneList):
             raise UsageError("this field cannot be drawn", where=str(self.store.path), found=field, fix=fix)
         return field
 
+    def _drawn(self, item: Item) -> str | None:
+        """Return the field that an item is drawn by: that of these scenes, or another where its clip lacks it."""
+        name, clip = self.field, item.clip.id
+        if name is None or self.store.has_field(clip, name):
+            return name
+        return next((other for other in self.readers if self.store.has_field(clip, other)), name)
+
     def _rows(self, item: Item, field: str) -> npt.NDArray[Any]:
         if item.window is None:
             return self.store.read_clip(item.clip.id, field)
@@ -192,6 +200,8 @@ class Scenes(SceneList):
         if name is None:
             fields = [f for f in self.store.fields if self.store.field(f).kind == "motion"]
             return None, f"no figure: {', '.join(fields) or 'no field'} holds neither rotations nor joint positions"
+        if not self.store.has_field(item.clip.id, name):
+            return None, f"no figure: the clip was kept without {name}"
         try:
             return Figure.of_columns(self._first(item, name, first_s), self.readers[name]), ""
         except DataError as error:

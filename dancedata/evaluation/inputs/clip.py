@@ -178,6 +178,8 @@ class ClipSet:
         Dataset that they are from; None for others.
     scaler_sha256
         Hash of the scaler by which columns of files are normalised; "" without one.
+    left_out
+        Clips of the dataset that are not measured, and why.
     """
 
     clips: tuple[ClipInput, ...]
@@ -185,6 +187,7 @@ class ClipSet:
     role: Role
     store: Store | None = None
     scaler_sha256: str = ""
+    left_out: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.clips:

@@ -103,7 +103,7 @@ def store_clips(
         if protocol.of_groups:
             raise UsageError("a dataset of window scope has no groups", where=str(store.path))
         return _windows(store, protocol, splits, name, reader, role)
-    records = [c for c in store.clips if c.split in splits and not c.source]
+    records = [c for c in store.clips if c.split in splits and not c.source and c.has_field(name)]
     clips = tuple(
         StoreClip(
             id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start,
@@ -113,9 +113,10 @@ def store_clips(
     )  # fmt: skip
     if not protocol.of_groups:
         return clips
+    lacking = {c.group for c in store.clips if c.group and not c.has_field(name)}
     groups: dict[str, list[tuple[bool, int, StoreClip]]] = {}
     for record, clip in zip(records, clips, strict=True):
-        if record.group:
+        if record.group and record.group not in lacking:
             groups.setdefault(record.group, []).append((record.role == "leader", record.member, clip))
     if not groups:
         raise UsageError(
@@ -123,6 +124,18 @@ def store_clips(
             fix="take a protocol of single dancers, such as dancedata",
         )  # fmt: skip
     return tuple(_group_of(group, groups[group]) for group in sorted(groups))
+
+
+def without_field(
+    store: Store, protocol: Protocol, *, split: str | None = None, field: str | None = None
+) -> tuple[tuple[str, str], ...]:
+    """Return the clips that `store_clips` leaves out as they lack its field, with the reason; arguments as there."""
+    if not store.optional_fields:
+        return ()
+    name, _ = reader_for(store, protocol.motion, field)
+    splits = chosen_splits(store, split)
+    lacking = [c for c in store.clips if c.split in splits and not c.source and not c.has_field(name)]
+    return tuple((c.id, f"kept without {name}") for c in lacking)
 
 
 def _group_of(group: str, members: list[tuple[bool, int, StoreClip]]) -> GroupClip:
@@ -203,6 +216,8 @@ def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, 
     UsageError if none fits, with the reason for each.
     """
     candidates = motion_readers(store) if field is None else {field: named_reader(store, field)}
+    # Those that every clip has come first.
+    candidates = dict(sorted(candidates.items(), key=lambda item: item[0] in store.optional_fields))
     problems = {name: columns_problem(reader, rule) for name, reader in candidates.items()}
     for name, problem in problems.items():
         if not problem:

@@ -55,6 +55,8 @@ class ExportJob:
         Folder with the music that the dataset was built from; None if none was given.
     link
         Whether files of equal bytes become hard links of one.
+    fields
+        Names of the fields that clips have to have, `Export.reads`; clips without one of them are left out.
     """
 
     store: Store
@@ -62,11 +64,22 @@ class ExportJob:
     source: Path | None = None
     link: bool = False
     progress: Progress = field(default_factory=lambda: Progress(quiet=True))
+    fields: tuple[str, ...] = ()
 
     def clips(self, *splits: str) -> list[ClipView]:
-        """Return the clips of some splits, by id; of all splits if none is named."""
+        """Return the clips of some splits that have `fields`, by id; of all splits if none is named."""
         chosen = splits or self.store.splits
-        return sorted((c for c in self.store.clips if c.split in chosen), key=lambda clip: clip.id)
+        clips = (c for c in self.store.clips if c.split in chosen and c.id not in self.without)
+        return sorted(clips, key=lambda clip: clip.id)
+
+    @cached_property
+    def without(self) -> dict[str, tuple[str, ...]]:
+        """By clip that is left out, those of `fields` that it, or a dancer of its group, does not have."""
+        left_out: dict[str, tuple[str, ...]] = {}
+        for unit in self.store.clips.units() if self.fields else ():
+            names = tuple(name for name in self.fields if not all(clip.has_field(name) for clip in unit))
+            left_out |= {clip.id: names for clip in unit if names}
+        return left_out
 
     @cached_property
     def music(self) -> SourceMusic:
@@ -107,7 +120,11 @@ _OPTIONAL: dict[str, Any] = {
 def field_json(job: ExportJob, name: str, **more: Any) -> dict[str, Any]:
     """Return the description of a field as plain JSON data, with its scaler where there are train windows."""
     entry = {**job.store.field(name).to_json(), **more}
-    if job.store.field(name).codebook is None and "train" in job.store.splits and len(job.store.windows("train")):
+    if (
+        job.store.field(name).codebook is None
+        and "train" in job.store.splits
+        and len(job.store.windows("train", fields=(name,)))
+    ):
         scaler = job.store.normalizer(name)
         entry |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
     return entry
@@ -142,6 +159,13 @@ class Export(Plugin):
 
         `dancedata.exports.base.needs` has the usual checks: fields, rates, splits, scope, names, music.
         """
+
+    def reads(self, job: ExportJob) -> tuple[str, ...]:
+        """Return the fields that clips have to have; those without one of them are left out, with a note.
+
+        By default the motion fields of `recipe` that the dataset has.
+        """
+        return tuple(name for name in self.recipe.get("motion", ()) if name in job.store.fields)
 
     @abstractmethod
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

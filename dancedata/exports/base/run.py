@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +190,7 @@ def export_dataset(
     with open_store(path) as store:
         job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
+        job = replace(job, fields=tuple(name for name in target.reads(job) if name in store.optional_fields))
         require_complete(target, job, needs_file_names(job) + target.missing(job))
         store.require_intact()
         with new_export(job.out, overwrite=overwrite) as new:
@@ -238,6 +239,12 @@ def _check_place(job: ExportJob) -> None:
 
 def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
     """Add README, licence and export.json, which is the last file."""
+    if job.without:
+        lacking = listed(sorted({name for names in job.without.values() for name in names}))
+        folder.note(
+            f"{counted(len(job.without), 'clip')} kept without {lacking}, or of a group with one, are not exported: "
+            f"{listed(sorted(job.without))}"
+        )
     if folder.linked:
         folder.note(
             f"{counted(folder.linked, 'file')} are hard links of files with equal bytes, of this export or of the "
