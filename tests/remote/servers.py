@@ -108,8 +108,8 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("Last-Modified", "Wed, 21 Oct 2015 07:28:00 GMT")
         self.end_headers()
         body = data[begin:end] if only is None else data[begin:end][:only]
+        self.server.sent[self.path.rsplit("/", 1)[-1]] += len(body)  # before a client that has it can look
         self.wfile.write(body)
-        self.server.sent[self.path.rsplit("/", 1)[-1]] += len(body)
         if only is not None:
             self.wfile.flush()
             self.close_connection = True
