@@ -231,7 +231,10 @@ export function showAbout() {
   document.title = `${plain(name)} - ${head.name}`;
   el('meta').textContent = [
     clip.split,
-    clip.members && (one ? `dancer ${one.part}, of ${clip.members.length}` : `${clip.members.length} dancer${clip.members.length > 1 ? 's' : ''}`),
+    clip.members &&
+      (one
+        ? `dancer ${one.part}, of ${clip.members.length}`
+        : `${clip.members.length} dancer${clip.members.length > 1 ? 's' : ''}`),
     clip.genre && `genre ${clip.genre}`,
     clip.music && `song ${clip.music}`,
     clip.dancer && `dancer ${clip.dancer}`,
@@ -298,7 +301,7 @@ export function showNow() {
     const { values, rate } = o.distance;
     const at = state.t * rate;
     const now = values[Math.min(values.length - 1, Math.round(at))];
-    const from = at > values.length ? plain(o.name) + ' has ended' : `${now.toFixed(1)} mm from ${plain(o.name)}`;
+    const from = at > values.length ? `${plain(o.name)} has ended` : `${now.toFixed(1)} mm from ${plain(o.name)}`;
     text += ` · ${from} (mean ${o.mean.toFixed(1)})`;
   }
   if (clip.loading) text += ' · music is loading';

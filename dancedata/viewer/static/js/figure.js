@@ -370,7 +370,10 @@ export function drawStage() {
       0.6,
     );
   drawPath(figure, place(0), Math.max(0, frame - Math.round(1.5 * figure.rate)), frame, 2.6 * ratio, css.accent, 0.9);
-  const points = drawBody(figure, here, frame, { shift: place(0), label: copies && !(other && state.over) ? 'this' : '' });
+  const points = drawBody(figure, here, frame, {
+    shift: place(0),
+    label: copies && !(other && state.over) ? 'this' : '',
+  });
   let k = 1;
   if (state.mirror)
     drawBody(figure, mirrored(figure, here), frame, {

@@ -28,8 +28,7 @@ export const numbersWidth = () =>
   together() && lanes.clientWidth > 700 ? columnsOf(state.clip).reduce((sum, column) => sum + column[1], 0) : 0;
 
 // The end of a long name, where ends differ; else its beginning.
-const shortOf = (name, ends) =>
-  name.length < 13 ? name : ends ? `…${name.slice(-11)}` : `${name.slice(0, 11)}…`;
+const shortOf = (name, ends) => (name.length < 13 ? name : ends ? `…${name.slice(-11)}` : `${name.slice(0, 11)}…`);
 
 export function labelGroup(label, clip) {
   const columns = numbersWidth() ? columnsOf(clip) : [];
