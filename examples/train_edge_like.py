@@ -1,13 +1,12 @@
 """A small EDGE (Tseng et al., CVPR 2023): diffusion of motion windows, conditioned on music, with losses on joints.
 
-    dancedata build demo --out data/demo
+    pip install accelerate && dancedata build demo --out data/demo
     python examples/train_edge_like.py --data data/demo --out runs/edge              # a minute on a CPU
     python examples/train_edge_like.py --data data/demo --out runs/edge --steps 600  # resumes
     accelerate launch examples/train_edge_like.py --data data/aistpp --out runs/edge --width 512 --steps 200000
 
 `--data` has edge151, lodge139 or finedance319, and librosa35: AIST++, FineDance, or your own data. OUT/dance.bvh,
-for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. Resume with the same `--seconds`. It needs
-accelerate: pip install accelerate.
+for Blender, and OUT/dance.svg, for a browser, are a dance for `--song`. Resume with the same `--seconds`.
 """
 
 from __future__ import annotations
