@@ -303,10 +303,15 @@ class SplitDataset(EpochDataset):
 
     def read_soon(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
         """Ask for the next blocks of samples of an address: for their shards in the background, or their ranges."""
-        if self.store.origin is not None and self.store.stream is None:
+        if self._fetches_shards:
             shards, numbers = self._shards_of_samples
             order = dict.fromkeys(numbers[np.concatenate(blocks)].tolist())
             fetch_soon([shards[number].path for number in order])
+
+    @cached_property
+    def _fetches_shards(self) -> bool:
+        """Whether shards come whole from an address; asked once, as the answer is in a file."""
+        return self.store.stream is None and self.store.origin is not None
 
     @cached_property
     def _shards_of_samples(self) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:

@@ -213,6 +213,8 @@ class ShardReader:
 
     def read_ahead(self, field: str, first: int, n_rows: int) -> None:
         """Ask the system to read rows of a mapped field from the disk, or note rows to ask for; returns at once."""
+        if self._map is None and self._ranged is None:
+            return
         layout = self.layout(field)
         begin, n_bytes = (layout.offset or 0) + first * layout.row_bytes, n_rows * layout.row_bytes
         if self._map is not None and layout.offset is not None:
