@@ -39,10 +39,11 @@ class BucketUpload:
         last = [file for file in files if file.name in _COMPLETE]
         rest = [file for file in files if file not in last]
         with self._client():
-            missing = [file for file, state in self._states(source, files) if state != file.sha256]
+            states = self._states(source, files)
+            missing = [file for file, state in states if state != file.sha256]
             if not missing:
                 return 0
-            before, first = self._replaced(source, files, missing)
+            before, first = self._replaced(source, states)
             self._delete(source, first)
             self._put(source, [file for file in rest if file in missing], progress)
             self._delete(source, self._ours(source, sorted(before - _names(files) - set(_COMPLETE))))
@@ -58,7 +59,7 @@ class BucketUpload:
             return list(zip(files, pool.map(lambda file: _hash_there(source, file), files), strict=True))
 
     def _replaced(
-        self, source: BucketSource, files: Sequence[Upload], missing: Sequence[Upload]
+        self, source: BucketSource, states: Sequence[tuple[Upload, str | None]]
     ) -> tuple[set[str], list[str]]:
         """Return the names of an earlier publication, and those that make it complete, which go first.
 
@@ -72,8 +73,9 @@ class BucketUpload:
             before = {*document["files"], *_COMPLETE}
             # That of a dataset stays to the end: a run that goes on from here finds in it what is to be removed.
             first = first if "dataset" in document else [name for name in first if name == DATASET_FILE]
-        foreign = [f.name for f, state in self._states(source, missing) if state == "" and f.name not in before]
-        complete = [name for name in first if name in _names(missing) or name not in _names(files)]
+        foreign = [file.name for file, state in states if state == "" and file.name not in before]
+        there = {file.name for file, state in states if state == file.sha256}
+        complete = [name for name in first if name not in there]
         if (complete or foreign) and not self.overwrite:
             problem = "there is another dataset" if complete else "there are files that dancedata did not publish"
             fix = "publish to another prefix, or replace what is there with --overwrite"

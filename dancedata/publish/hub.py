@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 #: Seconds without an answer after which a request is given up; the client itself waits for ever.
 TIMEOUT_S = 120.0
-#: Most files that are handed to the client at once, and bytes after which no other is added.
-_BATCH, _BATCH_BYTES = 16, 1 << 29
+#: Files that are handed to the client at once.
+_BATCH = 16
 #: Paths that the hub is asked for at once.
 _ASKED = 500
 #: Logs with the addresses of requests, which are signed, and with their headers.
@@ -260,15 +260,6 @@ def without_secrets(text: str) -> str:
 
     token = get_token()
     return shown(public_line(text if not token else text.replace(token, "...")), 300)
-
-
-def _batches(files: Sequence[Upload]) -> Iterator[tuple[int, int]]:
-    begin = size = 0
-    for k, file in enumerate(files):
-        size += file.size
-        if k + 1 - begin == _BATCH or size >= _BATCH_BYTES or k + 1 == len(files):
-            yield begin, k + 1
-            begin, size = k + 1, 0
 
 
 def _content(file: Upload) -> str | bytes:
