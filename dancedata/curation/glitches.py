@@ -25,7 +25,7 @@ _MOST = 0.8
 #: second, in the step before or after.
 _STILL_M, _LEAST_FROZEN_S, _FROM_M_S = 1e-5, 0.08, 0.3
 #: Above this frequency, hertz, movement is jitter; and the stretches that are compared, seconds.
-_JITTER_HZ, _STRETCH_S = 10.0, 0.5
+JITTER_HZ, _STRETCH_S = 10.0, 0.5
 _MAD = 1.4826  # of the standard deviation of a normal distribution
 
 
@@ -154,7 +154,7 @@ def jitter(motion: Motion) -> Float64Array | None:
 
 def high_pass(values: Float64Array, rate: float) -> Float64Array | None:
     """Return values (T, ...) above 10 Hz; None where a motion is too short or too slow to have any."""
-    low = low_pass(values, rate, _JITTER_HZ)
+    low = low_pass(values, rate, JITTER_HZ)
     return None if low is None else values - low
 
 

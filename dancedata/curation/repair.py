@@ -13,7 +13,7 @@ from dancedata.core.quality import Flag
 from dancedata.core.rotations import Float64Array, rotation, slerp
 from dancedata.core.skeleton import Skeleton
 from dancedata.curation.anatomy import floor_trend
-from dancedata.curation.glitches import frozen, jitter, low_pass, spike_groups, spikes
+from dancedata.curation.glitches import JITTER_HZ, frozen, jitter, low_pass, spike_groups, spikes
 
 #: Raised by hand when a repair gives other numbers for the same motion.
 VERSION = 1
@@ -169,8 +169,8 @@ def smooth(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
     if size <= least_m:
         return motion, []
     rate = float(motion.grid.rate)
-    translation = low_pass(np.array(motion.translation), rate, 10.0)
-    rotations = low_pass(_quaternions(motion.rotations), rate, 10.0)
+    translation = low_pass(np.array(motion.translation), rate, JITTER_HZ)
+    rotations = low_pass(_quaternions(motion.rotations), rate, JITTER_HZ)
     if translation is None or rotations is None:
         return motion, []
     flag = Flag("repaired_jitter", "", None, round(size, 4), "m", str(motion.grid))
