@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.tracks import lengths
 
 #: Most frames that are inspected.
 _FRAMES = 600
@@ -94,7 +95,7 @@ def sides_of(joints: Float64Array, motion: Motion | None = None, *, toes: bool =
     """
     places = sampled(joints)
     left = places[:, 1] - places[:, 2]
-    width = _length(left)
+    width = lengths(left)
     up = (places[:, 16] + places[:, 17] - places[:, 1] - places[:, 2]) / 2
     shoulders = places[:, 16] - places[:, 17]
     feet = places[:, (10, 11)] - places[:, (7, 8)]
@@ -146,14 +147,14 @@ def has_sides(joints: tuple[str, ...]) -> bool:
 def _knees(places: Float64Array, left: Float64Array) -> float:
     thighs = _unit(places[:, (4, 5)] - places[:, (1, 2)])
     axes = np.cross(thighs, _unit(places[:, (7, 8)] - places[:, (4, 5)]))
-    return _where_bent(_cosine(axes, left[:, None]), _length(axes))
+    return _where_bent(_cosine(axes, left[:, None]), lengths(axes))
 
 
 def _elbows(motion: Motion) -> float:
     bones = _unit(motion.skeleton.offsets[[20, 21]])
     turns = matrix_from_rotvec(sampled(motion.rotations)[:, (18, 19)])
     forearms = np.einsum("tjab,jb->tja", turns, bones)
-    return _where_bent(forearms[..., 2], _length(np.cross(forearms, bones)))
+    return _where_bent(forearms[..., 2], lengths(np.cross(forearms, bones)))
 
 
 def _where_bent(values: Float64Array, sines: Float64Array) -> float:
@@ -172,12 +173,8 @@ def _middle_half(values: Float64Array) -> Float64Array:
     return np.asarray(high - low)
 
 
-def _length(vectors: Float64Array) -> Float64Array:
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))
-
-
 def _unit(vectors: Float64Array) -> Float64Array:
-    return np.asarray(vectors / np.maximum(_length(vectors), 1e-12)[..., None])
+    return np.asarray(vectors / np.maximum(lengths(vectors), 1e-12)[..., None])
 
 
 def _cosine(one: Float64Array, two: Float64Array) -> Float64Array:

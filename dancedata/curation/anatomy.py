@@ -9,7 +9,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.sides import has_sides
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.curation.spans import Span, bridged, runs, worst_spans
+from dancedata.core.tracks import lengths, runs
+from dancedata.curation.spans import Span, bridged, worst_spans
 from dancedata.metrics.groups import LIMB_RADIUS_M, segment_distances
 
 #: Seconds of a stretch whose lowest foot joint is the floor.
@@ -85,7 +86,7 @@ def sliding(joints: Float64Array, rate: float, skeleton: Skeleton, least: float)
 
     A foot is on the floor while its ankle is at most 4 cm and its toe at most 2.5 cm above the tenth quantile of
     their heights, for 0.1 s or more. Its speed is the lesser of the ankle's and the toe's, so that turns on one of
-    them are no slide.
+    them are not slides.
     """
     spans = []
     for ankle, toe in ((0, 2), (1, 3)):
@@ -96,8 +97,7 @@ def sliding(joints: Float64Array, rate: float, skeleton: Skeleton, least: float)
         on_floor = np.zeros(len(low), dtype=np.bool_)
         for start, stop in runs(low, _LEAST_CONTACT_S * rate):
             on_floor[start:stop] = True
-        steps = np.diff(joints[:, pair][..., (0, 2)], axis=0)
-        step = np.sqrt((steps * steps).sum(axis=-1)).min(axis=1)
+        step = lengths(np.diff(joints[:, pair][..., (0, 2)], axis=0)).min(axis=1)
         slides = bridged((step * rate > _SLIDES_M_S) & on_floor[:-1] & on_floor[1:], _PAUSE_S * rate)
         for start, stop in runs(slides & on_floor[:-1]):
             path = float(step[start:stop].sum())

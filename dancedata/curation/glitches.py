@@ -9,7 +9,8 @@ import numpy as np
 
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
-from dancedata.curation.spans import Span, runs
+from dancedata.core.tracks import lengths, runs
+from dancedata.curation.spans import Span
 
 #: Longest spike, seconds; at any rate up to two frames.
 _SPIKE_S = 0.05
@@ -58,7 +59,7 @@ def _departures(tracks: Float64Array, width: int) -> Float64Array:
     off = []
     for at in range(width):
         expected = sum(weight * node for weight, node in zip(_lagrange(at, width), nodes, strict=True))
-        off.append(_length(tracks[2 + at : 2 + at + n] - expected))
+        off.append(lengths(tracks[2 + at : 2 + at + n] - expected))
     least[2 : 2 + n] = np.min(off, axis=0)
     return least
 
@@ -73,8 +74,8 @@ def _excuses(tracks: Float64Array, width: int) -> Float64Array:
     if n < 1:
         return least
     before, start, end, after = (tracks[k : k + n] for k in (0, 1, width + 2, width + 3))
-    moves = np.maximum(_length(start - before), _length(after - end))
-    apart = _length(end - start) - (width + 1) * moves
+    moves = np.maximum(lengths(start - before), lengths(after - end))
+    apart = lengths(end - start) - (width + 1) * moves
     least[2 : 2 + n] = np.maximum(_RETURNS * apart, _BESIDE * moves)
     return least
 
@@ -123,7 +124,7 @@ def frozen(motion: Motion) -> list[tuple[int, int]]:
     The pose does not change for 0.08 s or more, and a joint moves at 0.3 m/s in the step into the span or out of it:
     the mark of held frames. A dancer who rests slows down first.
     """
-    steps = _length(np.diff(motion.joints(), axis=0)).max(axis=1)
+    steps = lengths(np.diff(motion.joints(), axis=0)).max(axis=1)
     rate = float(motion.grid.rate)
     limit = _FROM_M_S / rate
     spans = []
@@ -148,7 +149,7 @@ def jitter(motion: Motion) -> Float64Array | None:
     if high is None:
         return None
     size = 2 * round(_STRETCH_S * float(motion.grid.rate) / 2) + 1
-    around = median_filter(_length(high), size=(size, 1), mode="nearest")
+    around = median_filter(lengths(high), size=(size, 1), mode="nearest")
     return np.asarray(_MAD * np.median(around, axis=1))
 
 
@@ -188,7 +189,3 @@ def spike_spans(motion: Motion, least_m: float) -> tuple[Span, ...]:
         start, end = min(spike.start for spike in group), max(spike.end for spike in group)
         spans.append(Span(start, end, largest, motion.skeleton.joints[joint]))
     return tuple(spans)
-
-
-def _length(vectors: Float64Array) -> Float64Array:
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.rotations import Float64Array
+from dancedata.core.tracks import runs
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -19,12 +20,6 @@ class Span(NamedTuple):
     end: int
     value: float
     joint: str = ""
-
-
-def runs(mask: npt.NDArray[Any], least: float = 1) -> list[tuple[int, int]]:
-    """Return the maximal runs [start, stop) of true values in a mask (T,) that have at least `least` frames."""
-    borders = np.flatnonzero(np.diff(np.r_[False, np.asarray(mask, dtype=np.bool_), False])).reshape(-1, 2)
-    return [(int(start), int(stop)) for start, stop in borders if stop - start >= least]
 
 
 def bridged(mask: BoolArray, longest: float) -> BoolArray:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.tracks import runs
 from dancedata.metrics.groups import contact_spans
 
 #: A body turns faster than the first, degrees per second, in all frames of a turn, and than the second in some.
@@ -125,8 +126,7 @@ def spans_of(
     body: MovingBody, values: Float64Array, least: float, peak: float, seconds: float
 ) -> list[tuple[int, int]]:
     """Return the spans with values above `least`, somewhere above `peak`, that last at least `seconds`."""
-    borders = np.flatnonzero(np.diff(np.r_[False, values > least, False])).reshape(-1, 2)
-    return [(int(a), int(b)) for a, b in borders if b - a >= seconds * body.fps and values[a:b].max() > peak]
+    return [(a, b) for a, b in runs(values > least, seconds * body.fps) if values[a:b].max() > peak]
 
 
 def turns(body: MovingBody, least_degrees: float) -> list[Event]:

@@ -15,6 +15,7 @@ from dancedata.core.dance import Undefined, checked_group, checked_joints
 from dancedata.core.errors import UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.tracks import runs
 from dancedata.metrics.arguments import IntArray, Up, axis_of, first_joints
 from dancedata.metrics.beats import beat_alignment, motion_beats
 from dancedata.metrics.kinetic_features import frame_features
@@ -238,11 +239,9 @@ def contact_spans(
     spans = []
     for joint, other in ((i, j) for i in range(_BODY) for j in range(_BODY) if i in _WRISTS or j in _WRISTS):
         distance = np.linalg.norm(a[:n, joint] - b[:n, other], axis=1)
-        borders = np.flatnonzero(np.diff(np.r_[False, distance <= within_m, False]))
         spans += [
-            Contact(int(start), int(end), joint, other, float(distance[start:end].min()))
-            for start, end in borders.reshape(-1, 2)
-            if end - start >= least_frames
+            Contact(start, end, joint, other, float(distance[start:end].min()))
+            for start, end in runs(distance <= within_m, least_frames)
         ]
     return sorted(spans)
 

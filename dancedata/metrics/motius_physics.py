@@ -11,6 +11,7 @@ from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.tracks import runs
 from dancedata.core.typing import override
 from dancedata.metrics.arguments import BoolArray, Up, at_least, first_joints, y_up
 
@@ -101,15 +102,15 @@ def _floating(pelvis: Float64Array, toes: Float64Array, contact: BoolArray) -> f
     relative = np.linalg.norm(_repeated(np.diff(toes - pelvis[:, None], axis=0)), axis=2) / (root[:, None] + _EPS)
     step = np.linalg.norm(_repeated(np.diff(toes, axis=0)), axis=2)
     moving = root >= _ROOT_STEP_M
-    runs = [_runs(~column) for column in contact.T]
+    free = [runs(~column, _MIN_RUN) for column in contact.T]
     bad = int((moving & _bad_contacts(contact, _inverted(step, relative, root))).sum())
     floats = sum(
         int((relative[start:stop, foot] < _FLOATS).sum())
-        for foot, spans in enumerate(runs)
+        for foot, spans in enumerate(free)
         for start, stop in spans
         if (~moving[start:stop]).sum() * 2 <= stop - start
     )
-    swings = sum(_swing(toes[:, 0], max(a, c), min(b, d)) for (a, b), (c, d) in product(*runs))
+    swings = sum(_swing(toes[:, 0], max(a, c), min(b, d)) for (a, b), (c, d) in product(*free))
     return (bad + floats / 2 + swings) / len(pelvis)
 
 
@@ -122,13 +123,6 @@ def _inverted(step: Float64Array, relative: Float64Array, root: Float64Array) ->
 def _bad_contacts(contact: BoolArray, inverted: BoolArray) -> BoolArray:
     """Return frames in which all toes in contact, one or two, are inverted, (T,)."""
     return np.asarray(contact.any(axis=1) & (inverted | ~contact).all(axis=1))
-
-
-def _runs(free: BoolArray) -> list[tuple[int, int]]:
-    """Return the maximal runs [start, stop) of at least four frames without contact."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
-    pairs = [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-    return [(a, b) for a, b in pairs if b - a >= _MIN_RUN]
 
 
 def _swing(toe: Float64Array, start: int, stop: int) -> int:

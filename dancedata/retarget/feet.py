@@ -6,6 +6,7 @@ import numpy.typing as npt
 from dancedata.core.motion import Motion, joint_positions, world_matrices
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec, rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.tracks import runs
 
 #: A foot stands where its toe moves slower than this, metres per second, and is this near to its floor, metres.
 MAX_SPEED_M_S = 0.25
@@ -38,9 +39,7 @@ def contact_spans(feet: Float64Array, rate: float) -> list[tuple[int, int]]:
     steps = np.linalg.norm(np.diff(feet, axis=0), axis=1) * rate
     slow = np.maximum(np.append(steps, steps[-1]), np.insert(steps, 0, steps[0])) < MAX_SPEED_M_S
     standing = slow & (feet[:, 1] < np.quantile(feet[:, 1], _FLOOR) + MAX_HEIGHT_M)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]]).astype(np.int8)))
-    spans = edges.reshape(-1, 2).tolist()
-    return [(first, stop) for first, stop in spans if stop - first >= _LEAST_S * rate]
+    return runs(standing, _LEAST_S * rate)
 
 
 def sliding(feet: Float64Array, spans: list[tuple[int, int]]) -> tuple[float, int]:

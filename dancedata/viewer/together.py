@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.tracks import runs
 from dancedata.metrics.groups import Contact, collisions, contact_spans, facing_angles, root_distances
 from dancedata.viewer.figure import Figure
 
@@ -93,5 +94,4 @@ class Together:
 
 def stretches(on: npt.NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
     """Return the stretches of True of a row, half-open."""
-    edges = np.flatnonzero(np.diff(np.r_[False, on, False]))
-    return tuple((int(start), int(end)) for start, end in edges.reshape(-1, 2))
+    return tuple(runs(on))

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from dancedata.core.tracks import runs
 from dancedata.metrics import physics
-from dancedata.metrics.motius_physics import _bad_contacts, _runs, _swing
+from dancedata.metrics.motius_physics import _MIN_RUN, _bad_contacts, _swing
 
 LEFT, RIGHT = 10, 11
 
@@ -41,8 +42,8 @@ def test_a_foot_in_the_air_floats(resting: int, floating: float) -> None:
 
 def test_runs_of_four_frames() -> None:
     free = np.array([1, 1, 1, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 1], dtype=bool)
-    assert _runs(free) == [(4, 8), (10, 15)]
-    assert _runs(np.zeros(5, dtype=bool)) == []
+    assert runs(free, _MIN_RUN) == [(4, 8), (10, 15)]
+    assert runs(np.zeros(5, dtype=bool), _MIN_RUN) == []
 
 
 def test_contacts_that_do_not_fit() -> None:
