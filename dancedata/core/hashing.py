@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from typing import Any
 
 
@@ -30,3 +31,8 @@ def canonical_bytes(obj: Any) -> bytes:
 def json_sha256(obj: Any) -> str:
     """Return the SHA-256 of `canonical_bytes`, as hex."""
     return sha256_bytes(canonical_bytes(obj))
+
+
+def self_hash(document: Mapping[str, Any]) -> str:
+    """Return the hash of a document without its own key self_sha256, which is to hold it."""
+    return json_sha256({key: value for key, value in document.items() if key != "self_sha256"})

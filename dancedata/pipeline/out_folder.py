@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from dancedata.core.errors import StoreError
+from dancedata.core.hashing import self_hash
 from dancedata.files.locks import writing_lock
 from dancedata.files.publish import (
     MARKER,
@@ -25,7 +26,7 @@ from dancedata.files.publish import (
 )
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
-from dancedata.store.dataset_json import MAX_BYTES, Description, load_description, self_hash
+from dancedata.store.dataset_json import MAX_BYTES, Description, load_description
 from dancedata.store.listed_file import hdf5_files
 from dancedata.store.schema import (
     CARD_FILE,

@@ -11,7 +11,7 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import RecipeError, StoreError, UsageError
-from dancedata.core.hashing import json_sha256, sha256_bytes
+from dancedata.core.hashing import self_hash, sha256_bytes
 from dancedata.core.registry import CONTACTS, FILTERS
 from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.execution.progress import Progress
@@ -233,8 +233,7 @@ def _values(key: str, old: Any, new: Any) -> str:
 
 def _sealed(document: Any) -> dict[str, Any]:
     """Return a document; ValueError unless its self_sha256 is that of its content."""
-    stated = document["self_sha256"]
-    content = json_sha256({key: value for key, value in document.items() if key != "self_sha256"})
+    stated, content = document["self_sha256"], self_hash(document)
     if stated != content:
         raise ValueError(f"self_sha256 {str(stated)[:12]}..., content {content[:12]}...")
     return dict(document)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import json_sha256, sha256_bytes
+from dancedata.core.hashing import self_hash, sha256_bytes
 from dancedata.core.system import flush_folder
 from dancedata.core.text import size_text
 from dancedata.execution.cache_files import DATASETS, LOCKS, locked_file, mark_in_use
@@ -69,8 +69,7 @@ def fetch_description(source: Source, address: Address, name: str = DATASET_FILE
         data = read_small(source, name, where)
         try:
             document = parse_json(data.decode("utf-8"))
-            stated = document["self_sha256"]
-            content = json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
+            stated, content = document["self_sha256"], self_hash(document)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             problem = f"{type(error).__name__}, {len(data):,} bytes"
             continue

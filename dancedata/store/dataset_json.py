@@ -9,7 +9,7 @@ from typing import Any
 
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
-from dancedata.core.hashing import canonical_json, json_sha256
+from dancedata.core.hashing import canonical_json, self_hash
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted, shown
 from dancedata.files.atomic import PREFIX
@@ -154,11 +154,6 @@ def load_description(folder: Path) -> Description:
             fix="use the dancedata version that built it",
         )
     return _parse(document, path)
-
-
-def self_hash(document: Mapping[str, Any]) -> str:
-    """Return the hash of dataset.json without its own key self_sha256."""
-    return json_sha256({k: v for k, v in document.items() if k != "self_sha256"})
 
 
 def require_sealed(description: Description, folder: Path) -> None:

@@ -18,10 +18,10 @@ from dancedata.cli.app import app
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, nearest
 from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import self_hash
 from dancedata.core.registry import DATASETS
 from dancedata.pipeline.rejects import BY_CHOICE, left_out_lines
 from dancedata.store import Store
-from dancedata.store.dataset_json import self_hash
 from tests.commands import run
 from tests.messages import same_text
 

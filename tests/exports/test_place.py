@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.hashing import self_hash
 from dancedata.exports.base import place
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.place import new_export, read_about, self_hash
+from dancedata.exports.base.place import new_export, read_about
 from dancedata.exports.npz import Npz
 from dancedata.files import publish
 from dancedata.files.publish import claim, mark

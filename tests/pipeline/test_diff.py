@@ -8,9 +8,9 @@ import h5py
 import pytest
 
 from dancedata.core.errors import StoreError
+from dancedata.core.hashing import self_hash
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.diff import Difference, diff, unmatched
-from dancedata.store.dataset_json import self_hash
 from tests.commands import run
 from tests.messages import raises_message
 

@@ -13,7 +13,7 @@ from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.errors import StoreError, unwritable_name
-from dancedata.core.hashing import json_sha256
+from dancedata.core.hashing import self_hash
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.files import publish
 from dancedata.files.atomic import write_json
@@ -27,11 +27,6 @@ ABOUT = "export.json"
 README = "README.md"
 #: Largest export.json, bytes: some 250 a file.
 MAX_BYTES = 1 << 30
-
-
-def self_hash(record: Mapping[str, Any]) -> str:
-    """Return the hash of export.json without its own key self_sha256."""
-    return json_sha256({key: value for key, value in record.items() if key != "self_sha256"})
 
 
 def read_about(folder: Path) -> dict[str, Any] | None:
