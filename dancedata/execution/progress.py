@@ -2,6 +2,7 @@
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -57,6 +58,21 @@ class Progress:
             if self._announced:
                 self.write(self._announced.pop())
             yield from (self._bar if bar else self._lines)(label, total, known)
+
+    @contextmanager
+    def megabytes(self, label: str, total: int) -> Iterator[Callable[[int], None]]:
+        """Show a stage of `total` bytes in MB; yield a function, for any thread, that counts bytes, also back."""
+        lock, done = threading.Lock(), 0
+        with self.stage(f"{label}, MB", -(-total // 1_000_000) or 1) as advance:
+
+            def count(n: int) -> None:
+                nonlocal done
+                with lock:
+                    before, done = done, done + n
+                    advance(done // 1_000_000 - before // 1_000_000)
+
+            yield count
+            advance(-(-total // 1_000_000) - done // 1_000_000)
 
     def _bar(self, label: str, total: int | None, known: int) -> Iterator[Callable[[int], None]]:
         """Show a bar while the stage runs; a row of a table replaces it."""

@@ -97,13 +97,11 @@ class BucketUpload:
             obstore.put(source.store, file.name, file.content, attributes={_ATTRIBUTE: file.sha256})
             return file.size
 
-        total, done = sum(file.size for file in files), 0
-        with progress.stage("uploading, MB", -(-total // 1_000_000) or 1) as advance:
+        with progress.megabytes("uploading", sum(file.size for file in files)) as count:
             pool = ThreadPoolExecutor(_JOBS, thread_name_prefix="dancedata-push")
             try:
                 for size in pool.map(put, files):
-                    before, done = done, done + size
-                    advance(-(-done // 1_000_000) - -(-before // 1_000_000))
+                    count(size)
             finally:
                 pool.shutdown(cancel_futures=True)
 

@@ -163,9 +163,7 @@ class HubUpload:
         from huggingface_hub import CommitOperationAdd, CommitOperationDelete
 
         additions = [CommitOperationAdd(self._path(file.name), _content(file)) for file in files]
-        total = sum(file.size for file in files)
-        with progress.stage("uploading, MB", -(-total // 1_000_000) or 1) as advance:
-            done = 0
+        with progress.megabytes("uploading", sum(file.size for file in files)) as count:
             for begin in range(0, len(additions), _BATCH):
                 with self._client():
                     batch = additions[begin : begin + _BATCH]
@@ -176,8 +174,7 @@ class HubUpload:
                         revision=self.address.revision,
                         free_memory=False,
                     )
-                before, done = done, done + sum(file.size for file in files[begin : begin + _BATCH])
-                advance(-(-done // 1_000_000) - -(-before // 1_000_000))
+                count(sum(file.size for file in files[begin : begin + _BATCH]))
         deletions = [CommitOperationDelete(path, is_folder=False) for path in stale]
         with self._client():
             info = api.create_commit(

@@ -232,15 +232,7 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
         return sum(file.size for file in files)
     source, total = source_of(address), sum(file.size for file in files)
     reporter = progress or Progress(quiet=total < _SHOWN_BYTES)
-    lock, done = threading.Lock(), 0
-    with reporter.stage("fetching, MB", -(-total // 1_000_000) or 1) as advance:
-
-        def report(n: int) -> None:
-            nonlocal done
-            with lock:
-                before, done = done, done + n
-                advance(done // 1_000_000 - before // 1_000_000)
-
+    with reporter.megabytes("fetching", total) as report:
         pool = ThreadPoolExecutor(jobs, thread_name_prefix="dancedata-fetch")
         try:
             waiting = [pool.submit(fetch_file, source, address, file, folder, report) for file in files]
@@ -248,7 +240,6 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
                 future.result()
         finally:
             pool.shutdown(cancel_futures=True)
-        advance(-(-total // 1_000_000) - done // 1_000_000)
     return total
 
 

@@ -23,7 +23,7 @@ from dancedata.remote.address import Address
 from dancedata.remote.bucket import BucketSource
 from dancedata.remote.http import HttpSource
 from dancedata.remote.hub import HubSource
-from dancedata.remote.source import Interrupted, OutOfRange, Source, refused, steady
+from dancedata.remote.source import Interrupted, OutOfRange, Source, read_within, refused, steady
 
 #: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
 #: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
@@ -83,18 +83,14 @@ def fetch_description(source: Source, address: Address, name: str = DATASET_FILE
 
 def read_small(source: Source, name: str, where: str) -> bytes:
     """Return the bytes of a file; StoreError if there are more than MAX_DESCRIPTION."""
-    data = bytearray()
-    persist(partial(_read_all, source, name, data), lambda: 0, where)
-    return bytes(data)
+    answers: list[bytes] = []
 
+    def read() -> None:  # it is small: no ranges
+        too_large = refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
+        answers.append(read_within(source.open(name, 0).chunks, MAX_DESCRIPTION, lambda _: too_large))
 
-def _read_all(source: Source, name: str, data: bytearray) -> None:
-    del data[:]  # it is small: no ranges
-    with closing(source.open(name, 0).chunks) as chunks:
-        for chunk in steady(chunks):
-            data += chunk
-            if len(data) > MAX_DESCRIPTION:
-                raise refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
+    persist(read, lambda: 0, where)
+    return answers[0]
 
 
 def fetch_file(source: Source, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:

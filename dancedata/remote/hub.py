@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping
-from contextlib import closing
 from typing import Any
 from urllib.parse import quote
 
@@ -13,7 +12,7 @@ from dancedata.core.typing import override
 from dancedata.files.strict_json import parse_json
 from dancedata.remote.address import Address
 from dancedata.remote.http import HttpSource, body
-from dancedata.remote.source import NotThereError, refused, steady
+from dancedata.remote.source import NotThereError, read_within, refused
 
 _MAX_ANSWER = 1 << 20
 _LOGIN = "log in with: hf auth login, or set HF_TOKEN"
@@ -44,12 +43,11 @@ class HubSource(HttpSource):
             return self.address
         revision = quote(self.address.revision, safe="")
         url = f"{self.endpoint}/api/datasets/{self.address.place}/revision/{revision}"
-        text = bytearray()
-        with closing(body(self.request(url, ""))) as chunks:
-            for chunk in steady(chunks):
-                text += chunk
-                if len(text) > _MAX_ANSWER:
-                    raise refused("the hub's answer does not end", str(self.address), f"{len(text):,} bytes")
+        text = read_within(
+            body(self.request(url, "")),
+            _MAX_ANSWER,
+            lambda n: refused("the hub's answer does not end", str(self.address), f"{n:,} bytes"),
+        )
         try:
             commit = parse_json(text.decode("utf-8"))["sha"]
             resolved = self.address.at(commit)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -82,6 +83,17 @@ _SECRETS = re.compile(r"(?<=://)[^/@\s]*@|\?\S+")
 def public_line(text: str) -> str:
     """Return the first line of a client's or server's text, its addresses without passwords and signatures."""
     return _SECRETS.sub("", text.split("\n")[0])
+
+
+def read_within(chunks: Generator[bytes, None, None], limit: int, too_large: Callable[[int], StoreError]) -> bytes:
+    """Return all that a server sends; the error for so many bytes if there are more than `limit`."""
+    data = bytearray()
+    with closing(chunks):
+        for chunk in steady(chunks):
+            data += chunk
+            if len(data) > limit:
+                raise too_large(len(data))
+    return bytes(data)
 
 
 def no_ranges(where: object, found: object) -> StoreError:
