@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,10 +17,10 @@ from dancedata.core.text import counted, csv_cell, listed, table
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.cache_files import running
 from dancedata.execution.progress import Progress
-from dancedata.files.atomic import write_text
 from dancedata.metrics.offsets import REASONS, Offset
 from dancedata.pipeline.check import scan_folder
 from dancedata.pipeline.commands import RecipeLike, folder_of, jobs_of
+from dancedata.pipeline.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
 from dancedata.pipeline.rejects import left_out_lines, missing_music, relative_to
 from dancedata.pipeline.rhythm import Search, Together, find_offsets, found_start, recordings
 from dancedata.recipes.parse import Overrides, load_recipe
@@ -181,17 +179,15 @@ class Alignment:
 
     def to_csv(self) -> str:
         """Return a table with a line for each clip; ``audio_start_s`` is what a manifest states."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_CSV)
+        rows: list[list[object]] = []
         for row in self.rows:
             for clip in row.clips:
                 start, o = row.start_of(clip), row.offset
                 numbers = ["" if v is None else f"{v:.4f}" for v in (o.offset_s, o.width_s, o.p)]
                 beat = "" if o.beat_s is None else f"{o.beat_s:.4f}"
                 names = map(csv_cell, (clip.id, row.name, clip.music))  # negative numbers are no formulas
-                writer.writerow([*names, *numbers, o.rivals, beat, o.unknown, "" if start is None else str(start)])
-        return text.getvalue()
+                rows.append([*names, *numbers, o.rivals, beat, o.unknown, "" if start is None else str(start)])
+        return csv_text(_CSV, rows)
 
     def __str__(self) -> str:
         names = (self.by, "clips", "offset ms", "+- ms", "p", "rivals", "beat ms", "s", "")
@@ -286,10 +282,7 @@ def align(
     path, file, reporter = Path(source).expanduser(), folder_of(out), Progress(quiet=not progress)
     search = Search(window_s, level, test_songs, seed)
     _check(path, by, search, file)
-    if recipe is not None and dataset is not None:
-        raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
-    if overrides and recipe is None:
-        raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
+    require_one_reader(recipe, dataset, overrides)
     store_cache = Cache((folder_of(cache) or default_cache()).absolute())
     parsed = None if recipe is None else resolve(load_recipe(recipe, overrides), store_cache.file_sha256)
     reader, scan = scan_folder(path, dataset if parsed is None else parsed.dataset)
@@ -308,12 +301,7 @@ def align(
     result = Alignment(path, reader.name, by, search, tuple(rows), relative)
     if file is None:
         return result
-    try:
-        write_text(file, result.to_csv())
-    except OSError as error:
-        raise UsageError(
-            "the file cannot be written", where=file, found=str(error), fix="choose another --out"
-        ) from error
+    write_csv(file, result.to_csv())
     return replace(result, file=file)
 
 
@@ -324,9 +312,7 @@ def _check(path: Path, by: str, search: Search, file: Path | None) -> None:
         raise UsageError("window is out of range", found=search.window_s, allowed="0.05 to 10 seconds")
     if not 0 < search.level < 1:
         raise UsageError("level is out of range", found=search.level, allowed="above 0, below 1")
-    if file is not None and (file.suffix.lower() != ".csv" or file.exists()):
-        problem = "the file exists already" if file.exists() else "not a .csv file"
-        raise UsageError(problem, where=file, allowed="a new .csv file", fix="choose another --out")
+    require_new_csv(file)
     if (path / DATASET_FILE).exists():
         raise UsageError(
             "a built dataset has no music to compare with", where=path,

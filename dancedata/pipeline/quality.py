@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -13,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, csv_cell, shown, table
@@ -22,9 +19,9 @@ from dancedata.curation.spans import Span
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
-from dancedata.files.atomic import write_text
 from dancedata.pipeline.check import scan_folder
 from dancedata.pipeline.commands import RecipeLike, folder_of, jobs_of
+from dancedata.pipeline.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
 from dancedata.pipeline.motion import prepared
 from dancedata.pipeline.rejects import attempt, left_out_lines, relative_to
 from dancedata.recipes.parse import Overrides, load_recipe
@@ -116,18 +113,16 @@ class Quality:
 
     def to_csv(self) -> str:
         """Return a table with a line for each score of a clip, and one for each of its spans."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_CSV)
+        rows: list[list[object]] = []
         for clip in self.clips:
             for name, score in clip.scores.items():
                 value = "" if score.value is None else score.value
                 head = [csv_cell(clip.clip), name, value, MEASURES[name].unit, MEASURES[name].limit, clip.above(name)]
-                writer.writerow([*head, "", "", "", ""])
+                rows.append([*head, "", "", "", ""])
                 for span in score.spans:
                     places = [f"{second:.4f}" for second in clip.seconds(span)]
-                    writer.writerow([*head, *places, span.value, csv_cell(span.joint)])
-        return text.getvalue()
+                    rows.append([*head, *places, span.value, csv_cell(span.joint)])
+        return csv_text(_CSV, rows)
 
     def __str__(self) -> str:
         head = ["score", "limit", "median", "worst", *(f"x {multiple:g}" for multiple in MULTIPLES), "seconds"]
@@ -237,13 +232,8 @@ def quality(
     0.0
     """
     file = folder_of(out)
-    if file is not None and (file.suffix.lower() != ".csv" or file.exists()):
-        problem = "the file exists already" if file.exists() else "not a .csv file"
-        raise UsageError(problem, where=file, allowed="a new .csv file", fix="choose another --out")
-    if recipe is not None and dataset is not None:
-        raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
-    if overrides and recipe is None:
-        raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
+    require_new_csv(file)
+    require_one_reader(recipe, dataset, overrides)
     reporter = Progress(quiet=not progress)
     if isinstance(what, Motion):
         result = Quality("motion", (ClipQuality("motion", what.grid.rate, score_motion(what)),))
@@ -257,22 +247,15 @@ def quality(
         else:
             parsed = None if recipe is None else _parsed(recipe, overrides, cache)
             result = _of_source(path, dataset, parsed, jobs_of(jobs), reporter)
-    return result if file is None else _written(result, file)
+    if file is None:
+        return result
+    write_csv(file, result.to_csv())
+    return replace(result, file=file)
 
 
 def _parsed(recipe: RecipeLike, overrides: Overrides, cache: str | Path | None) -> Recipe:
     held = Cache((folder_of(cache) or default_cache()).absolute())
     return resolve(load_recipe(recipe, overrides), held.file_sha256)
-
-
-def _written(result: Quality, file: Path) -> Quality:
-    try:
-        write_text(file, result.to_csv())
-    except OSError as error:
-        raise UsageError(
-            "the file cannot be written", where=file, found=str(error), fix="choose another --out"
-        ) from error
-    return replace(result, file=file)
 
 
 def _of_store(store: Store, progress: Progress) -> Quality:
