@@ -80,7 +80,7 @@ class Files(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     root: Path
     counts: ClassVar[Counter[str]] = Counter()
-    #: Bytes a second of all connections together, and when the line is free again; None: no limit.
+    #: Bytes per second of all connections together, and the time at which the line is free again. None: unlimited.
     limit: float | None = None
     line, free_at = threading.Lock(), 0.0
 
@@ -118,7 +118,7 @@ class Files(BaseHTTPRequestHandler):
                     self.connection.sendfile(file, first_byte, min(step, end - first_byte))
 
     def _wait(self, n: int) -> None:
-        """Wait until a line of `limit` bytes a second has sent n more."""
+        """Wait until a line of `limit` bytes per second has sent n more."""
         if self.limit:
             with self.line:
                 cls = type(self)

@@ -75,7 +75,7 @@ def write_card(
 def drawn_pictures(store: Store, progress: Progress) -> dict[str, tuple[str, bytes]]:
     """Return the pictures of a card by file name: description, and PNG; equal datasets give equal bytes.
 
-    UsageError if there is no motion to draw, or matplotlib is not installed.
+    UsageError if there is no motion to draw, or if matplotlib is missing.
     """
     drawn, pictures = _drawings(store), {}
     with progress.stage("drawing", len(drawn)) as advance:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
-from dancedata.cli.align import align
 from dancedata.cli.cache import app as cache
+from dancedata.cli.captures import align, manifest, quality
+from dancedata.cli.command_group import Commands
 from dancedata.cli.evaluate import evaluate
+from dancedata.cli.hubs import pull, push
 from dancedata.cli.options import (
     AsJson,
     Backend,
@@ -37,7 +38,6 @@ from dancedata.cli.options import (
     print_result,
 )  # fmt: skip
 from dancedata.cli.pages import report, view
-from dancedata.cli.quality import quality
 from dancedata.cli.study import study, study_results
 from dancedata.cli.terminal import say
 from dancedata.cli.weights import hf, jukebox
@@ -46,65 +46,8 @@ from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import counted, json_text
 from dancedata.core.version import __version__
 
-#: Groups of commands in the help; most characters of a sentence there.
-_ORDER = {
-    "Make a dataset": ("manifest", "build", "plan", "check", "quality", "align"),
-    "Look at it": ("view", "report", "info", "study", "study-results"),
-    "Use it": ("export", "evaluate", "decode"),
-}
-_SENTENCE = 55
-
-
-class _Group(TyperGroup):
-    """Commands whose omitted flags are False, also `--help`; except --normalized.
-
-    Typer leaves some of them None, and then loads pydantic, a fifth of the time of `list`, to convert None.
-    An id of a clip that begins with "-" is not an option: the error for an unknown option names "--".
-    """
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run a command; an unknown short option may be an id."""
-        try:
-            return super().invoke(ctx)
-        except Exception as raised:
-            error: Any = raised  # not by its class: recent versions of Typer have their own copy of Click
-            if not str(getattr(error, "option_name", "--")).startswith("--"):
-                error.message += '. A name that begins with "-" goes last, after --: dancedata view OUT -- -NAME'
-            raise
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the commands in groups, in the order in which they are used."""
-        commands = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
-        groups = {title: [name for name in names if name in commands] for title, names in _ORDER.items()}
-        known = [name for names in groups.values() for name in names]
-        groups["The rest"] = [name for name in commands if name not in known]
-        width = max(map(len, commands))
-        for title, names in ((title, names) for title, names in groups.items() if names):
-            with formatter.section(title):
-                formatter.write_dl(
-                    [(name.ljust(width), commands[name].get_short_help_str(_SENTENCE)) for name in names]
-                )
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the options of the group."""
-        return [_false_by_default(parameter) for parameter in super().get_params(ctx)]
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command, None if there is none of this name."""
-        command = super().get_command(ctx, cmd_name)
-        for parameter in [] if command is None else command.get_params(ctx):
-            _false_by_default(parameter)
-        return command
-
-
-def _false_by_default(parameter: Any) -> Any:
-    if getattr(parameter, "is_flag", False) and parameter.default is None and parameter.name != "normalized":
-        parameter.default = False
-    return parameter
-
-
 app = typer.Typer(
-    cls=_Group,
+    cls=Commands,
     help="Turn dance motion capture and music into training data.",
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -116,6 +59,9 @@ app.add_typer(cache, name="cache")
 app.add_typer(jukebox, name="jukebox")
 app.add_typer(hf, name="hf")
 app.command("align")(align)
+app.command("manifest")(manifest)
+app.command("pull")(pull)
+app.command("push")(push)
 app.command("evaluate")(evaluate)
 app.command("quality")(quality)
 app.command("view")(view)
@@ -129,9 +75,6 @@ PACKAGE_HELP = "Add it to the package OUT/PACKAGE, which may hold plug-ins of se
 TARGET_HELP = "Set a parameter of the target; list shows them."
 FRAMES_HELP = "Frames of --to obj, from 0: one, or BEGIN:END:STEP; default: all."
 WEIGHTS_HELP = "Folder of a network's weights; FIELD=FOLDER, once for each, where several features need some."
-RECIPE_ONLY_HELP = "Publish what rebuilds the dataset from the user's own source, and no data."
-RIGHTS_HELP = "State that you may pass the data on although a licence forbids it; the text is published."
-BESIDE_HELP = "With --recipe-only: a file that a build needs, such as manifest.csv; may be given several times."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
 
@@ -140,22 +83,6 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
     if version:
         typer.echo(f"dancedata {__version__}")
         raise typer.Exit
-
-
-@app.command()
-@errors_to_exit_codes
-def manifest(
-    source: Annotated[Path, typer.Argument(metavar="SRC", help="A folder of motion files and music.")],
-    as_json: AsJson = False,
-) -> None:
-    """Propose a manifest of your own motion and music.
-
-    dancedata manifest SRC > manifest.csv: pairs by name or length, with the evidence. Guesses are marked; check them.
-    """
-    from dancedata.datasets.folder.propose import propose
-
-    proposed = propose(source.expanduser())
-    typer.echo(json_text(proposed.to_json()) if as_json else proposed.to_csv(), nl=as_json)
 
 
 @app.command()
@@ -361,57 +288,6 @@ def info(
     print_result(as_json, lambda: store_json(path), lambda: describe_store(path))
     if clips and not as_json:
         say(describe_clips(path))
-
-
-@app.command()
-@errors_to_exit_codes
-def pull(
-    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="hf://datasets/ORG/NAME@REVISION, s3://, ...")],
-    split: Annotated[list[str] | None, typer.Option(help="Only this split; may be given several times.")] = None,
-    cache: CacheFolder = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
-) -> None:
-    """Fetch a dataset of a hub or bucket into the cache.
-
-    dancedata pull hf://datasets/ORG/NAME@REVISION --split train
-    """
-    from dancedata.remote import pull as run_pull
-
-    pulled = run_pull(address, split or None, cache=cache, progress=not (quiet or as_json))
-    print_result(as_json, pulled.to_json, lambda: str(pulled))
-
-
-@app.command()
-@errors_to_exit_codes
-def push(
-    store: Annotated[Path, typer.Argument(metavar="STORE", help="A built dataset.")],
-    to: Annotated[str, typer.Argument(metavar="ADDRESS", help="hf://datasets/ORG/NAME, s3://BUCKET/PREFIX, ...")],
-    private: Annotated[bool, typer.Option("--private", help="Only its owners read the repository.")] = False,
-    gated: Annotated[
-        bool, typer.Option("--gated", help="Users accept the source's terms before they read it.")
-    ] = False,
-    recipe_only: Annotated[bool, typer.Option("--recipe-only", help=RECIPE_ONLY_HELP)] = False,
-    rights: Annotated[str | None, typer.Option(help=RIGHTS_HELP)] = None,
-    tag: Annotated[str | None, typer.Option(help="Name of the tag; default: of the dataset's hash.")] = None,
-    beside: Annotated[list[Path] | None, typer.Option(metavar="FILE", help=BESIDE_HELP)] = None,
-    overwrite: Annotated[
-        bool, typer.Option(help="Replace another dataset of a bucket, and files of others.")
-    ] = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
-) -> None:
-    """Publish a dataset, or its recipe, on a hub or bucket.
-
-    dancedata push STORE hf://datasets/ORG/NAME --private
-    """
-    from dancedata.publish import push as run_push
-
-    pushed = run_push(
-        store, to, private=private, gated=gated, recipe_only=recipe_only, rights=rights, tag=tag, beside=beside or (),
-        overwrite=overwrite, progress=not (quiet or as_json),
-    )  # fmt: skip
-    print_result(as_json, pushed.to_json, lambda: str(pushed))
 
 
 @app.command()

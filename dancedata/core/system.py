@@ -177,7 +177,7 @@ def lock(descriptor: int, *, shared: bool = False, wait: bool = True) -> bool | 
     Returns
     -------
     bool or None
-        False if another process holds it, and not `wait`; None where there are no locks.
+        False if another process holds the lock and `wait` is False; None if the file system has no locks.
 
     Raises
     ------

@@ -91,15 +91,15 @@ def spikes(motion: Motion, least_m: float) -> list[Spike]:
     if len(tracks) < 5:
         return []
     rate = float(motion.grid.rate)
-    found: list[tuple[float, int, int, int]] = []
+    candidates: list[tuple[float, int, int, int]] = []
     for width in range(1, max(2, round(_SPIKE_S * rate)) + 1):
         off = _departures(tracks, width)
         where = (off >= least_m) & (off > _TIMES * _usual(off, rate)) & (off > _excuses(tracks, width))
         for start, track in np.argwhere(where).tolist():
-            found.append((-round(float(off[start, track]), 6), width, start, track))
+            candidates.append((-round(float(off[start, track]), 6), width, start, track))
     taken: dict[int, list[tuple[int, int]]] = {}
     kept = []
-    for size, width, start, track in sorted(found):
+    for size, width, start, track in sorted(candidates):
         # Frames beside a spike are off as well, by up to two thirds.
         if all(start >= b + 2 or start + width <= a - 2 for a, b in taken.setdefault(track, [])):
             taken[track].append((start, start + width))

@@ -65,8 +65,8 @@ class Repairs:
         for name, stage in STAGES.items():
             limit = getattr(self, name)
             if limit is not None:
-                motion, made = stage(motion, limit)
-                flags += made
+                motion, stage_flags = stage(motion, limit)
+                flags += stage_flags
         return Repaired(motion, tuple(flags))
 
 
@@ -127,8 +127,8 @@ def _largest(motion: Motion, start: int, stop: int) -> float:
     """Return the size of the largest spike about frames [start, stop), metres; 0 without."""
     around = round(float(motion.grid.rate))
     first, last = max(start - around, 0), min(stop + around, motion.n_frames)
-    found = spikes(motion.part(first, last), _TRIFLE_M)
-    return max((s.size_m for s in found if s.start + first <= stop + 2 and s.end + first >= start - 2), default=0.0)
+    left = spikes(motion.part(first, last), _TRIFLE_M)
+    return max((s.size_m for s in left if s.start + first <= stop + 2 and s.end + first >= start - 2), default=0.0)
 
 
 def fill_gaps(motion: Motion, longest_s: float) -> tuple[Motion, list[Flag]]:

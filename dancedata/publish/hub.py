@@ -120,15 +120,15 @@ class HubUpload:
 
     def _files(self, api: HfApi, commit: str, paths: Sequence[str]) -> dict[str, Any]:
         """Return what the hub has at these paths."""
-        found: dict[str, Any] = {}
+        at_path: dict[str, Any] = {}
         names = list(dict.fromkeys(paths))
         for begin in range(0, len(names), _ASKED):
             with self._client():
                 entries = api.get_paths_info(
                     self.address.place, names[begin : begin + _ASKED], revision=commit, repo_type="dataset"
                 )
-                found |= {entry.path: entry for entry in entries if hasattr(entry, "size")}
-        return found
+                at_path |= {entry.path: entry for entry in entries if hasattr(entry, "size")}
+        return at_path
 
     def _replaced(self, before: set[str], there: Mapping[str, Any], files: Sequence[Upload]) -> list[str]:
         """Return files of an earlier publication that this one does not have.

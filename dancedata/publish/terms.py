@@ -36,9 +36,9 @@ def restrictions(store: Store) -> list[Restriction]:
 
 def require_permission(store: Store, *, to: object) -> None:
     """Raise UsageError with the clauses if a licence does not allow the dataset to be published."""
-    found = restrictions(store)
-    if found:
-        lines = "\n".join(f"  - {restriction}" for restriction in found)
+    forbidden = restrictions(store)
+    if forbidden:
+        lines = "\n".join(f"  - {restriction}" for restriction in forbidden)
         raise UsageError(
             "the terms of the source do not allow this dataset to be passed on, or do not state it",
             where=str(store.path),

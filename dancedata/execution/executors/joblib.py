@@ -131,8 +131,8 @@ def started(scheduler: str, requirements: WorkerRequirements) -> Iterator[Execut
     """
     name = scheduler.removeprefix(PREFIX)
     require("spark" if name == "spark" else "joblib", what=f"the backend {scheduler}")
-    made: AbstractContextManager[Any] = _spark() if name == "spark" else nullcontext(name)
-    with made as backend:
+    context: AbstractContextManager[Any] = _spark() if name == "spark" else nullcontext(name)
+    with context as backend:
         executor = JoblibExecutor(requirements=requirements, backend=backend)
         try:
             with warnings.catch_warnings():
