@@ -174,10 +174,12 @@ class Request:
             columns=self._columns(), groups=self.protocol.of_groups,
         )  # fmt: skip
         if path.is_dir():
-            return ClipSet(folder_clips(path, form), str(path), role, scaler_sha256=self.scaler_sha256)
+            # On a cluster, too, where a relative path would name another file.
+            clips = folder_clips(path.absolute(), form)
+            return ClipSet(clips, str(path), role, scaler_sha256=self.scaler_sha256)
         if not path.exists():
             raise UsageError("there is nothing to evaluate", where=path, allowed="a built dataset, a folder, a file")
-        file = FileClip(id=path.stem, path=path, format=form)
+        file = FileClip(id=path.stem, path=path.absolute(), format=form)
         return ClipSet((file,), str(path), role, scaler_sha256=self.scaler_sha256)
 
     def _grid(self) -> FrameGrid | None:

@@ -401,3 +401,17 @@ def test_an_error_that_does_not_unpickle_blames_no_file() -> None:
     done = script(RUN + UNPICKLABLE)
     assert "cannot be sent between processes during odd" in done.stdout, done.stderr
     assert "missing 1 required positional argument" in done.stdout
+
+
+def test_relative_paths_name_the_same_files_in_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers that run already were started in another folder, which may have a file of the same name."""
+    from dancedata.execution.progress import Progress
+    from dancedata.execution.units import run_units
+
+    quiet = Progress(quiet=True)
+    read = [(Path("sample.txt"),)] * 2
+    for name in ("first", "second", "first"):
+        (tmp_path / name).mkdir(exist_ok=True)
+        (tmp_path / name / "sample.txt").write_text(name, encoding="utf-8")
+        monkeypatch.chdir(tmp_path / name)
+        assert run_units(Path.read_text, read, jobs=2, label="reading", progress=quiet) == [name] * 2

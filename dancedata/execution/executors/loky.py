@@ -60,7 +60,11 @@ class LokyExecutor(Executor):
             _start_resource_tracker()
             try:
                 with shielded():  # an interrupt during the start is raised at its end
-                    pool = get_reusable_executor(min(self.n, len(calls)), timeout=IDLE_S, env=_environment())
+                    # In this folder, so that relative paths name the same files: a pool of another one is replaced.
+                    pool = get_reusable_executor(
+                        min(self.n, len(calls)), timeout=IDLE_S, env=_environment(), initializer=os.chdir,
+                        initargs=(os.getcwd(),),
+                    )  # fmt: skip
                     _pools.add(pool)
                     try:
                         for index, call in calls.items():
