@@ -113,7 +113,8 @@ def worker_cases(folder: Path) -> list[Case]:
     """Return what workers do: load a unit, and run it."""
     from dancedata.execution.cache import Cache
     from dancedata.pipeline.audio import extract_track, identify_audio
-    from dancedata.pipeline.motion import MotionKeys, encode_motion
+    from dancedata.pipeline.motion import encode_motion
+    from dancedata.pipeline.motion_keys import MotionKeys
     from dancedata.recipes.parse import load_recipe
 
     recipe, cache = load_recipe(folder / "tiny.yaml"), Cache(folder / "worker")

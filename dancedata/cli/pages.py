@@ -157,7 +157,7 @@ def report(
     dancedata report OUT --to FILE.html
     """
     load_plugins(*(plugins or ()))
-    from dancedata.report.document import findings
+    from dancedata.report.findings import findings
     from dancedata.report.write import default_path, write_report
     from dancedata.store.schema import DATASET_FILE
 

@@ -19,7 +19,8 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.facts import motions_of
 from dancedata.pipeline.groups import groups_of
-from dancedata.pipeline.motion import MotionKeys, motion_window_count
+from dancedata.pipeline.motion import motion_window_count
+from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
 from dancedata.recipes.curation import CurateRule
 from dancedata.recipes.recipe import Recipe

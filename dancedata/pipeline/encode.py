@@ -8,14 +8,8 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.groups import groups_of, require_places
-from dancedata.pipeline.motion import (
-    MotionKeys,
-    MotionResult,
-    cached_group,
-    cached_motion,
-    encode_group,
-    encode_motion,
-)
+from dancedata.pipeline.motion import MotionResult, cached_group, cached_motion, encode_group, encode_motion
+from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.pipeline.sources import SourceClip, Sources
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.recipe import Recipe

@@ -16,7 +16,8 @@ from dancedata.execution.units import Jobs, run_units
 from dancedata.files.regular_file import sha256_file
 from dancedata.metrics.events import Event, events
 from dancedata.pipeline.groups import group_motions
-from dancedata.pipeline.motion import MotionKeys, prepared
+from dancedata.pipeline.motion import prepared
+from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
 from dancedata.pipeline.sources import SourceClip
 from dancedata.recipes.copies import CopySpec

@@ -13,7 +13,7 @@ from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import FeatureKeys, known_signal, timeline_of
 from dancedata.pipeline.feature_files import file_key, length_of, place
 from dancedata.pipeline.groups import groups_of
-from dancedata.pipeline.motion import MotionKeys, content_hashes
+from dancedata.pipeline.motion_keys import MotionKeys, content_hashes
 from dancedata.recipes.copies import is_copied
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.recipe import Recipe

@@ -22,7 +22,7 @@ from dancedata.execution.units import Jobs, run_units
 from dancedata.files.regular_file import sha256_file
 from dancedata.metrics.offsets import RATE, REASONS, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves
 from dancedata.pipeline.audio import SignalId, decode_again, identify_audio, known_signal
-from dancedata.pipeline.motion import clip_identity, content_hashes
+from dancedata.pipeline.motion_keys import clip_identity, content_hashes
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
 

@@ -16,7 +16,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
 from dancedata.pipeline.feature_files import FeatureFile, identify_files, with_feature_paths
-from dancedata.pipeline.motion import content_hashes
+from dancedata.pipeline.motion_keys import content_hashes
 from dancedata.pipeline.rejects import missing_music
 from dancedata.pipeline.rhythm import with_found_starts
 from dancedata.recipes.documents import document_of

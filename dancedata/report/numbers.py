@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -33,8 +32,9 @@ from dancedata.report.document import (
     Totals,
 )
 from dancedata.report.groups import groups_of
-from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, ClipNumbers, Measured
+from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, Measured
 from dancedata.report.outliers import outliers
+from dancedata.report.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.report.scaling import scaled_groups
 from dancedata.report.space import Space, poses_of
 from dancedata.report.tally import (
@@ -43,8 +43,6 @@ from dancedata.report.tally import (
     FrameHistogram,
     Quantiles,
     counted_between,
-    fine_edges,
-    nice_edges,
 )
 from dancedata.store import ClipView, Store
 from dancedata.store.free_columns import free_columns
@@ -60,80 +58,6 @@ _CONSTANT = 1e-6
 _WHY = {"flags": 0.0, "sliding": 0.05, "still": 0.3}
 #: Borders of the bins of angles, degrees.
 _FACING_DEG = tuple(float(angle) for angle in range(0, 181, 10))
-#: Half the range of offsets, milliseconds; bins are one frame wide, as key motions lie between frames.
-_OFFSET_MS = 400
-
-_Value = Callable[[ClipNumbers], float | None]
-
-
-def _values(measured: Measured, value: _Value) -> list[float]:
-    return [v for v in map(value, measured.clips.values()) if v is not None]
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Borders of the bins of each histogram: round, and the same for two datasets that are compared."""
-
-    length_s: tuple[float, ...]
-    tempo_bpm: tuple[float, ...]
-    music_minus_motion_s: tuple[float, ...]
-    speed: tuple[float, ...]
-    sliding: tuple[float, ...]
-    offset_ms: tuple[float, ...]
-    root_extent_m: tuple[float, ...]
-    turns: tuple[float, ...]
-    floor_m: tuple[float, ...]
-    distance_m: tuple[float, ...]
-
-    @classmethod
-    def of(cls, datasets: Sequence[Measured]) -> Scales:
-        """Choose borders that hold the values of all datasets."""
-        clips = [(m, c) for m in datasets for c in m.store.clips if not c.source]
-
-        def of_clips(value: _Value) -> list[float]:
-            return [v for m in datasets for v in _values(m, value)]
-
-        lengths = [float(m.store.grid.seconds(c.n_frames)) for m, c in clips]
-        gaps = [gap for m in datasets for gap in _music_gaps(m).values()]
-        return cls(
-            length_s=_borders(lengths, 0.1),
-            tempo_bpm=_borders([c.tempo_bpm for _, c in clips if c.tempo_bpm is not None], 1),
-            music_minus_motion_s=_borders(gaps, 0.1),
-            speed=fine_edges([m.speed for m in datasets]),
-            sliding=fine_edges([m.sliding for m in datasets], beyond=SLIDE_M_S),
-            offset_ms=_offset_borders(datasets),
-            root_extent_m=_borders(of_clips(lambda n: n.root_extent_m), 0.05, low=0.0),
-            turns=_borders(of_clips(lambda n: n.turns), 0.05, low=0.0),
-            floor_m=_borders(of_clips(lambda n: n.floor_m), 0.01),
-            distance_m=fine_edges([m.groups.distance for m in datasets]),
-        )
-
-
-def _music_gaps(measured: Measured) -> dict[str, float]:
-    """Return by how many seconds the music of each clip is longer than its motion, from the first frame on."""
-    grid = measured.store.grid
-    return {
-        c.id: music - float(grid.seconds(c.n_frames))
-        for c in measured.store.clips
-        if not c.source and (music := measured.clips[c.id].music_s) is not None
-    }
-
-
-def _borders(values: Sequence[float], smallest: float, low: float | None = None) -> tuple[float, ...]:
-    """Return borders from `low`, or the least value, in steps of `smallest` or more."""
-    if not values:
-        return (0.0, 1.0)
-    first = min(values) if low is None else min(low, *values)
-    return nice_edges(first, max(values), least=smallest)
-
-
-def _offset_borders(datasets: Sequence[Measured]) -> tuple[float, ...]:
-    """Return borders one frame apart, rounded to bins of the tally; key motions then lie in the middle of a bin."""
-    rates = [float(m.reader.motion.rate) for m in datasets if m.reader.motion is not None]
-    frame = 1000 / min(rates, default=30.0)
-    frame *= max(1, round(_OFFSET_MS / 20 / frame))
-    n = int(_OFFSET_MS // frame)
-    return tuple(round(2 * k * frame) / 2 for k in range(-n, n + 1))
 
 
 def document(measured: Measured, scales: Scales) -> Document:
@@ -204,7 +128,7 @@ def _contents(measured: Measured, scales: Scales) -> Contents:
     tempos = {s: [c.tempo_bpm for c in originals if c.split == s and c.tempo_bpm is not None] for s in store.splits}
     lengths = {s: [float(store.grid.seconds(c.n_frames)) for c in originals if c.split == s] for s in store.splits}
     genres = _windows_by(measured, lambda c: c.genre)
-    gaps = _music_gaps(measured)
+    gaps = music_gaps(measured)
     shorter = tuple(sorted(clip for clip, gap in gaps.items() if gap < 0))
     return Contents(
         splits=tuple(store.splits),
@@ -314,26 +238,26 @@ def _songs(measured: Measured, scales: Scales) -> tuple[SongShift, ...]:
     return tuple(sorted(songs, key=lambda song: (not song.is_shifted, -abs(song.shift_ms), song.song)))
 
 
-def _over_clips(measured: Measured, value: _Value) -> FiveNumbers:
-    return FiveNumbers.of(_values(measured, value))
+def _over_clips(measured: Measured, value: ClipValue) -> FiveNumbers:
+    return FiveNumbers.of(clip_values(measured, value))
 
 
-def _of_clips(measured: Measured, edges: tuple[float, ...], value: _Value) -> ClipHistogram:
+def _of_clips(measured: Measured, edges: tuple[float, ...], value: ClipValue) -> ClipHistogram:
     store = measured.store
     by_split: dict[str, list[float]] = {split: [] for split in store.splits}
     for clip in store.clips:
         if clip.id in measured.clips and (v := value(measured.clips[clip.id])) is not None:
             by_split[clip.split].append(v)
     counts = counted_between(by_split, edges)
-    return ClipHistogram.of_groups({"all": _values(measured, value)}, edges, by_split=counts)
+    return ClipHistogram.of_groups({"all": clip_values(measured, value)}, edges, by_split=counts)
 
 
-def _mean(measured: Measured, value: _Value) -> float | None:
-    values = _values(measured, value)
+def _mean(measured: Measured, value: ClipValue) -> float | None:
+    values = clip_values(measured, value)
     return float(np.mean(values)) if values else None
 
 
-def _weighted(measured: Measured, value: _Value) -> float | None:
+def _weighted(measured: Measured, value: ClipValue) -> float | None:
     """Return the mean over key motions of a number that is a mean over those of a clip."""
     pairs = [(v, n.key_motions) for n in measured.clips.values() if (v := value(n)) is not None]
     weight = sum(k for _, k in pairs)

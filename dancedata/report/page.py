@@ -9,7 +9,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.quality import REPAIRED
 from dancedata.core.text import counted, listed
 from dancedata.report.column_figures import column_figures
-from dancedata.report.document import Document, findings
+from dancedata.report.document import Document
 from dancedata.report.figures import (
     Drawing,
     contents_figures,
@@ -17,6 +17,7 @@ from dancedata.report.figures import (
     music_figures,
     split_figures,
 )
+from dancedata.report.findings import findings
 from dancedata.report.group_figures import group_figures
 from dancedata.report.markup import Figure, Markup, escaped, number, percent, rounded, table
 from dancedata.report.outliers import LIMIT, MEASURES, Outlier

@@ -24,11 +24,12 @@ from dancedata.execution.executors.loky import LokyExecutor
 from dancedata.execution.progress import Progress
 from dancedata.report.document import Document
 from dancedata.report.measure import ClipNumbers, Measured, clip_numbers, measure
-from dancedata.report.numbers import Scales, document
+from dancedata.report.numbers import document
 from dancedata.report.outliers import Outlier, outliers
 from dancedata.report.pieces import Piece, figure_key_motion
 from dancedata.report.player import scene_player
 from dancedata.report.samples_page import SAMPLES, of_sample, sample_of, samples_page
+from dancedata.report.scales import Scales
 from dancedata.report.space import Space, poses_of
 from dancedata.report.write import Target
 from dancedata.store import Store, open_store

@@ -11,7 +11,8 @@ from dancedata.cli import options
 from dancedata.cli.app import app, only_named
 from dancedata.execution.cache import Cache
 from dancedata.pipeline.audio import SignalId, extract_track, identify_audio
-from dancedata.pipeline.motion import MotionKeys, encode_motion
+from dancedata.pipeline.motion import encode_motion
+from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import load_recipe
 
 #: Each of these takes a good part of a second, or needs an extra.

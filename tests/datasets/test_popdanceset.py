@@ -17,7 +17,7 @@ from dancedata.datasets.popdanceset.motion import load_motion, write_example
 from dancedata.pipeline.build import build
 from dancedata.representations.edge151 import Edge151
 from dancedata.store.verify import verify_store
-from dancedata.testing.conformance import recipe_with
+from dancedata.testing.dataset_checks import recipe_with
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
 

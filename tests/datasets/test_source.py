@@ -13,10 +13,11 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.resources import resource
 from dancedata.datasets.aistpp import AistPP
-from dancedata.datasets.files import Layout, audio_files, files_by_stem, require_choice
+from dancedata.datasets.files import audio_files, files_by_stem, require_choice
 from dancedata.datasets.finedance import FineDance
 from dancedata.datasets.finedance.load import load_motion, motion_length
 from dancedata.datasets.folder import Folder
+from dancedata.datasets.layout import Layout
 from dancedata.formats import arrays
 from tests.messages import raises_message
 

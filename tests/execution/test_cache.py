@@ -22,7 +22,7 @@ from dancedata.execution.progress import Progress
 from dancedata.pipeline import audio as audio_units
 from dancedata.pipeline import motion as motion_units
 from dancedata.pipeline.audio import FeatureKeys, SignalId
-from dancedata.pipeline.motion import MotionKeys, content_hashes
+from dancedata.pipeline.motion_keys import MotionKeys, content_hashes
 from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.sources import identify
 from dancedata.recipes.parse import load_recipe

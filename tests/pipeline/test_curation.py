@@ -12,7 +12,7 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.curation.scores import MEASURES
-from dancedata.pipeline.motion import MotionKeys
+from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import Store, verify_store
 from dancedata.synthetic import synthesise_motion

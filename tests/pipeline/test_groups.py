@@ -235,7 +235,7 @@ def test_one_floor_keeps_a_lifted_partner_in_the_air(tmp_path: Path, cache: Path
 
 def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None:
     """A partner's file shapes the length, floor and place of a dancer."""
-    from dancedata.pipeline.motion import MotionKeys
+    from dancedata.pipeline.motion_keys import MotionKeys
     from dancedata.recipes.parse import load_recipe
 
     recipe = replace(load_recipe("aist++"), dataset=Ensemble())

@@ -23,7 +23,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import audio as audio_units
 from dancedata.pipeline import motion as motion_units
 from dancedata.pipeline.audio import FeatureKeys, SignalId
-from dancedata.pipeline.motion import MotionKeys
+from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import load_recipe, recipe_names
 
 PINS = Path(__file__).with_name("pins.json")

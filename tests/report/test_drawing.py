@@ -14,8 +14,9 @@ import pytest
 from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Group
 from dancedata.report import write_report
-from dancedata.report.document import ColumnRange, LeftOut, findings
+from dancedata.report.document import ColumnRange, LeftOut
 from dancedata.report.figures import Drawing, contents_figures, movement_figures
+from dancedata.report.findings import findings
 from dancedata.report.heat import Timeline, joint_map
 from dancedata.report.markup import name_text, rounded, table
 from dancedata.report.pieces import ClipReader

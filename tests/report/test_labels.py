@@ -10,8 +10,9 @@ import numpy as np
 from dancedata.core.columns import Columns, Group
 from dancedata.pipeline import describe
 from dancedata.report import write_report
-from dancedata.report.document import ColumnRange, findings
+from dancedata.report.document import ColumnRange
 from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures
+from dancedata.report.findings import findings
 from dancedata.report.heat import heat_map
 from dancedata.report.svg import strips
 from dancedata.store import open_store

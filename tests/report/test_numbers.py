@@ -11,7 +11,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.report import write_report
-from dancedata.report.document import findings
+from dancedata.report.findings import findings
 from dancedata.store import open_store, songs
 
 

@@ -14,7 +14,8 @@ from dancedata.core.bodies import BODY_JOINTS
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.report import write_report
-from dancedata.report.document import Document, findings
+from dancedata.report.document import Document
+from dancedata.report.findings import findings
 from dancedata.report.measure import ClipNumbers, SongOffsets, physics
 from dancedata.report.outliers import outliers, robust_z
 from dancedata.report.pieces import ClipReader, Piece
@@ -249,7 +250,7 @@ def test_outliers_have_their_reasons() -> None:
 
 def test_a_song_that_is_late_is_found(numbers: Document) -> None:
     rng = np.random.default_rng(0)
-    piece = cast(Piece, SimpleNamespace(beat_times=np.arange(20) * 0.5))
+    piece = cast("Piece", SimpleNamespace(beat_times=np.arange(20) * 0.5))
     late, loose = SongOffsets(), SongOffsets()
     late.add(0.08 + 0.01 * rng.normal(size=40), piece)
     loose.add(rng.uniform(-0.25, 0.25, 200), piece)

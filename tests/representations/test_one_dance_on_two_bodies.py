@@ -20,7 +20,7 @@ from dancedata.datasets.folder import Folder
 from dancedata.evaluation.measuring import conformed, measure_pose
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
-from dancedata.pipeline.motion import MotionKeys
+from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store.motion_fields import Pose
 from dancedata.synthetic import synthesise_motion

@@ -23,8 +23,6 @@ from dancedata.datasets.files import (
     MAX_LIST_BYTES,
     SPLITS,
     Files,
-    Folders,
-    Layout,
     clips_note,
     list_audio,
     read_names,
@@ -32,6 +30,7 @@ from dancedata.datasets.files import (
     require_choice,
     with_music_dir,
 )
+from dancedata.datasets.layout import Folders, Layout
 from dancedata.files.regular_file import read_regular
 
 OFFICIAL, BY_VIDEO = "official", "by-video"

@@ -20,8 +20,6 @@ from dancedata.datasets.files import (
     ALL,
     SPLITS,
     Files,
-    Folders,
-    Layout,
     describe,
     list_audio,
     list_folder,
@@ -29,6 +27,7 @@ from dancedata.datasets.files import (
     relative,
     with_music_dir,
 )
+from dancedata.datasets.layout import Folders, Layout
 
 LAYOUT = Layout(
     dataset="aist++",

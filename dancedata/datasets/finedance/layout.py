@@ -7,17 +7,9 @@ from pathlib import Path
 
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets.files import (
-    Files,
-    Folders,
-    Layout,
-    files_by_stem,
-    list_audio,
-    list_folder,
-    relative,
-    with_music_dir,
-)
+from dancedata.datasets.files import Files, files_by_stem, list_audio, list_folder, relative, with_music_dir
 from dancedata.datasets.finedance.facts import facts
+from dancedata.datasets.layout import Folders, Layout
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 

@@ -15,7 +15,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, Files, Folders, clips_note, relative, require_choice
+from dancedata.datasets.files import ALL, Files, clips_note, relative, require_choice
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE, facts
 from dancedata.datasets.finedance.layout import (
     LABELS,
@@ -28,6 +28,7 @@ from dancedata.datasets.finedance.layout import (
     not_read_notes,
     read_label,
 )
+from dancedata.datasets.layout import Folders
 from dancedata.datasets.originals import original
 
 

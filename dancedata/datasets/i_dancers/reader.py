@@ -19,8 +19,6 @@ from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets.files import (
     Files,
-    Folders,
-    Layout,
     clips_note,
     list_audio,
     read_names,
@@ -29,6 +27,7 @@ from dancedata.datasets.files import (
     with_music_dir,
 )
 from dancedata.datasets.i_dancers.motion import SUFFIX
+from dancedata.datasets.layout import Folders, Layout
 
 #: Rates that are recognised from the lengths of motion and music, which agree within this share.
 _RATES, _NEAR = (20, 24, 25, 30, 50, 60), Fraction(1, 50)

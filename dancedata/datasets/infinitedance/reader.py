@@ -13,18 +13,9 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import (
-    ALL,
-    SPLITS,
-    Files,
-    Folders,
-    Layout,
-    clips_note,
-    files_by_stem,
-    relative,
-    require_choice,
-)
+from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, files_by_stem, relative, require_choice
 from dancedata.datasets.infinitedance.corpus import AIST, OWN, Styles, lists_of, origins_note, origins_of
+from dancedata.datasets.layout import Folders, Layout
 
 FITS, COLUMNS = "fits", "columns"
 FITS_FOLDER = "dance/infinitedance_smplx_smooth"

@@ -18,17 +18,9 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import (
-    AUDIO_SUFFIXES,
-    Files,
-    Folders,
-    Layout,
-    clips_note,
-    list_audio,
-    relative,
-    with_music_dir,
-)
+from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_audio, relative, with_music_dir
 from dancedata.datasets.files import require_choice as choice
+from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
 
 SPLIT_NAMES = ("official", "official-clean", "by-song")

@@ -20,8 +20,6 @@ from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import (
     Files,
-    Folders,
-    Layout,
     clips_note,
     list_audio,
     read_names,
@@ -29,6 +27,7 @@ from dancedata.datasets.files import (
     require_choice,
     with_music_dir,
 )
+from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.originals import original
 
 if TYPE_CHECKING:

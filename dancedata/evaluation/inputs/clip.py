@@ -20,7 +20,7 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
 from dancedata.evaluation.protocol import Role
 from dancedata.execution.cache import Cache
-from dancedata.pipeline.motion import content_hashes
+from dancedata.pipeline.motion_keys import content_hashes
 from dancedata.recipes.documents import document_of
 from dancedata.store import Store
 from dancedata.store.motion_fields import Pose
