@@ -1,44 +1,22 @@
-"""What a store tells of its segments: words and events in time, of clips and of windows."""
+"""Segments of a store, of clips and of windows: words and events in time."""
 
-from collections.abc import Mapping
 from fractions import Fraction
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.grid import FrameGrid
 from dancedata.core.segments import Layer, Segment
-from dancedata.store.dataset_json import Description
-from dancedata.store.listed_file import ListedFile
-from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segments import PlacedRow, PlacedSegment, layer_of, segments_of
+from dancedata.store.store_tables import StoreTables
 from dancedata.store.table_file import SegmentTable, read_segments
 from dancedata.store.tables import Tables
 
 
-class SegmentQueries:
+class SegmentQueries(StoreTables):
     """The part of a `Store` that reads segments."""
-
-    path: Path
-    splits: tuple[str, ...]
-    meta: Mapping[str, Any]
-    grid: FrameGrid
-    overlay: SegmentOverlay
-    _description: Description
-    _files: Mapping[str, ListedFile]
-    _segments: dict[str, SegmentTable | None]
-
-    def tables(self, split: str) -> Tables:
-        """Return the tables of a split."""
-        raise NotImplementedError
-
-    def _place(self, clip_id: str) -> tuple[Tables, int]:
-        raise NotImplementedError
 
     @cached_property
     def layers(self) -> tuple[Layer, ...]:

@@ -1,0 +1,310 @@
+"""Windows and clips of a store, and their rows."""
+
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.grid import WindowGrid
+from dancedata.core.text import shown
+from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows, require_field
+from dancedata.store.shard_reader import ShardReader, WindowRows
+from dancedata.store.store_tables import StoreTables
+from dancedata.store.tables import Tables
+from dancedata.store.window_list import IntArray, Whole, WindowList
+from dancedata.store.windowing import (
+    cut_windows,
+    requested_grid,
+    stored_windows,
+    whole_clips,
+    whole_period,
+    window_starts,
+)
+
+
+class RowQueries(StoreTables):
+    """The part of a `Store` that lists windows and reads rows."""
+
+    def windows(
+        self,
+        split: str,
+        *,
+        length_s: float | str | Fraction | None = None,
+        length_frames: int | None = None,
+        stride_s: float | str | Fraction | None = None,
+        stride_frames: int | None = None,
+        fields: tuple[str, ...] | None = None,
+        trim: bool = False,
+        whole: bool = False,
+    ) -> WindowList:
+        """List the windows of a split, in the store's order: shard by shard.
+
+        Parameters
+        ----------
+        split
+            One of `splits`.
+        length_s, length_frames, stride_s, stride_frames
+            Length and stride of the windows, at most one of each pair; default: as stored. Other values need a
+            store of track scope.
+        fields
+            Fields in which these windows have to begin and end at whole rows, and that their clips have. Default:
+            all.
+        trim
+            Begin at each clip's trim_start: skip the frames that the source would cut (track scope only).
+        whole
+            One window per clip instead, as long as all of `fields` have whole rows (track scope only).
+
+        Returns
+        -------
+        WindowList
+            A Sequence[Window].
+
+        Raises
+        ------
+        UsageError
+            For an unknown split, two lengths or strides, or ones that are not a whole number of frames and rows.
+        StoreError
+            For another length or stride in window scope.
+        """
+        tables = self.tables(split)
+        requested = self.window_grid(
+            length_s=length_s, length_frames=length_frames, stride_s=stride_s, stride_frames=stride_frames
+        )
+        stored = WindowGrid(self._description.length, self._description.stride)
+        window_fields = [self.field(name) for name in fields or self._fields]
+        if requested == stored and not trim and not whole:
+            return stored_windows(tables, window_fields)
+        if self.scope == "window":
+            request = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
+            raise self._only_built_windows(request + (", trimmed" if trim else ""))
+        if whole:
+            return whole_clips(tables, self._description, window_fields, trim)
+        return cut_windows(tables, self._description, requested, window_fields, trim)
+
+    def _only_built_windows(self, request: str | None = None) -> StoreError:
+        stored = f"length {self._description.length}, stride {self._description.stride} frames"
+        return StoreError(
+            "a store of window scope holds only the windows that were built", where=str(self.path), found=request,
+            allowed=stored, fix="build with scope: track",
+        )  # fmt: skip
+
+    def window_grid(
+        self,
+        *,
+        length_s: float | str | Fraction | None = None,
+        length_frames: int | None = None,
+        stride_s: float | str | Fraction | None = None,
+        stride_frames: int | None = None,
+    ) -> WindowGrid:
+        """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
+        return requested_grid(self._description, length_s, length_frames, stride_s, stride_frames)
+
+    def has_field(self, clip_id: str, field: str) -> bool:
+        """Return whether a clip has rows of a field: fields that a recipe makes optional may be missing.
+
+        UsageError for an unknown clip or field.
+        """
+        f = self.field(field)
+        tables, row = self._place(clip_id)
+        return not f.optional or bool(tables.having(f)[row])
+
+    def without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
+        """Return those of some fields that a clip does not have; see `has_field`."""
+        return tuple(name for name in fields if self.field(name).optional and not self.has_field(clip_id, name))
+
+    def windows_of(self, clip_id: str) -> tuple[Window, ...]:
+        """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
+        tables, row = self._place(clip_id)
+        starts = tables.window_start[tables.positions_of(row)].tolist()
+        return tuple(Window(clip_id, start, tables.window_length) for start in starts)
+
+    def starts(
+        self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
+    ) -> range:
+        """Return every first frame that a window of `length` frames can have in a clip (track scope only).
+
+        `fields` and `trim` are those of `windows`.
+
+        Raises
+        ------
+        UsageError
+            For an unknown clip.
+        StoreError
+            In window scope, which holds only the stored windows.
+        """
+        if self.scope == "window":
+            raise self._only_built_windows()
+        window_fields = [self.field(name) for name in fields or self._fields]
+        tables, row = self._place(clip_id)
+        window_grid = WindowGrid(length, whole_period(self._description, window_fields))
+        return window_starts(tables, row, self._description, window_grid, window_fields, trim)
+
+    def rows_within(self, clip_id: str, field: str) -> tuple[int, npt.NDArray[Any]]:
+        """Read the rows of a field that lie within a clip, from its first frame or where its music begins.
+
+        Track scope only. Returns the row at which they begin, counted from frame 0, and the rows.
+        """
+        tables, row = self._place(clip_id)
+        lead = tables.spans[field].lead(row) if field in tables.spans else 0
+        if not lead:
+            return 0, self.read_clip(clip_id, field)
+        f, (begin, _) = self.field(field), self.grid.common_period(self._fields[field].grid)
+        first = -(-f.grid.rows_up(lead, of=self.grid) // begin) * begin
+        length = max(0, (int(tables.n_frames[row]) - first) // begin * begin)
+        available = f.grid.rows_down(int(tables.spans[field].available[row]), of=self.grid) // begin * begin
+        length = min(length, max(0, available - first))
+        rows = self.read(Window(clip_id, first, length), field) if length else np.empty((0, f.columns.width))
+        return self.grid.rows_down(first, of=f.grid), rows
+
+    def read(self, window: Window, field: str) -> npt.NDArray[Any]:
+        """Read a window's rows of a field.
+
+        Parameters
+        ----------
+        window
+            One of `windows`; in track scope any window within its clip.
+
+        Returns
+        -------
+        ndarray
+            (length * rate / fps, D) in the field's dtype: a new, writable array.
+        """
+        span = self.locate(window, field)
+        f = self._fields[field]
+        out = np.empty((span.length, f.columns.width), dtype=f.disk_dtype)
+        span.shard.read_rows(field, span.first, out)
+        return out
+
+    def read_into(self, window: Window, field: str, out: npt.NDArray[Any]) -> None:
+        """Read a window's rows of a field into `out`, (length * rate / fps, D), converting to its dtype."""
+        span = self.locate(window, field)
+        shape = (span.length, self._fields[field].columns.width)
+        if out.shape != shape:
+            raise UsageError("the array to read into has the wrong shape", found=out.shape, allowed=shape)
+        span.shard.read_rows(field, span.first, out)
+
+    def locate(self, window: Window, field: str) -> RowSpan:
+        """Find the shard and the rows of a window, for readers that map files themselves.
+
+        Raises
+        ------
+        UsageError
+            For an unknown clip or field, a window that is not a whole number of rows or extends beyond its clip, and
+            anything except a Window.
+        StoreError
+            In window scope, for a window that is not stored.
+        """
+        if not isinstance(window, Window):
+            raise UsageError(
+                "not a window",
+                where=str(self.path),
+                found=shown(window),
+                fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
+            )
+        f = self.field(field)
+        tables, row = self._place(window.clip)
+        find = locate_stored if self.scope == "window" else locate_view
+        first, length = find(tables, row, window, f, self.grid)
+        return RowSpan(self._shards[tables.split][int(tables.shard_of(row))], first, length)
+
+    def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
+        """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
+
+        Raises
+        ------
+        UsageError, StoreError
+            As `locate`, for the first window that the store does not have; if there are no windows.
+        """
+        f = self.field(field)
+        if not len(windows):
+            raise UsageError("there are no windows to read", where=str(self.path), found=f"field {field}")
+        if (windows.length != windows.length[0]).any():
+            lengths = sorted({int(n) for n in windows.length})
+            raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
+        n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
+        shards, shard = self.shards_of(windows)
+        first = np.zeros(len(windows), dtype=np.int64)
+        for tables, places, row in self._rows_of(windows):
+            part = windows if places is None else windows.take(places)
+            rows, bad = locate_windows(tables, row, part, f, self.grid, self.scope)
+            if bad.any():
+                self.locate(part[int(np.argmax(bad))], field)
+            first[slice(None) if places is None else places] = rows
+        return WindowRows(field, shards, shard, first, n_rows, mapped)
+
+    def shards_of(self, windows: WindowList) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:
+        """Return the shards of the splits of windows, and the number (W,) of each window's shard among them."""
+        shards: list[ShardReader] = []
+        numbers = np.zeros(len(windows), dtype=np.int32)
+        for tables, places, row in self._rows_of(windows):
+            numbers[slice(None) if places is None else places] = tables.shard_of(row) + len(shards)
+            shards += self._shards[tables.split]
+        return shards, numbers
+
+    def _rows_of(self, windows: WindowList) -> Iterator[tuple[Tables, IntArray | None, Whole]]:
+        """Yield for each split its tables, the places of its windows (None: all), and the rows of their clips."""
+        for split in self.splits:
+            if split in self._tables and windows.clip_ids is self._tables[split].ids:
+                yield self._tables[split], None, windows.clip
+                return
+        used = np.unique(windows.clip)
+        places = [self._place(windows.clip_ids[k]) for k in used.tolist()]
+        number = np.searchsorted(used, windows.clip)
+        for tables in dict.fromkeys(tables for tables, _ in places):
+            of_split = np.array([t is tables for t, _ in places])[number]
+            row = np.array([row for _, row in places])[number]
+            yield tables, np.flatnonzero(of_split), row[of_split]
+
+    def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
+        """Read all rows of a field that belong to a clip; see `ClipView.read`."""
+        return self._read_rows(clip_id, field, whole_song=False)
+
+    def read_song(self, clip_id: str, field: str) -> npt.NDArray[Any]:
+        """Read an audio field from a clip's first frame to the end of its music; see `ClipView.read_song`."""
+        if self.field(field).kind != "audio":
+            raise UsageError(f"field {field} is not a field of music", where=str(self.path), fix="use read_clip")
+        return self._read_rows(clip_id, field, whole_song=True)
+
+    def music_offset(self, clip_id: str) -> Fraction:
+        """Return the time in a clip's music at its frame 0, seconds, exactly; negative where the music begins later.
+
+        Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
+        """
+        tables, row = self._place(clip_id)
+        start = tables.record(row).audio_start
+        if start:
+            return start  # exact, where rows begin at a fraction of one
+        for name, spans in tables.spans.items():
+            if spans.offset is not None and self._fields[name].kind == "audio":
+                return self._fields[name].grid.seconds(int(spans.offset[row]))
+        return Fraction(0)
+
+    def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
+        f = self.field(field)
+        tables, row = self._place(clip_id)
+        if self.scope == "window":
+            raise StoreError(
+                "a store of window scope does not hold whole clips",
+                where=f"clip {clip_id}",
+                fix="read its windows, or build with scope: track",
+            )
+        require_field(tables, row, f)
+        spans = tables.spans[field]
+        rows, lead = int(spans.available[row]), spans.lead(row)
+        if lead:
+            raise UsageError(
+                f"the rows of field {field} begin after the clip's first frame",
+                where=f"clip {clip_id}",
+                found=f"row {lead}",
+                fix="read windows, which begin where all their fields do",
+            )
+        if not f.per_clip and not whole_song:
+            rows = max(0, min(rows, self.grid.rows_up(int(tables.n_frames[row]), of=f.grid)))
+        out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)
+        shard = self._shards[tables.split][int(tables.shard_of(row))]
+        shard.read_rows(field, int(spans.first[row]), out)
+        return out
