@@ -1,17 +1,14 @@
 """Files of a source: the folder of a published dataset, lists of its files, the choice of audio files."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
+from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.text import listed, quoted
 from dancedata.files.regular_file import read_regular
-from dancedata.formats.arrays import VALUE_SUFFIXES, ArrayFile
+from dancedata.formats.arrays import VALUE_SUFFIXES
 
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.
@@ -37,6 +34,16 @@ class Files:
     rejects: tuple[Reject, ...]
     notes: tuple[str, ...] = ()
     folders: tuple[Path, ...] = ()
+
+    def without_motion(
+        self, names: Container[str], source: Path, motion: str, reason: str = "unused_music"
+    ) -> list[Reject]:
+        """Return a reject for each file that is not named like a motion; `motion` is the path of one, {} its name."""
+        return [
+            Reject(reason, file=relative(path, source), detail=f"there is no {motion.format(name)}")
+            for name, path in self.files.items()
+            if name not in names
+        ]
 
 
 def list_folder(folder: Path) -> list[Path]:
@@ -157,7 +164,11 @@ def group_by_stem(folders: Iterable[Path], suffixes: Sequence[str]) -> list[tupl
 
 
 def list_audio(
-    folders: Iterable[Path], source: Path, name_problem: Callable[[str], str], mixed: Sequence[Path] = ()
+    folders: Iterable[Path],
+    source: Path,
+    name_problem: Callable[[str], str],
+    mixed: Sequence[Path] = (),
+    music_dir: Path | None = None,
 ) -> Files:
     """List the audio files with valid names, one for each stem; other entries are ``extra_file``.
 
@@ -169,6 +180,8 @@ def list_audio(
         Returns why a stem is not a valid name, "" for a valid one.
     mixed
         Folders with files of any kind, of which only audio files are considered.
+    music_dir
+        Folder that comes first, see `with_music_dir`.
     """
     candidates: list[Path] = []
     rejects = []
@@ -181,7 +194,7 @@ def list_audio(
                 rejects.append(extra_file(path, source, problem))
             else:
                 candidates.append(path)
-    return audio_files(candidates, source, rejects)
+    return with_music_dir(audio_files(candidates, source, rejects), music_dir, source, name_problem)
 
 
 def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_problem: Callable[[str], str]) -> Files:
@@ -266,48 +279,6 @@ def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) 
     """Raise UsageError unless a parameter of a dataset has one of the allowed values."""
     if value not in allowed:
         raise UsageError(f"{dataset}: invalid value for {name}", found=repr(value), fix=did_you_mean(value, allowed))
-
-
-def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> None:
-    """Check that a motion file has its keys, of which `allowed` tells more than their names.
-
-    Raises
-    ------
-    DataError
-        ``missing_key``.
-    """
-    missing = [key for key in keys if key not in arrays.names]
-    if missing:
-        raise DataError(
-            f"the motion file has no {' and no '.join(missing)}",
-            reason="missing_key",
-            where=str(arrays.path),
-            found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-            allowed=f"a dict with {allowed or ', '.join(keys)}",
-            fix="download the file again",
-        )
-
-
-def require_finite(path: Path, what: str, array: NDArray[np.float64], fix: str, *, columns: bool = False) -> None:
-    """Check that an array (T, ...) of a file is finite.
-
-    Raises
-    ------
-    DataError
-        ``nan``, with the first frame that is not, and with its column if `columns` are known to the user.
-    """
-    finite = np.isfinite(array.reshape(len(array), -1))
-    bad = np.asarray(~finite.all(axis=1))
-    if bad.any():
-        frame = int(bad.argmax())
-        column = f", column {int(finite[frame].argmin())}" if columns else ""
-        raise DataError(
-            f"{what} contains values that are not finite",
-            reason="nan",
-            where=f"{path}, frame {frame}{column}",
-            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
-            fix=fix,
-        )
 
 
 def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Sequence[str] = SPLITS) -> str:

@@ -14,7 +14,13 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.files import require_finite, require_keys
+from dancedata.datasets.motion_checks import (
+    DOWNLOAD_AGAIN,
+    no_frames,
+    require_dancer,
+    require_finite,
+    require_keys,
+)
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
@@ -24,7 +30,6 @@ POSES, ORIENTS, TRANS = "smpl_poses", "smpl_orients", "root_trans"
 JOINTS = 24
 #: Columns of all joints, and of all but the root.
 _ALL, _BODY = 3 * JOINTS, 3 * (JOINTS - 1)
-_DOWNLOAD_AGAIN = "download the file again"
 
 Floats = NDArray[np.float64]
 
@@ -74,17 +79,15 @@ def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
     with open_arrays(path) as arrays:
         sizes = _sizes(arrays)
         for member in members:
-            if not 0 <= member < sizes.dancers:
-                found = f"{sizes.dancers} dancers"
-                raise DataError(f"there is no dancer {member}", reason="missing_dancer", where=str(path), found=found)
+            require_dancer(path, member, sizes.dancers)
         poses, places = arrays.read(POSES)[list(members)], arrays.read(TRANS)[list(members)]
         if sizes.has_orients:
             blank = np.zeros((*poses.shape[:2], _BODY - sizes.width))
             poses = np.concatenate([arrays.read(ORIENTS)[list(members)], poses, blank], axis=-1)
     motions = []
     for member, rows, trans in zip(members, poses, places, strict=True):
-        require_finite(path, f"the rotations of dancer {member}", rows, _DOWNLOAD_AGAIN)
-        require_finite(path, f"{TRANS} of dancer {member}", trans, _DOWNLOAD_AGAIN)
+        require_finite(path, f"the rotations of dancer {member}", rows, DOWNLOAD_AGAIN)
+        require_finite(path, f"{TRANS} of dancer {member}", trans, DOWNLOAD_AGAIN)
         rotations = rows.reshape(len(rows), JOINTS, 3)
         require_rotations(path, f"{POSES} of dancer {member}", rotations, trans, SMPL24.parents)
         motions.append(Motion(trans, rotations, FrameGrid.of(RATE), SMPL24))
@@ -116,7 +119,7 @@ def _sizes(arrays: ArrayFile) -> Sizes:
             where=str(path),
             found=f"{shape}{hint}",
             allowed=allowed,
-            fix=_DOWNLOAD_AGAIN,
+            fix=DOWNLOAD_AGAIN,
         )
     for key in (TRANS, *([ORIENTS] if has_orients else [])):
         if arrays.shape(key) != (*shape[:2], 3):
@@ -126,10 +129,10 @@ def _sizes(arrays: ArrayFile) -> Sizes:
                 where=str(path),
                 found=f"{key} {arrays.shape(key)}, {POSES} {shape}",
                 allowed=f"{key} {(*shape[:2], 3)}: dancers, frames, 3",
-                fix=_DOWNLOAD_AGAIN,
+                fix=DOWNLOAD_AGAIN,
             )
     if not (shape[0] and shape[1]):
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+        raise no_frames(path)
     return Sizes(shape[0], shape[1], width, has_orients)
 
 

@@ -28,7 +28,6 @@ from dancedata.datasets.files import (
     read_names,
     relative,
     require_choice,
-    with_music_dir,
 )
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.files.regular_file import read_regular
@@ -165,8 +164,7 @@ class AiozGdance(Dataset):
         """
         folders, motions = LAYOUT.list_motions(Path(source))
         places = [place / name for place in folders.places for name in MUSIC]
-        own = list_audio(places, folders.source, _name_problem)
-        music = with_music_dir(own, self.music_dir, folders.source, _name_problem)
+        music = list_audio(places, folders.source, _name_problem, music_dir=self.music_dir)
         lists, labels = _Lists.find(folders), self._labels(folders)
         if self.split == OFFICIAL:
             _require_lists(folders, lists)
@@ -178,11 +176,7 @@ class AiozGdance(Dataset):
             )
             for name in names
         ]
-        unused = [
-            Reject("unused_music", file=relative(path, folders.source), detail=f"there is no motions_smpl/{name}.pkl")
-            for name, path in music.files.items()
-            if name not in motions.files
-        ]
+        unused = music.without_motion(motions.files, folders.source, "motions_smpl/{}.pkl")
         at = relative(folders.root / LAYOUT.motions, folders.source)
         notes = (
             f"Layout: AIOZ-GDANCE, by {at}/*.pkl ({counted(len(motions.files), 'sequence')}; {SEQUENCES:,} were "

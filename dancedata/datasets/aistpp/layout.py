@@ -25,7 +25,6 @@ from dancedata.datasets.files import (
     list_folder,
     read_names,
     relative,
-    with_music_dir,
 )
 from dancedata.datasets.layout import Folders, Layout
 
@@ -129,8 +128,7 @@ def find_copy(source: Path, split: str, split_dir: str | None, ignore: bool, mus
     folders, motions = LAYOUT.list_motions(source)
     music_folders = [place / name for place in folders.places for name in MUSIC_FOLDERS]
     music_folders = [folder for folder in (*music_folders, *folders.places) if folder.is_dir()]
-    own = list_audio(music_folders, source, music_problem, mixed=folders.places)
-    music = with_music_dir(own, music_dir, source, music_problem)
+    music = list_audio(music_folders, source, music_problem, mixed=folders.places, music_dir=music_dir)
     sequences = {name: parts for name in motions.files if (parts := parse_name(name)) is not None}
     recordings = frozenset(name for name in sequences if name in music.files)
     songs = {

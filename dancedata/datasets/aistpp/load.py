@@ -12,13 +12,13 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.files import require_finite
+from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, bad_shape, lengths_differ, no_frames, require_finite
 from dancedata.formats.arrays import ValueArrays
 from dancedata.formats.safe_pickle import load_pickle
 
 KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
 JOINTS = 24
-_DOWNLOAD_AGAIN = "download the file again"
+_CONVERT = "download the file again, or convert it"
 _NOT_FINITE = "download the file again, or put the sequence on the ignore list"
 
 Floats = NDArray[np.float64]
@@ -49,19 +49,13 @@ def load_motion(path: Path, frame_rate: int) -> Motion:
     arrays = _read(path)
     poses, trans = arrays.read("smpl_poses"), arrays.read("smpl_trans")
     if not (poses.shape[1:] == (JOINTS * 3,) or poses.shape[1:] == (JOINTS, 3)):
-        raise _bad_shape(path, "smpl_poses", poses, "(N, 72) or (N, 24, 3)")
+        raise bad_shape(path, "smpl_poses", poses.shape, "(N, 72) or (N, 24, 3)", _CONVERT)
     if trans.shape[1:] != (3,):
-        raise _bad_shape(path, "smpl_trans", trans, "(N, 3)")
+        raise bad_shape(path, "smpl_trans", trans.shape, "(N, 3)", _CONVERT)
     if len(poses) != len(trans):
-        raise DataError(
-            "smpl_poses and smpl_trans differ in length",
-            reason="length_mismatch",
-            where=str(path),
-            found=f"{len(poses)} and {len(trans)} frames",
-            fix=_DOWNLOAD_AGAIN,
-        )
+        raise lengths_differ(path, "smpl_poses", len(poses), "smpl_trans", len(trans))
     if len(poses) == 0:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+        raise no_frames(path)
     rotations = poses.reshape(len(poses), JOINTS, 3)
     require_finite(path, "smpl_poses", poses, _NOT_FINITE)
     require_finite(path, "smpl_trans", trans, _NOT_FINITE)
@@ -79,7 +73,7 @@ def _read(path: Path) -> ValueArrays:
             where=str(path),
             found=f"{type(content).__name__}",
             allowed=f"a dict with {', '.join(KEYS)}",
-            fix="download the file again, or convert it",
+            fix=_CONVERT,
         )
     missing = [key for key in KEYS if key not in content]
     if missing:
@@ -98,7 +92,7 @@ def _in_metres(arrays: ValueArrays, trans: Floats) -> Floats:
     """Divide by the factor between the file's units and metres: 89 to 99 in AIST++, 1 for data in metres."""
     array = arrays.read("smpl_scaling")
     if array.size != 1:
-        raise _bad_shape(arrays.path, "smpl_scaling", array, "one number, (1,)")
+        raise bad_shape(arrays.path, "smpl_scaling", array.shape, "one number, (1,)", _CONVERT)
     scaling = float(array.reshape(()))
     if np.isfinite(scaling) and scaling > 0:
         with np.errstate(over="ignore"):
@@ -111,16 +105,5 @@ def _in_metres(arrays: ValueArrays, trans: Floats) -> Floats:
         where=str(arrays.path),
         found=repr(scaling),
         allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-        fix=_DOWNLOAD_AGAIN,
-    )
-
-
-def _bad_shape(path: Path, key: str, array: Floats, allowed: str) -> DataError:
-    return DataError(
-        f"{key} has the wrong shape",
-        reason="bad_shape",
-        where=str(path),
-        found=str(array.shape),
-        allowed=allowed,
-        fix="download the file again, or convert it",
+        fix=DOWNLOAD_AGAIN,
     )

@@ -12,8 +12,15 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.files import require_finite, require_keys
 from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.datasets.motion_checks import (
+    DOWNLOAD_AGAIN,
+    bad_shape,
+    lengths_differ,
+    no_frames,
+    require_finite,
+    require_keys,
+)
 from dancedata.formats.arrays import ValueArrays, load_object
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
@@ -24,7 +31,6 @@ JOINTS = SMPLX55.n_joints
 #: Largest difference between entries of the root's two rotation matrices.
 _SAME_ROOT = 1e-3
 _HEAD, _PELVIS = SMPLX55.index("head"), 0
-_DOWNLOAD_AGAIN = "download the file again"
 
 Floats = NDArray[np.float64]
 
@@ -58,22 +64,16 @@ def load_dancer(path: Path, up: str = "z") -> Motion:
     poses, root, places = (arrays.read(key) for key in KEYS)
     if poses.shape[1:] not in ((3 * JOINTS,), (JOINTS, 3)):
         hint = " (SMPL-H has 156)" if poses.shape[1:] == (156,) else ""
-        raise _bad_shape(path, "poses", f"{poses.shape}{hint}", f"(T, {3 * JOINTS}) or (T, {JOINTS}, 3), SMPL-X")
+        raise bad_shape(path, "poses", f"{poses.shape}{hint}", f"(T, {3 * JOINTS}) or (T, {JOINTS}, 3), SMPL-X")
     for key, array in (("global_orient", root), ("transl", places)):
         if array.ndim != 2 or array.shape[1] != 3:
-            raise _bad_shape(path, key, str(array.shape), "(T, 3)")
+            raise bad_shape(path, key, array.shape, "(T, 3)")
         if len(array) != len(poses):
-            raise DataError(
-                f"poses and {key} differ in length",
-                reason="length_mismatch",
-                where=str(path),
-                found=f"{len(poses)} and {len(array)} frames",
-                fix=_DOWNLOAD_AGAIN,
-            )
+            raise lengths_differ(path, "poses", len(poses), key, len(array))
     if len(poses) == 0:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+        raise no_frames(path)
     for key, array in zip(KEYS, (poses, root, places), strict=True):
-        require_finite(path, key, array, _DOWNLOAD_AGAIN)
+        require_finite(path, key, array, DOWNLOAD_AGAIN)
     rotations = poses.reshape(len(poses), JOINTS, 3).copy()
     require_rotations(path, "poses", rotations, places, SMPLX55.parents)
     turned = matrix_from_rotvec(rotations[:, 0])
@@ -85,7 +85,7 @@ def load_dancer(path: Path, up: str = "z") -> Motion:
             reason="contradiction",
             where=f"{path}, frame {frame}",
             found=f"poses {rotations[frame, 0].round(4).tolist()}, global_orient {root[frame].round(4).tolist()}",
-            fix=_DOWNLOAD_AGAIN,
+            fix=DOWNLOAD_AGAIN,
         )
     upright, pelvis = UPRIGHT[up], SMPLX55.offsets[0]
     rotations[:, 0] = rotvec_from_matrix(upright @ turned)
@@ -102,17 +102,6 @@ def load_dancer(path: Path, up: str = "z") -> Motion:
             fix="set dataset.dd100.up to the axis that is up (z as published, or y), or download the file again",
         )
     return motion
-
-
-def _bad_shape(path: Path, key: str, found: str, allowed: str) -> DataError:
-    return DataError(
-        f"{key} has the wrong shape",
-        reason="bad_shape",
-        where=str(path),
-        found=found,
-        allowed=allowed,
-        fix=_DOWNLOAD_AGAIN,
-    )
 
 
 # The synthetic source.

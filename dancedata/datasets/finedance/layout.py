@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets.files import Files, files_by_stem, list_audio, list_folder, relative, with_music_dir
+from dancedata.datasets.files import Files, files_by_stem, list_audio, list_folder, relative
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.files.regular_file import read_regular
@@ -123,9 +123,7 @@ def list_music(folders: Folders, music_dir: Path | None = None) -> Files:
     def problem(stem: str) -> str:
         return _id_problem(stem, ".wav")
 
-    return with_music_dir(
-        list_audio([folders.root / MUSIC], folders.source, problem), music_dir, folders.source, problem
-    )
+    return list_audio([folders.root / MUSIC], folders.source, problem, music_dir=music_dir)
 
 
 def music_fix(folders: Folders, music: Files) -> Callable[[str], str]:

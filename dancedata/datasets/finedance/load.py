@@ -8,8 +8,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import Skeleton
 from dancedata.datasets._rotations import check_rows, rotations_of
-from dancedata.datasets.files import require_finite
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE
+from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, no_frames, require_finite
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.arrays import ArrayFile, open_arrays
 
@@ -43,7 +43,6 @@ def _music_length(path: Path) -> tuple[int, int]:
 
 JOINTS = SMPLX52.n_joints
 COLUMNS = 3 + 6 * JOINTS
-_DOWNLOAD_AGAIN = "download the file again"
 
 
 def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int = 0) -> Motion:
@@ -75,7 +74,7 @@ def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int
     with open_arrays(path) as arrays:
         _length(arrays)
         array = arrays.read("")
-    require_finite(path, "the motion", array, _DOWNLOAD_AGAIN, columns=True)
+    require_finite(path, "the motion", array, DOWNLOAD_AGAIN, columns=True)
     rows = array[:, 3:].reshape(len(array), JOINTS, 6)
     check_rows(path, rows)
     if trim_start >= len(array):
@@ -111,7 +110,7 @@ def _length(arrays: ArrayFile) -> int:
             fix=_shape_advice(shape),
         )
     if shape[0] == 0:
-        raise DataError("the motion has no frames", reason="empty", where=str(arrays.path), fix=_DOWNLOAD_AGAIN)
+        raise no_frames(arrays.path)
     return shape[0]
 
 
@@ -124,4 +123,4 @@ def _shape_advice(shape: tuple[int, ...]) -> str:
         )
     if len(shape) == 2 and shape[0] == COLUMNS:
         return "rows and columns are swapped: transpose the array"
-    return _DOWNLOAD_AGAIN
+    return DOWNLOAD_AGAIN

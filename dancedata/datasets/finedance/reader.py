@@ -236,8 +236,8 @@ class FineDance(Dataset):
                 Reject("missing_motion", clip=clip, detail=f"there is no motion/{clip}.npy")
                 for clip in sorted(absent)
             ),
-            *_without_motion(folders, motions, music, "unused_music"),
-            *_without_motion(folders, motions, labels, "extra_file"),
+            *music.without_motion(motions.files, folders.source, "motion/{}.npy"),
+            *labels.without_motion(motions.files, folders.source, "motion/{}.npy", "extra_file"),
             *music.rejects,
             *motions.rejects,
             *labels.rejects,
@@ -331,12 +331,3 @@ class FineDance(Dataset):
         split = facts().listed(self.split, clip)
         both = f", and in {self.split}.{split}; the ignore list takes precedence" if split else ""
         return "ignored", f"on the list {' and '.join(lists)}{both}; keep: ['{clip}'] keeps it"
-
-
-def _without_motion(folders: Folders, motions: Files, files: Files, reason: str) -> list[Reject]:
-    """Return a reject for every music file or label without a motion."""
-    return [
-        Reject(reason, file=relative(path, folders.source), detail=f"there is no motion/{clip}.npy")
-        for clip, path in files.files.items()
-        if clip not in motions.files
-    ]

@@ -28,16 +28,17 @@ from dancedata.datasets.folder.array_values import (
     finite,
     from_matrices,
     is_three_columns,
-    length_mismatch,
     scales,
     scaling,
     stored_rate,
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
+from dancedata.datasets.motion_checks import lengths_differ
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
 
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
+_SAVE_AGAIN = "save the file again"
 _AMASS_RATES = RATE_KEYS[:2]
 _TRANSLATIONS = ("trans", "transl", "smpl_trans")
 _BODIES: dict[str, Skeleton] = {"smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55}
@@ -261,9 +262,8 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
         parts = _PARTS[layout.body]
         rotations = np.concatenate([_part(arrays, names, width, len(translation)) for names, width in parts], axis=1)
     if len(rotations) != len(translation):
-        raise length_mismatch(
-            arrays, layout.poses or "body_pose", len(rotations), layout.translation or "", len(translation)
-        )
+        poses, places = layout.poses or "body_pose", layout.translation or ""
+        raise lengths_differ(arrays.path, poses, len(rotations), places, len(translation), _SAVE_AGAIN)
     rotations = rotations.reshape(len(rotations), joints, 3)
     if not layout.matrices:  # matrices were checked as rotations
         what = _rotation_name(arrays, layout)
@@ -297,7 +297,7 @@ def _part(arrays: ArrayFile, names: Sequence[str], width: int, n_frames: int) ->
         hands = "save hands as full poses (use_pca=False), or omit them" if "hand" in name else None
         raise bad_shape(arrays, name, f"{allowed}, axis-angle", hands)
     if len(part) != n_frames:
-        raise length_mismatch(arrays, name, len(part), "the translation", n_frames)
+        raise lengths_differ(arrays.path, name, len(part), "the translation", n_frames, _SAVE_AGAIN)
     return part
 
 

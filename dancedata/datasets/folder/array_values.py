@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.text import shown
+from dancedata.datasets import motion_checks
 from dancedata.datasets._rotations import POSITIONS
-from dancedata.datasets.files import require_finite
 from dancedata.datasets.folder.facts import MAX_RATE, MIN_RATE, exact_rate, rate_of_text
+from dancedata.datasets.motion_checks import require_finite
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 
@@ -98,25 +99,8 @@ def is_three_columns(arrays: ArrayFile, name: str) -> bool:
 
 def bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:
     """Return the DataError for an array of another shape."""
-    return DataError(
-        f"{name or 'the array'} has the wrong shape",
-        reason="bad_shape",
-        where=str(arrays.path),
-        found=str(arrays.shape(name)),
-        allowed=allowed,
-        fix=fix or (POSITIONS if is_three_columns(arrays, name) else "save the motion in one of the layouts above"),
-    )
-
-
-def length_mismatch(arrays: ArrayFile, one: str, n_one: int, other: str, n_other: int) -> DataError:
-    """Return the DataError for two arrays of different lengths."""
-    return DataError(
-        f"{one} and {other} differ in length",
-        reason="length_mismatch",
-        where=str(arrays.path),
-        found=f"{n_one} and {n_other} frames",
-        fix="save the file again",
-    )
+    fix = fix or (POSITIONS if is_three_columns(arrays, name) else "save the motion in one of the layouts above")
+    return motion_checks.bad_shape(arrays.path, name or "the array", arrays.shape(name), allowed, fix)
 
 
 def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:

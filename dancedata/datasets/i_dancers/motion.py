@@ -15,8 +15,16 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._upright import up_axis
-from dancedata.datasets.files import require_finite, require_keys
 from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.datasets.motion_checks import (
+    DOWNLOAD_AGAIN,
+    bad_shape,
+    no_frames,
+    require_dancer,
+    require_finite,
+    require_keys,
+    require_matrices,
+)
 from dancedata.formats.arrays import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
@@ -24,10 +32,7 @@ from dancedata.synthetic.music import wav_bytes
 KEYS = ("smpl_poses", "smpl_trans")
 SUFFIX = "_smpl"
 JOINTS = 24
-#: Bound of the deviation of matrices from rotations.
-_TOLERANCE = 1e-3
 _HEAD = SMPL24.index("head")
-_DOWNLOAD_AGAIN = "download the file again"
 
 Floats = NDArray[np.float64]
 
@@ -76,15 +81,12 @@ def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "
     if frames <= 2 * trim:
         raise too_short(path, frames, trim)
     if places.shape != (dancers, frames, 3):
-        raise _bad_shape(path, "smpl_trans", places.shape, f"{(dancers, frames, 3)}, as smpl_poses")
+        raise bad_shape(path, "smpl_trans", places.shape, f"{(dancers, frames, 3)}, as smpl_poses")
     for member in members:
-        if not 0 <= member < dancers:
-            raise DataError(
-                f"there is no dancer {member}", reason="missing_dancer", where=str(path), found=f"{dancers} dancers"
-            )
-        require_finite(path, f"dancer {member}: smpl_trans", places[member], _DOWNLOAD_AGAIN)
-        require_finite(path, f"dancer {member}: smpl_poses", matrices[member].reshape(frames, -1), _DOWNLOAD_AGAIN)
-        _require_rotations(path, member, matrices[member])
+        require_dancer(path, member, dancers)
+        require_finite(path, f"dancer {member}: smpl_trans", places[member], DOWNLOAD_AGAIN)
+        require_finite(path, f"dancer {member}: smpl_poses", matrices[member].reshape(frames, -1), DOWNLOAD_AGAIN)
+        require_matrices(f"{path}, dancer {member}", matrices[member], SMPL24.joints)
     matrices, places = (a[:, trim : frames - trim] for a in (matrices, places))
     finite = [k for k in range(dancers) if np.isfinite(matrices[k]).all() and np.isfinite(places[k]).all()]
     grid = FrameGrid(rate)
@@ -117,37 +119,11 @@ def _spine(motion: Motion) -> Floats:
     return np.asarray((joints[:, _HEAD] - joints[:, 0]).mean(axis=0))
 
 
-def _require_rotations(path: Path, dancer: int, matrices: Floats) -> None:
-    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
-    if not (off <= _TOLERANCE).all():
-        frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE))[0])
-        raise DataError(
-            "not a rotation matrix",
-            reason="bad_rotation",
-            where=f"{path}, dancer {dancer}, frame {frame}, joint {SMPL24.joints[joint]}",
-            found=f"deviation {off[frame, joint]:.3g}",
-            allowed=f"orthonormal, determinant 1, within {_TOLERANCE:g}",
-            fix=_DOWNLOAD_AGAIN,
-        )
-
-
 def _require_shape(path: Path, shape: tuple[int, ...]) -> None:
     if len(shape) != 5 or shape[2:] != (JOINTS, 3, 3) or shape[0] < 1:
-        raise _bad_shape(path, "smpl_poses", shape, f"(P, T, {JOINTS}, 3, 3) of rotation matrices")
+        raise bad_shape(path, "smpl_poses", shape, f"(P, T, {JOINTS}, 3, 3) of rotation matrices")
     if shape[1] == 0:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
-
-
-def _bad_shape(path: Path, key: str, shape: tuple[int, ...], allowed: str) -> DataError:
-    return DataError(
-        f"{key} has the wrong shape",
-        reason="bad_shape",
-        where=str(path),
-        found=str(shape),
-        allowed=allowed,
-        fix=_DOWNLOAD_AGAIN,
-    )
+        raise no_frames(path)
 
 
 # The synthetic source.

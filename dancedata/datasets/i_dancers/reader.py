@@ -24,7 +24,6 @@ from dancedata.datasets.files import (
     read_names,
     relative,
     require_choice,
-    with_music_dir,
 )
 from dancedata.datasets.i_dancers.motion import SUFFIX
 from dancedata.datasets.layout import Folders, Layout
@@ -123,8 +122,7 @@ class IDancers(Dataset):
             If the folder is not a copy of I-Dancers, a list is missing, or both name a sequence.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
-        own = list_audio([folders.root / "music"], folders.source, lambda stem: "")
-        music = with_music_dir(own, self.music_dir, folders.source, lambda stem: "")
+        music = list_audio([folders.root / "music"], folders.source, lambda stem: "", music_dir=self.music_dir)
         lists = _find_lists(folders)
         clips, left_out = self._clips(folders, motions, music, lists)
         names = {stem.removesuffix(SUFFIX) for stem in motions.files}
@@ -132,13 +130,7 @@ class IDancers(Dataset):
             Reject("missing_motion", clip=name, detail=f"listed, but there is no motion/{name}{SUFFIX}.pkl")
             for name in sorted({name for of_split in lists.values() for name in of_split} - names)
         ]
-        unused = [
-            Reject(
-                "unused_music", file=relative(path, folders.source), detail=f"there is no motion/{name}{SUFFIX}.pkl"
-            )
-            for name, path in music.files.items()
-            if name not in names
-        ]
+        unused = music.without_motion(names, folders.source, f"motion/{{}}{SUFFIX}.pkl")
         rates = sorted({dict(clip.declared)["fps"] for clip in clips}, key=Fraction)
         notes = (
             f"Layout: I-Dancers, by {relative(folders.root / LAYOUT.motions, folders.source)}/*.pkl "

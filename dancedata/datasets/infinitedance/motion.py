@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.bodies import SMPLX22, on_body
-from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets._upright import up_axis
-from dancedata.datasets.files import require_finite, require_keys
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.datasets.infinitedance.reader import (
     COLUMNS_FOLDER,
@@ -23,6 +21,14 @@ from dancedata.datasets.infinitedance.reader import (
     MUSIC55_FOLDER,
     TEST_FOLDER,
     TOKENS_FOLDER,
+)
+from dancedata.datasets.motion_checks import (
+    DOWNLOAD_AGAIN,
+    bad_shape,
+    lengths_differ,
+    no_frames,
+    require_finite,
+    require_keys,
 )
 from dancedata.formats.arrays import open_arrays
 from dancedata.representations.humanml264 import Humanml264
@@ -35,7 +41,6 @@ BODY, SMPL_BODY = 21, 23
 AXES = ("y", "z", "-y")
 COLUMNS = 264
 _HEAD = SMPLX22.index("head")
-_DOWNLOAD_AGAIN = "download the file again"
 _OTHER_COLUMNS = {263: "; 263 are HumanML3D's", 266: "; 266 have the root's x and z as well"}
 
 Floats = NDArray[np.float64]
@@ -68,23 +73,17 @@ def load_fit(path: Path, up: str = "auto") -> Motion:
         require_keys(arrays, KEYS)
         pose, root, places = (arrays.read(key) for key in KEYS)
     if pose.ndim < 2 or pose[:1].size not in (0, 3 * BODY, 3 * SMPL_BODY):
-        raise _bad_shape(path, "body_pose", pose.shape, "(T, 63) or (T, 21, 3); of SMPL (T, 69) or (T, 23, 3)")
+        raise bad_shape(path, "body_pose", pose.shape, "(T, 63) or (T, 21, 3); of SMPL (T, 69) or (T, 23, 3)")
     n = len(pose)
     for key, array in (("global_orient", root), ("transl", places)):
         if not array.ndim or array[:1].size not in (0, 3):
-            raise _bad_shape(path, key, array.shape, "(T, 3)")
+            raise bad_shape(path, key, array.shape, "(T, 3)")
         if len(array) != n:
-            raise DataError(
-                f"body_pose and {key} differ in length",
-                reason="length_mismatch",
-                where=str(path),
-                found=f"{n} and {len(array)} frames",
-                fix=_DOWNLOAD_AGAIN,
-            )
+            raise lengths_differ(path, "body_pose", n, key, len(array))
     if not n:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+        raise no_frames(path)
     for key, array in zip(KEYS, (pose, root, places), strict=True):
-        require_finite(path, key, array, _DOWNLOAD_AGAIN)
+        require_finite(path, key, array, DOWNLOAD_AGAIN)
     places = places.reshape(n, 3)
     rotations = np.concatenate([root.reshape(n, 1, 3), pose.reshape(n, -1, 3)[:, :BODY]], axis=1)
     require_rotations(path, "body_pose", rotations, places, SMPLX22.parents)
@@ -113,22 +112,11 @@ def load_columns(path: Path) -> Motion:
         columns = arrays.read("") if len(shape) == 2 and shape[1] == COLUMNS else None
     if columns is None:
         hint = _OTHER_COLUMNS.get(shape[1], "") if len(shape) == 2 else ""
-        raise _bad_shape(path, "the array", shape, f"(T, {COLUMNS}){hint}")
+        raise bad_shape(path, "the array", shape, f"(T, {COLUMNS}){hint}")
     if not len(columns):
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
-    require_finite(path, "the array", columns, _DOWNLOAD_AGAIN, columns=True)
+        raise no_frames(path)
+    require_finite(path, "the array", columns, DOWNLOAD_AGAIN, columns=True)
     return Humanml264().decode(columns, FrameGrid.of(RATE))
-
-
-def _bad_shape(path: Path, key: str, shape: tuple[int, ...], allowed: str) -> DataError:
-    return DataError(
-        f"{key} has the wrong shape",
-        reason="bad_shape",
-        where=str(path),
-        found=str(shape),
-        allowed=allowed,
-        fix=_DOWNLOAD_AGAIN,
-    )
 
 
 # The synthetic source.

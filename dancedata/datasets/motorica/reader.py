@@ -18,7 +18,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_audio, relative, with_music_dir
+from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_audio, relative
 from dancedata.datasets.files import require_choice as choice
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
@@ -142,13 +142,13 @@ class Motorica(Dataset):
         """
         folders, motions = LAYOUT.list_motions(Path(source))
         folder = folders.root / LAYOUT.motions
-        own = list_audio(
+        music = list_audio(
             [folders.root / "wav", folder, *folders.places],
             folders.source,
             lambda stem: "",
             [folder, *folders.places],
+            music_dir=self.music_dir,
         )
-        music = with_music_dir(own, self.music_dir, folders.source, lambda stem: "")
         clips, left_out = self._clips(folders, motions, music)
         clips, unlabelled, labels = self._with_labels(clips, folders.root)
         left_out += unlabelled

@@ -14,7 +14,7 @@ from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.sides import wrong_up
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.core.text import listed, quoted
-from dancedata.datasets.files import require_finite
+from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, bad_shape, lengths_differ, no_frames, require_finite
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 from dancedata.synthetic import synthesise_motion, synthesise_song
@@ -33,7 +33,6 @@ MAX_BYTES = 1 << 28
 _TOLERANCE = 0.01
 #: Unity's axes are left-handed, +X right: the mirror across x = 0 of positions, and of quaternions x y z w.
 _MIRROR, _MIRROR_TURN = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0, 1.0])
-_DOWNLOAD_AGAIN = "download the file again"
 
 Floats = NDArray[np.float64]
 
@@ -58,13 +57,7 @@ def load_motion(path: Path) -> Motion:
     places = _array(path, "root_positions", content, (3,))
     turns = _array(path, "rotations", content, (len(BONES), 4))
     if len(places) != len(turns):
-        raise DataError(
-            "root_positions and rotations differ in length",
-            reason="length_mismatch",
-            where=str(path),
-            found=f"{len(places)} and {len(turns)} frames",
-            fix=_DOWNLOAD_AGAIN,
-        )
+        raise lengths_differ(path, "root_positions", len(places), "rotations", len(turns))
     motion = Motion(places * _MIRROR, _local(path, turns[:, order]), FrameGrid.of(RATE), SMPL24_EDGE)
     _check_axes(path, motion)
     return motion
@@ -80,7 +73,7 @@ def _content(path: Path) -> dict[str, Any]:
             where=str(path),
             found=str(error),
             allowed=f"JSON of at most {MAX_BYTES:,} bytes",
-            fix=_DOWNLOAD_AGAIN,
+            fix=DOWNLOAD_AGAIN,
         ) from error
     if isinstance(content, dict) and "name" in content:
         content.setdefault("bone_name", content["name"])  # of the first release
@@ -109,7 +102,7 @@ def _order(path: Path, names: Any) -> list[int]:
             where=str(path),
             found=listed(bones, show=quoted) or type(names).__name__,
             allowed=f"{len(BONES)} names: {', '.join(BONES[:4])}, ...",
-            fix=_DOWNLOAD_AGAIN,
+            fix=DOWNLOAD_AGAIN,
         )
     return [bones.index(name) for name in BONES]
 
@@ -123,17 +116,10 @@ def _array(path: Path, key: str, content: dict[str, Any], shape: tuple[int, ...]
     else:
         found = str(array.shape)
     if array.shape == (0,) and content[key] == []:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
+        raise no_frames(path)
     if array.shape[1:] != shape:
-        raise DataError(
-            f"{key} has the wrong shape",
-            reason="bad_shape",
-            where=str(path),
-            found=found,
-            allowed=f"(T, {', '.join(map(str, shape))})",
-            fix=_DOWNLOAD_AGAIN,
-        )
-    require_finite(path, key, array, _DOWNLOAD_AGAIN)
+        raise bad_shape(path, key, found, f"(T, {', '.join(map(str, shape))})")
+    require_finite(path, key, array, DOWNLOAD_AGAIN)
     return array
 
 
@@ -150,7 +136,7 @@ def _local(path: Path, turns: Floats) -> Floats:
             where=f"{path}, frame {frame}, {BONES[joint]}",
             found=f"({', '.join(f'{x:.4g}' for x in turns[frame, joint])})",
             allowed=f"x y z w, of length 1 within {_TOLERANCE:g}",
-            fix=_DOWNLOAD_AGAIN,
+            fix=DOWNLOAD_AGAIN,
         )
     world = Rotation.from_quat((turns * _MIRROR_TURN).reshape(-1, 4)).as_matrix().reshape(*turns.shape[:2], 3, 3)
     local = world.copy()

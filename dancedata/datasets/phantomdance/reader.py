@@ -27,7 +27,6 @@ from dancedata.datasets.files import (
     relative,
     require_choice,
     require_folder,
-    with_music_dir,
 )
 
 BY_SONG = "by-song"
@@ -96,8 +95,7 @@ class PhantomDance(Dataset):
         motions = files_by_stem(folder, source, ".json", lambda stem: "")
         places = [folder, source, *(entry for entry in list_folder(source) if entry.is_dir() and entry != folder)]
         places = list(dict.fromkeys(places))
-        own = list_audio(places, source, lambda stem: "", places)
-        music = with_music_dir(own, self.music_dir, source, lambda stem: "")
+        music = list_audio(places, source, lambda stem: "", places, self.music_dir)
         near = NearMusic(source, places, set(music.files.values()), motions.files.__contains__)
         clips, left_out = [], []
         for name, path in sorted(motions.files.items()):
@@ -109,11 +107,7 @@ class PhantomDance(Dataset):
                 continue
             split = ALL if self.split == ALL else RULE.split(name)
             clips.append(ClipRef(name, path, audio, split, music=name, music_fix=fix))
-        unused = [
-            Reject("unused_music", file=relative(path, source), detail=f"there is no {name}.json")
-            for name, path in music.files.items()
-            if name not in motions.files
-        ]
+        unused = music.without_motion(motions.files, source, "{}.json")
         others = [r for r in motions.rejects if not _is_beside(r.file, source, folder)]
         where = "" if folder == source else f"{relative(folder, source)}/"
         rule = "a tenth of the dances each is val and test, by a hash of their names"

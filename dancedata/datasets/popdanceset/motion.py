@@ -7,13 +7,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.files import require_finite, require_keys
+from dancedata.datasets.motion_checks import (
+    DOWNLOAD_AGAIN,
+    bad_shape,
+    lengths_differ,
+    no_frames,
+    require_finite,
+    require_keys,
+    require_matrices,
+)
 from dancedata.formats.arrays import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.music import wav_bytes
@@ -27,9 +34,6 @@ _UPRIGHT = np.diag([1.0, -1.0, -1.0])
 _UPRIGHT_VECTOR = np.array([np.pi, 0.0, 0.0])
 #: What POPDG adds to positions after the turn, in our axes: one metre up, five towards the camera.
 _POPDG_PLACE = (0.0, 1.0, 5.0)
-#: Bound of the deviation of matrices from rotations.
-_TOLERANCE = 1e-3
-_DOWNLOAD_AGAIN = "download the file again"
 
 Floats = NDArray[np.float64]
 
@@ -63,10 +67,10 @@ def load_motion(path: Path, scale: Scale) -> Motion:
         camera = arrays.read("pred_camera") if scale == "multiply" else None
     n = len(places) if places.ndim == 2 and places.shape[1] == 3 else -1
     if n == -1:
-        raise _bad_shape(path, "transl", places, "(T, 3)")
+        raise bad_shape(path, "transl", places.shape, "(T, 3)")
     if n == 0:
-        raise DataError("the motion has no frames", reason="empty", where=str(path), fix=_DOWNLOAD_AGAIN)
-    require_finite(path, "transl", places, _DOWNLOAD_AGAIN)
+        raise no_frames(path)
+    require_finite(path, "transl", places, DOWNLOAD_AGAIN)
     rotations = _rotations(path, thetas, places)
     if camera is not None:
         places = places * _factors(path, camera, n)
@@ -80,27 +84,16 @@ def _rotations(path: Path, thetas: Floats, places: Floats) -> Floats:
     n, size = len(thetas) if thetas.ndim else 0, thetas[0].size if thetas.ndim and len(thetas) else 0
     if size not in (3 * JOINTS, 9 * JOINTS):
         allowed = f"(T, {3 * JOINTS}) or (T, {JOINTS}, 3) of axis-angle, or (T, {9 * JOINTS}) of matrices"
-        raise _bad_shape(path, "pred_thetas", thetas, allowed)
+        raise bad_shape(path, "pred_thetas", thetas.shape, allowed)
     if n != len(places):
-        raise _differ(path, "pred_thetas", n, len(places))
-    require_finite(path, "pred_thetas", thetas.reshape(n, -1), _DOWNLOAD_AGAIN)
+        raise lengths_differ(path, "pred_thetas", n, "transl", len(places))
+    require_finite(path, "pred_thetas", thetas.reshape(n, -1), DOWNLOAD_AGAIN)
     if size == 3 * JOINTS:
         vectors = thetas.reshape(n, JOINTS, 3)
         require_rotations(path, "pred_thetas", vectors, places, SMPL24_EDGE.parents)
         return vectors.copy()
     matrices = thetas.reshape(n, JOINTS, 3, 3)
-    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
-    if not (off <= _TOLERANCE).all():
-        frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE))[0])
-        raise DataError(
-            "not a rotation matrix",
-            reason="bad_rotation",
-            where=f"{path}, frame {frame}, joint {SMPL24_EDGE.joints[joint]}",
-            found=f"deviation {off[frame, joint]:.3g}",
-            allowed=f"orthonormal, determinant 1, within {_TOLERANCE:g}",
-            fix=_DOWNLOAD_AGAIN,
-        )
+    require_matrices(str(path), matrices, SMPL24_EDGE.joints)
     return rotvec_from_matrix(matrices)
 
 
@@ -108,32 +101,11 @@ def _factors(path: Path, camera: Floats, n: int) -> Floats:
     """Return the factors (T, 1) by which POPDG multiplies the translation."""
     if camera.shape not in ((n,), (n, 1)):
         if camera.ndim and len(camera) != n:
-            raise _differ(path, "pred_camera", len(camera), n)
+            raise lengths_differ(path, "pred_camera", len(camera), "transl", n)
         fix = "set scale: none; what scale such a file has is not known"
-        raise _bad_shape(path, "pred_camera", camera, "(T, 1)", fix)
-    require_finite(path, "pred_camera", camera, _DOWNLOAD_AGAIN)
+        raise bad_shape(path, "pred_camera", camera.shape, "(T, 1)", fix)
+    require_finite(path, "pred_camera", camera, DOWNLOAD_AGAIN)
     return camera.reshape(n, 1)
-
-
-def _differ(path: Path, key: str, n: int, expected: int) -> DataError:
-    return DataError(
-        f"{key} and transl differ in length",
-        reason="length_mismatch",
-        where=str(path),
-        found=f"{n} and {expected} frames",
-        fix=_DOWNLOAD_AGAIN,
-    )
-
-
-def _bad_shape(path: Path, key: str, array: Floats, allowed: str, fix: str = _DOWNLOAD_AGAIN) -> DataError:
-    return DataError(
-        f"{key} has the wrong shape",
-        reason="bad_shape",
-        where=str(path),
-        found=str(array.shape),
-        allowed=allowed,
-        fix=fix,
-    )
 
 
 # The synthetic source.

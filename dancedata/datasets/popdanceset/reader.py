@@ -25,7 +25,6 @@ from dancedata.datasets.files import (
     read_names,
     relative,
     require_choice,
-    with_music_dir,
 )
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.originals import original
@@ -152,8 +151,7 @@ class PopDanceSet(Dataset):
             If the folder is not a copy of PopDanceSet, or the lists are missing or name a clip twice.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
-        own = list_audio([folders.root / "wavs"], folders.source, _name_problem)
-        music = with_music_dir(own, self.music_dir, folders.source, _name_problem)
+        music = self._music(folders)
         lists = _Lists.find(folders)
         if self.split == OFFICIAL:
             self._require_lists(folders, lists)
@@ -163,11 +161,7 @@ class PopDanceSet(Dataset):
             Reject("missing_motion", clip=name, detail=f"listed, but there is no motions/{name}.pkl")
             for name in sorted(listed_names - set(motions.files))
         ]
-        unused = [
-            Reject("unused_music", file=relative(path, folders.source), detail=f"there is no motions/{name}.pkl")
-            for name, path in music.files.items()
-            if name not in motions.files
-        ]
+        unused = music.without_motion(motions.files, folders.source, "motions/{}.pkl")
         at = relative(folders.root / LAYOUT.motions, folders.source)
         notes = (
             f"Layout: PopDanceSet, by {at}/*.pkl ({counted(len(motions.files), 'file')}; {CLIPS:,} were published); "
@@ -185,8 +179,7 @@ class PopDanceSet(Dataset):
     def compared(self, source: Path) -> "Sequence[Compared | str]":
         """Compare motions, songs and lists with those of POPDG's repository."""
         folders, motions = LAYOUT.list_motions(Path(source))
-        music = list_audio([folders.root / "wavs"], folders.source, _name_problem)
-        music = with_music_dir(music, self.music_dir, folders.source, _name_problem)
+        music = self._music(folders)
         published, where = original(self.name), folders.source / _Lists.find(folders).where
         return (
             published.compare("motions", motions.files),
@@ -212,6 +205,9 @@ class PopDanceSet(Dataset):
         from dancedata.datasets.popdanceset.motion import write_example
 
         write_example(Path(folder))
+
+    def _music(self, folders: Folders) -> Files:
+        return list_audio([folders.root / "wavs"], folders.source, _name_problem, music_dir=self.music_dir)
 
     def _require_lists(self, folders: Folders, lists: _Lists) -> None:
         if not lists.split:
