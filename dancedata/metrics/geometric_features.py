@@ -10,14 +10,14 @@ from typing import ClassVar
 import numpy as np
 
 from dancedata.core.dance import Dance, checked_joints
-from dancedata.core.plugins import Better, Metric
+from dancedata.core.plugins import Better
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.typing import override
 from dancedata.metrics.arguments import BoolArray, Up, at_least, axis_of, first_joints
 from dancedata.metrics.root import Root, rooted
-from dancedata.metrics.set_statistics import SetScores, checked_statistics
+from dancedata.metrics.set_statistics import SetMetric
 
 #: Lengths of the body that thresholds are multiples of, for every dancer, metres: humerus, shoulders, hips.
 HUMERUS_M = float(np.linalg.norm(np.subtract((0.199113488, 0.236807942, -0.0180702247),
@@ -202,7 +202,7 @@ def geometric(joints: Float64Array, *, up: Up = "y") -> Float64Array:
 
 @METRICS.register("geometric")
 @dataclass(frozen=True)
-class Geometric(Metric):
+class Geometric(SetMetric):
     """Frechet distance and diversity of geometric features, FID_g (FID_m) and Div_g (Div_m) of the papers.
 
     Attributes
@@ -219,17 +219,13 @@ class Geometric(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "google/aistplusplus_api 2dd7b3e, features/manual.py; the same in all published programs"
-    needs_pool: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"fid_g": "lower", "div_g": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
+    score: ClassVar[str] = "g"
 
     root: Root = "zero_start"
     up: Up = "y"
     joints: int = 24
     statistics: str = "numpy"
-
-    def __post_init__(self) -> None:
-        checked_statistics(self.statistics)
 
     @property
     @override
@@ -241,7 +237,3 @@ class Geometric(Metric):
         """Return the shares of one clip, (32,), rounded to float32 as they are stored everywhere."""
         positions = rooted(first_joints(dance.joints, self.joints), self.root)
         return geometric(positions, up=self.up).astype(np.float32).astype(np.float64)
-
-    @override
-    def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        return SetScores.of(rows, pool, self.statistics).named("g")

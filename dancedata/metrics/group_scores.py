@@ -22,7 +22,7 @@ from dancedata.metrics.groups import (
     group_kinetic,
     root_distances,
 )
-from dancedata.metrics.set_statistics import SetScores, checked_statistics
+from dancedata.metrics.set_statistics import SetMetric
 
 _GCD = "Le et al. 2023, Controllable Group Choreography Using Contrastive Diffusion; aioz-ai/GCD b9524d8, eval"
 _DUOLANDO = "Siyao et al. 2024, Duolando; lisiyao21/Duolando abb93e6, utils/metrics_duet.py"
@@ -30,9 +30,21 @@ _DUOLANDO = "Siyao et al. 2024, Duolando; lisiyao21/Duolando abb93e6, utils/metr
 _ECHO_S = 0.1
 
 
+class _GroupMetric(Metric):
+    """Measures groups of dancers; without features of its own the columns are the scores."""
+
+    of_groups: ClassVar[bool] = True
+    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
+
+    @property
+    @override
+    def columns(self) -> tuple[str, ...]:
+        return tuple(self.better)
+
+
 @METRICS.register("group_kinetic")
 @dataclass(frozen=True)
-class GroupKinetic(Metric):
+class GroupKinetic(SetMetric, _GroupMetric):
     """GMR, group motion realism: the Frechet distance of kinetic features of groups, and their diversity.
 
     Attributes
@@ -45,16 +57,11 @@ class GroupKinetic(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = _GCD
-    of_groups: ClassVar[bool] = True
-    needs_pool: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"fid_group": "lower", "div_group": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
+    score: ClassVar[str] = "group"
 
     joints: int = 24
     statistics: str = "numpy"
-
-    def __post_init__(self) -> None:
-        checked_statistics(self.statistics)
 
     @property
     @override
@@ -66,14 +73,10 @@ class GroupKinetic(Metric):
     def measure(self, dance: Dance) -> Float64Array:
         return group_kinetic(dance.joints[:, :, : self.joints], dance.fps)
 
-    @override
-    def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        return SetScores.of(rows, pool, self.statistics).named("group")
-
 
 @METRICS.register("group_correlation")
 @dataclass(frozen=True)
-class GroupCorrelation(Metric):
+class GroupCorrelation(_GroupMetric):
     """GMC, group motion correlation, see `group_correlation`.
 
     Attributes
@@ -84,16 +87,9 @@ class GroupCorrelation(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = _GCD
-    of_groups: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"gmc": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
 
     joints: int = 24
-
-    @property
-    @override
-    def columns(self) -> tuple[str, ...]:
-        return ("gmc",)
 
     @override
     def measure(self, dance: Dance) -> Float64Array:
@@ -102,19 +98,12 @@ class GroupCorrelation(Metric):
 
 @METRICS.register("collisions")
 @dataclass(frozen=True)
-class Collisions(Metric):
+class Collisions(_GroupMetric):
     """TIF, intersecting pairs of bodies per frame in both orders, and the share of frames with any: `collisions`."""
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Le et al. 2023, Music-Driven Group Choreography, CVPR; capsules in place of meshes"
-    of_groups: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"tif": "closer", "colliding": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
-
-    @property
-    @override
-    def columns(self) -> tuple[str, ...]:
-        return ("tif", "colliding")
 
     @override
     def measure(self, dance: Dance) -> Float64Array:
@@ -125,19 +114,12 @@ class Collisions(Metric):
 
 @METRICS.register("root_distances")
 @dataclass(frozen=True)
-class RootDistances(Metric):
+class RootDistances(_GroupMetric):
     """Distances of pelves in metres: the mean over pairs and frames, and the mean over frames of the nearest pair."""
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "this project"
-    of_groups: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"root_distance": "closer", "nearest_roots": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
-
-    @property
-    @override
-    def columns(self) -> tuple[str, ...]:
-        return ("root_distance", "nearest_roots")
 
     @override
     def measure(self, dance: Dance) -> Float64Array:
@@ -148,7 +130,7 @@ class RootDistances(Metric):
 
 @METRICS.register("contact_spans")
 @dataclass(frozen=True)
-class ContactSpans(Metric):
+class ContactSpans(_GroupMetric):
     """Contacts of a hand with another dancer: the share of frames with one, and spans per minute, means over pairs.
 
     Attributes
@@ -161,17 +143,10 @@ class ContactSpans(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "this project"
-    of_groups: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"touching": "closer", "contacts_per_minute": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
 
     within_m: float = 0.1
     least_s: float = 1 / 6
-
-    @property
-    @override
-    def columns(self) -> tuple[str, ...]:
-        return ("touching", "contacts_per_minute")
 
     @override
     def measure(self, dance: Dance) -> Float64Array:
@@ -188,7 +163,7 @@ class ContactSpans(Metric):
 
 @METRICS.register("duet_distances")
 @dataclass(frozen=True)
-class DuetDistances(Metric):
+class DuetDistances(SetMetric, _GroupMetric):
     """FID_cd and Div_cd: Frechet distance and diversity of the distances of two dancers, see `duet_distances`.
 
     Attributes
@@ -199,15 +174,10 @@ class DuetDistances(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = _DUOLANDO
-    of_groups: ClassVar[bool] = True
-    needs_pool: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"fid_cd": "lower", "div_cd": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
+    score: ClassVar[str] = "cd"
 
     statistics: str = "numpy"
-
-    def __post_init__(self) -> None:
-        checked_statistics(self.statistics)
 
     @property
     @override
@@ -218,14 +188,10 @@ class DuetDistances(Metric):
     def measure(self, dance: Dance) -> Float64Array:
         return duet_distances(*_duet(dance))
 
-    @override
-    def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        return SetScores.of(rows, pool, self.statistics).named("cd")
-
 
 @METRICS.register("beat_echo")
 @dataclass(frozen=True)
-class BeatEcho(Metric):
+class BeatEcho(_GroupMetric):
     """BED, beat echo degree: how near a beat of the follower is to each beat of the leader.
 
     Attributes
@@ -236,16 +202,10 @@ class BeatEcho(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = _DUOLANDO
-    of_groups: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"bed": "closer"}
     bounds: ClassVar[tuple[float, float]] = (0, 1)
 
     beats: Literal["instants", "bailando"] = "instants"
-
-    @property
-    @override
-    def columns(self) -> tuple[str, ...]:
-        return ("bed",)
 
     @override
     def measure(self, dance: Dance) -> Float64Array:

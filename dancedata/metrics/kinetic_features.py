@@ -9,13 +9,13 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from dancedata.core.dance import Dance, checked_joints
-from dancedata.core.plugins import Better, Metric
+from dancedata.core.plugins import Better
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.typing import override
 from dancedata.metrics.arguments import Up, at_least, axis_of, checked_rate, first_joints, known_name
 from dancedata.metrics.root import Root, rooted
-from dancedata.metrics.set_statistics import SetScores, checked_statistics
+from dancedata.metrics.set_statistics import SetMetric
 
 Energy = Literal["fixed", "code"]
 Definition = Literal["fairmotion", "megadance", "flowerdance"]
@@ -216,7 +216,7 @@ def _wrapped_velocity(values: Float64Array, step_s: float) -> Float64Array:
 
 @METRICS.register("kinetic")
 @dataclass(frozen=True)
-class Kinetic(Metric):
+class Kinetic(SetMetric):
     """Frechet distance and diversity of kinetic features, FID_k and Div_k of the papers.
 
     Attributes
@@ -235,9 +235,8 @@ class Kinetic(Metric):
 
     version: ClassVar[int] = 1
     source: ClassVar[str] = "Li et al. 2021, AI Choreographer, 5.2.1; variants: KINETIC_VARIANTS"
-    needs_pool: ClassVar[bool] = True
     better: ClassVar[dict[str, Better]] = {"fid_k": "lower", "div_k": "closer"}
-    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
+    score: ClassVar[str] = "k"
 
     variant: str = "fixed"
     root: Root = "zero_start"
@@ -247,7 +246,7 @@ class Kinetic(Metric):
 
     def __post_init__(self) -> None:
         known_name("variant of kinetic features", self.variant, KINETIC_VARIANTS)
-        checked_statistics(self.statistics)
+        super().__post_init__()
 
     @property
     @override
@@ -259,7 +258,3 @@ class Kinetic(Metric):
     def measure(self, dance: Dance) -> Float64Array:
         positions = rooted(first_joints(dance.joints, self.joints), self.root)
         return KINETIC_VARIANTS[self.variant](positions, dance.fps, up=self.up)
-
-    @override
-    def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        return SetScores.of(rows, pool, self.statistics).named("k")

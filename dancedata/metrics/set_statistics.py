@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.dance import Undefined
 from dancedata.core.errors import DataError, UsageError
+from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
+from dancedata.core.typing import override
 from dancedata.metrics.arguments import IntArray, known_name
 
 
@@ -167,11 +170,6 @@ def constant_columns(pool: Float64Array) -> IntArray:
     return np.flatnonzero(np.ptp(array, axis=0) == 0) if len(array) else np.arange(array.shape[1])
 
 
-def checked_statistics(name: str) -> None:
-    """Raise UsageError if a name is not a key of `STATISTICS`."""
-    known_name("normalisation", name, STATISTICS)
-
-
 @dataclass(frozen=True)
 class SetScores:
     """Frechet distance and diversity of a set, normalised by a pool.
@@ -224,3 +222,27 @@ class SetScores:
                 f"fid_{suffix}_varying": self.fid_varying,
             }
         return scores
+
+
+class SetMetric(Metric):
+    """Frechet distance and diversity of the rows of clips, normalised by a pool: fid_SCORE and div_SCORE.
+
+    Attributes
+    ----------
+    score
+        Suffix of the names of its scores.
+    statistics
+        Parameter of the subclasses: normalisation of rows, a key of `STATISTICS`.
+    """
+
+    needs_pool: ClassVar[bool] = True
+    bounds: ClassVar[tuple[float, float]] = (0, np.inf)
+    score: ClassVar[str]
+    statistics: str
+
+    def __post_init__(self) -> None:
+        known_name("normalisation", self.statistics, STATISTICS)
+
+    @override
+    def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
+        return SetScores.of(rows, pool, self.statistics).named(self.score)
