@@ -57,17 +57,7 @@ class Stft193(AudioFeature):
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
         """Transform a whole song; column k is at k / 384 of the sample rate: 40 Hz apart at 30 rows per second.
 
-        Returns
-        -------
-        NDArray[np.float32]
-            (T, 193), T = `n_rows(n, rate, grid)`; row t is centred on t / fps seconds.
-
-        Raises
-        ------
-        UsageError
-            For a frame rate of which 512 times is not a whole number.
-        DataError
-            Reason ``empty_audio`` or ``nan``.
+        UsageError for a rate of which 512 times is not a whole number.
         """
         import librosa
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -113,12 +112,8 @@ class SmplX6D(Representation):
 
     layout: ClassVar[SixD]
     skeleton: ClassVar[Skeleton]
-    default_contacts: ClassVar[str | None]
-    axes: ClassVar[str]
-    grounded: ClassVar[bool]
     version: ClassVar[int] = 1
     rotation_6d: ClassVar[str | None] = CONVENTION
-    rate: ClassVar[Fraction | None] = None
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
 
     @property
@@ -130,23 +125,9 @@ class SmplX6D(Representation):
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion on the layout's own bones, those that `decode` uses.
 
-        Parameters
-        ----------
-        motion
-            On a body of the SMPL family, +Y up. Joints that the layout lacks are left out; fingers that the motion
-            lacks are at rest. The pelvis stays where it is, except in Lodge's columns of SMPL's 24 joints: there the
-            translation keeps its numbers, as in Lodge's treatment of AIST++.
-        contacts
-            Rule for the first four columns; its input are the joints as they are encoded, grounded or not.
-
-        Returns
-        -------
-        (T, D) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of bodies, or without a rule.
+        Fingers that the motion lacks are at rest. The pelvis stays where it is, except in Lodge's columns of SMPL's
+        24 joints: there the translation keeps its numbers, as in Lodge's treatment of AIST++. The input of the
+        contact rule are the joints as they are encoded, grounded or not.
         """
         placed = self._placed(motion)
         return self.reencode(grounded(placed) if self.grounded else placed, contacts)
@@ -174,16 +155,9 @@ class SmplX6D(Representation):
 
     @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode columns (T, D), not normalised, into a motion at the rate of `grid`.
+        """Decode (T, D) columns; see `Representation.decode`.
 
         Not restored are contacts, `trim_start`, joints that the layout lacks and, if it is grounded, the height of
-        the source (one number). Axis-angle vectors are returned with a length of at most pi.
-
-        Raises
-        ------
-        UsageError
-            For another shape.
-        DataError
-            "nan", or "bad_rotation" where six columns do not span a plane.
+        the source (one number).
         """
         return self.layout.decode(array, grid)

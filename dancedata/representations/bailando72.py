@@ -28,12 +28,9 @@ class Bailando72(Representation):
     """
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[str | None] = None
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Y up, metres"
-    rotation_6d: ClassVar[str | None] = None
     rate: ClassVar[Fraction | None] = Fraction(60)
-    grounded: ClassVar[bool] = False
     spatial: ClassVar[Spatial | None] = Spatial("y", {"position": "place"})
 
     @property
@@ -43,23 +40,5 @@ class Bailando72(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion at its own rate.
-
-        Parameters
-        ----------
-        motion
-            On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
-        contacts
-            None: the columns have no contacts.
-
-        Returns
-        -------
-        (T, 72) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of bodies, or with a rule.
-        """
         parts.refuse_rule(contacts, "bailando72")
         return parts.packed_positions(carried_over(motion, self.skeleton))

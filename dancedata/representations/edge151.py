@@ -1,7 +1,6 @@
 """EDGE's 151 columns."""
 
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
@@ -40,8 +39,6 @@ class Edge151(Representation):
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Z up, metres"
     rotation_6d: ClassVar[str | None] = CONVENTION
-    rate: ClassVar[Fraction | None] = None
-    grounded: ClassVar[bool] = False
     spatial: ClassVar[Spatial | None] = Spatial("z", ROLES)
 
     @property
@@ -51,24 +48,6 @@ class Edge151(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion.
-
-        Parameters
-        ----------
-        motion
-            On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
-        contacts
-            Rule for the first four columns.
-
-        Returns
-        -------
-        (T, 151) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of bodies, or without a rule.
-        """
         rule = required_rule(contacts, _LAYOUT.name)
         motion = carried_over(motion, self.skeleton)
         # Contacts are computed before the world is turned: speeds do not depend on it.
@@ -80,17 +59,6 @@ class Edge151(Representation):
 
     @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode columns (T, 151), not normalised, into a motion at the rate of `grid`, +Y up.
-
-        Axis-angle vectors are returned with a length of at most pi. Contacts are not part of a motion.
-
-        Raises
-        ------
-        UsageError
-            For another shape.
-        DataError
-            "nan", or "bad_rotation" where six columns do not span a plane.
-        """
         translation, matrices = _LAYOUT.unpack(array)
         matrices[:, 0] = _Z_UP.T @ matrices[:, 0]
         return Motion(translation @ _Z_UP, rotvec_from_matrix(matrices), grid, self.skeleton)

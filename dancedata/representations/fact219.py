@@ -34,12 +34,9 @@ class Fact219(Representation):
     """
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[str | None] = None
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Y up, metres"
-    rotation_6d: ClassVar[str | None] = None
     rate: ClassVar[Fraction | None] = Fraction(60)
-    grounded: ClassVar[bool] = False
     spatial: ClassVar[Spatial | None] = Spatial("y", {"translation": "place", "rotation_matrix": "root_rotation"})
 
     @property
@@ -49,24 +46,6 @@ class Fact219(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion at its own rate.
-
-        Parameters
-        ----------
-        motion
-            On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
-        contacts
-            None: the columns have no contacts.
-
-        Returns
-        -------
-        (T, 219) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of bodies, or with a rule.
-        """
         parts.refuse_rule(contacts, "fact219")
         motion = carried_over(motion, self.skeleton)
         out = np.empty((motion.n_frames, _WIDTH), dtype=np.float32)
@@ -76,17 +55,10 @@ class Fact219(Representation):
 
     @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode columns (T, 219), not normalised, into a motion at the rate of `grid`.
+        """Decode (T, 219) columns; see `Representation.decode`.
 
-        Axis-angle vectors are returned with a length of at most pi. Matrices are used as they are: the output of a
-        network must be projected to the nearest rotations first, as FACT does by singular value decomposition.
-
-        Raises
-        ------
-        UsageError
-            For another shape.
-        DataError
-            "nan", or "bad_rotation" where nine columns are not a rotation matrix.
+        Matrices are used as they are: the output of a network must be projected to the nearest rotations first, as
+        FACT does by singular value decomposition.
         """
         numbers = parts.checked(array, _WIDTH, "fact219")
         rows = numbers[:, 3:].reshape(len(numbers), SMPL24.n_joints, 9)

@@ -23,4 +23,3 @@ class FineDance319(SmplX6D):
     skeleton: ClassVar[Skeleton] = SMPLX52
     default_contacts: ClassVar[str | None] = "velocity"
     axes: ClassVar[str] = "right-handed, +Y up, metres"
-    grounded: ClassVar[bool] = False

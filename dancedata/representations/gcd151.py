@@ -1,7 +1,6 @@
 """GCD's 151 columns."""
 
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
@@ -71,8 +70,6 @@ class Gcd151(Representation):
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Y up, metres"
     rotation_6d: ClassVar[str | None] = CONVENTION
-    rate: ClassVar[Fraction | None] = None
-    grounded: ClassVar[bool] = False
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
 
     @property
@@ -82,24 +79,6 @@ class Gcd151(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion.
-
-        Parameters
-        ----------
-        motion
-            On a body of the SMPL family, +Y up; joints beyond SMPL's 24 are left out.
-        contacts
-            Rule for the last four columns.
-
-        Returns
-        -------
-        (T, 151) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of bodies, or without a rule.
-        """
         rule = parts.required_rule(contacts, _LAYOUT.name)
         motion = carried_over(motion, self.skeleton)
         labels = rule(motion.joints(SMPL24_GCD), motion.grid, SMPL24_GCD)
@@ -107,17 +86,6 @@ class Gcd151(Representation):
 
     @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode columns (T, 151), not normalised, into a motion at the rate of `grid`.
-
-        Axis-angle vectors are returned with a length of at most pi. Contacts are not part of a motion.
-
-        Raises
-        ------
-        UsageError
-            For another shape.
-        DataError
-            "nan", or "bad_rotation" where six columns do not span a plane.
-        """
         if np.ndim(array) != 2:
             raise UsageError(f"{_LAYOUT.name} decodes (T, {_LAYOUT.width})", found=f"shape {np.shape(array)}")
         translation, matrices = _LAYOUT.unpack(np.roll(array, _CONTACTS, axis=1))

@@ -62,7 +62,6 @@ class Humanml263(Representation):
     """
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[str | None] = None
     skeleton: ClassVar[Skeleton] = HUMANML22
     axes: ClassVar[str] = "right-handed, +Y up, each frame facing +Z; metres, metres per frame"
     rotation_6d: ClassVar[str | None] = "first two columns of the matrix, one after the other (Zhou et al. 2019)"
@@ -78,25 +77,9 @@ class Humanml263(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion at its own rate; contacts and velocities are per frame, so 20 per second are HumanML3D's.
+        """Encode the first 22 joints; contacts and velocities are per frame, so 20 per second are HumanML3D's.
 
-        Parameters
-        ----------
-        motion
-            On a body of the SMPL family, +Y up; its first 22 joints are taken.
-        contacts
-            None: the contacts are HumanML3D's own.
-
-        Returns
-        -------
-        (T, 263) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of bodies, or with a rule.
-        DataError
-            "bad_skeleton" for a bone without a length.
+        DataError, "bad_skeleton", for a bone without a length.
         """
         parts.refuse_rule(contacts, self.name)
         return self._columns(motion, None)
@@ -141,7 +124,7 @@ class Humanml263(Representation):
 
     @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode columns (T, D), not normalised, into a motion with the positions that they hold.
+        """Decode columns into a motion with the positions that they hold.
 
         Rotations are fitted to the positions; the columns' own are not used, and neither are velocities of joints.
         How bones turn about themselves is not in the columns. Raises the errors of `positions`.

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,11 +35,7 @@ class Joints(Representation):
     """
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[str | None] = None
     axes: ClassVar[str] = "right-handed, +Y up, metres"
-    rotation_6d: ClassVar[str | None] = None
-    rate: ClassVar[Fraction | None] = None
-    grounded: ClassVar[bool] = False
     spatial: ClassVar[Spatial | None] = Spatial("y", {"position": "place"})
 
     body: str | Mapping[str, Any] = "smpl24"
@@ -61,24 +56,7 @@ class Joints(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion at its own rate.
-
-        Parameters
-        ----------
-        motion
-            On the same joints, or on others if both are of the SMPL family.
-        contacts
-            None: the columns have no contacts.
-
-        Returns
-        -------
-        (T, 3 J) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of skeletons, or with a rule.
-        """
+        """Encode a motion on the same joints, or on others if both are of the SMPL family."""
         parts.refuse_rule(contacts, "joints")
         return parts.packed_positions(carried_over(motion, self.skeleton))
 

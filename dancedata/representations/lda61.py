@@ -47,12 +47,9 @@ class Lda61(Representation):
     """
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[str | None] = None
     skeleton: ClassVar[Skeleton] = MOTORICA21
     axes: ClassVar[str] = "right-handed, +Y up, centimetres, each frame facing +Z"
-    rotation_6d: ClassVar[str | None] = None
     rate: ClassVar[Fraction | None] = Fraction(30)
-    grounded: ClassVar[bool] = False
     spatial: ClassVar[Spatial | None] = Spatial(
         "y",
         {"axis_angle": "unchanged", "root_height": "unchanged", "root_way": "unchanged", "root_turn": "unchanged"},
@@ -73,25 +70,7 @@ class Lda61(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion at its own rate.
-
-        Parameters
-        ----------
-        motion
-            With Motorica's joints, +Y up; others, such as fingers, are left out.
-        contacts
-            None: the columns have no contacts.
-
-        Returns
-        -------
-        (T, 61) float32
-            Axis-angle vectors have a length of at most pi.
-
-        Raises
-        ------
-        UsageError
-            For a skeleton without these joints, or with a rule.
-        """
+        """Encode a motion with Motorica's joints; axis-angle vectors have a length of at most pi."""
         parts.refuse_rule(contacts, self.name)
         skeleton = motion.skeleton
         names = [MOTORICA21.joints[j] for j in _JOINTS]
@@ -121,16 +100,9 @@ class Lda61(Representation):
 
     @override
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Decode columns (T, 61), not normalised, into a motion on Motorica's usual bones.
+        """Decode (T, 61) columns into a motion on Motorica's usual bones.
 
         The dance begins above the origin, facing +Z; toes do not turn. Way and turn of the first row are not read.
-
-        Raises
-        ------
-        UsageError
-            For another shape.
-        DataError
-            "nan".
         """
         numbers = parts.checked(array, _ROTATIONS + 4, self.name)
         yaw = np.concatenate([[0.0], np.cumsum(numbers[1:, -1])])

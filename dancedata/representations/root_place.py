@@ -1,7 +1,6 @@
 """Where a dancer is and where he faces: what columns without a place need beside them."""
 
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,12 +36,8 @@ class RootPlace(Representation):
     """
 
     version: ClassVar[int] = 1
-    default_contacts: ClassVar[str | None] = None
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Y up, metres"
-    rotation_6d: ClassVar[str | None] = None
-    rate: ClassVar[Fraction | None] = None
-    grounded: ClassVar[bool] = False
     spatial: ClassVar[Spatial | None] = Spatial("y", {"place": "place", "facing": "direction"})
 
     @property
@@ -55,24 +50,7 @@ class RootPlace(Representation):
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
-        """Encode a motion at its own rate.
-
-        Parameters
-        ----------
-        motion
-            On a skeleton with hips and shoulders, +Y up.
-        contacts
-            None: the columns have no contacts.
-
-        Returns
-        -------
-        (T, 6) float32
-
-        Raises
-        ------
-        UsageError
-            For a skeleton without them, or with a rule.
-        """
+        """Encode a motion on a skeleton with hips and shoulders."""
         parts.refuse_rule(contacts, "root_place")
         joints = motion.joints()
         return np.column_stack([joints[:, 0], facing(joints, motion.skeleton)]).astype(np.float32)

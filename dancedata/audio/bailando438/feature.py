@@ -89,30 +89,10 @@ class Bailando438(AudioFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
-        """Features of a whole song, as Bailando computes them.
+        """Features of a whole song, as Bailando computes them; see `AudioFeature.extract`.
 
-        Parameters
-        ----------
-        signal
-            Mono samples (n,) float32 at any rate.
-        grid
-            60 or 7.5 rows per second in Bailando. Any rate of at least 7.5 for which 512 times it is a whole number
-            is taken; chroma have seven octaves at 60, five at the others.
-        start_bpm
-            Not used.
-
-        Returns
-        -------
-        NDArray[np.float32]
-            (T, 438), T = `n_rows(n, rate, grid)`; row t is centred on t / fps seconds.
-
-        Raises
-        ------
-        UsageError
-            Frame rate out of range.
-        DataError
-            Reason ``empty_audio`` (no sample), ``nan`` (samples that are not finite, or above 1e12) or
-            ``short_audio`` (fewer than 3 rows).
+        Bailando has 60 or 7.5 rows per second. Any rate of at least 7.5 for which 512 times it is a whole number is
+        taken; chroma have seven octaves at 60, five at the others. "short_audio": fewer than 3 rows.
         """
         self.require_samples(signal)
         rate = self._feature_rate(grid)

@@ -166,26 +166,10 @@ class Beats(NetworkFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
-        """Beats of a whole song (scope: track).
+        """Beats of a whole song (scope: track), (T, 4); see `AudioFeature.extract`.
 
-        Parameters
-        ----------
-        start_bpm
-            Where librosa's search for the tempo starts, beats per minute; None: at its estimate. The network does not
-            use it.
-
-        Returns
-        -------
-        (T, 4) float32
-
-        Raises
-        ------
-        UsageError
-            `start_bpm` is not above 0.
-        DataError
-            "empty_audio", "nan"; "short_audio" for less than 24 ms with the network.
-        SourceError
-            The weights are missing, damaged, or of another network.
+        `start_bpm` is where librosa's search for the tempo starts; the network does not use it. "short_audio": less
+        than 24 ms with the network. SourceError if its weights are missing, damaged, or of another network.
         """
         if start_bpm is not None and not (math.isfinite(start_bpm) and start_bpm > 0):
             raise UsageError("beats: invalid value for start_bpm", found=start_bpm, allowed="above 0, or None")

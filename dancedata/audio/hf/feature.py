@@ -187,22 +187,9 @@ class HuggingFace(NetworkFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
-        """Embed a whole song (scope: track).
+        """Embed a whole song (scope: track), (T, D) in the type of `store`.
 
-        Parameters
-        ----------
-        start_bpm
-            Not used.
-
-        Returns
-        -------
-        (T, D) in the type of `store`
-
-        Raises
-        ------
-        DataError
-            "short_audio" for a song that is shorter than a frame of the encoder, "overflow" for numbers that are not
-            finite or exceed the range of the type.
+        "short_audio": less than a frame of the encoder; "overflow": numbers that are not finite or exceed the type.
         """
         self.require_samples(signal)
         n_rows = self.n_rows(signal.n_samples, signal.sample_rate, grid)

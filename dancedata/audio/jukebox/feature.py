@@ -157,22 +157,7 @@ class Jukebox(NetworkFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
-        """Embed a whole song (scope: track).
-
-        Parameters
-        ----------
-        start_bpm
-            Not used.
-
-        Returns
-        -------
-        (T, D) float16
-
-        Raises
-        ------
-        DataError
-            "short_audio" for a song of less than one code, 128 samples at 44.1 kHz.
-        """
+        """Embed a whole song (scope: track); "short_audio": less than one code, 128 samples at 44.1 kHz."""
         encoder, config = self._encoder(self._config.n_ctx), self._config
         audio = prepare(signal.samples, signal.sample_rate, config)
         n_codes = len(audio) // config.hop
@@ -198,13 +183,7 @@ class Jukebox(NetworkFeature):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Embed windows, each by itself, as EDGE does (scope: window); see `AudioFeature.extract_windows`.
-
-        Raises
-        ------
-        DataError
-            "short_audio" for a window beyond the end of the signal; "long_audio" for windows of more than 23.78 s.
-        """
+        """Embed windows, each by itself, as EDGE does (scope: window); "long_audio": more than 23.78 s."""
         self.require_windows(signal, starts, n_samples)
         clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
         codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop

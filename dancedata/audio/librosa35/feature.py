@@ -89,30 +89,11 @@ class Librosa35(AudioFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
-        """Features of a whole track, as Lodge, FineDance and FACT compute them.
+        """Features of a whole track, as Lodge, FineDance and FACT compute them; see `AudioFeature.extract`.
 
-        Parameters
-        ----------
-        signal
-            Mono samples (n,) float32 at any rate. Signals shorter than an STFT frame (2,048 samples at the
-            feature's rate) are padded with zeros, as librosa pads the ends of every signal.
-        grid
-            Frame rate; 512 times it must be a whole number of at least 8,300 Hz.
-        start_bpm
-            Where the beat tracker's search for the tempo starts, in beats per minute. None: librosa's
-            estimate from the signal at 22,050 Hz.
-
-        Returns
-        -------
-        NDArray[np.float32]
-            (T, 35), T = `n_rows(n, rate, grid)`; row t is centred on t / fps seconds.
-
-        Raises
-        ------
-        UsageError
-            Frame rate or `start_bpm` out of range.
-        DataError
-            Reason ``empty_audio`` (no sample) or ``nan`` (samples that are not finite, or above 1e12).
+        Signals shorter than an STFT frame (2,048 samples at the feature's rate) are padded with zeros, as librosa
+        pads the ends of every signal. 512 times the rate of `grid` is a whole number of at least 8,300 Hz. Without
+        `start_bpm` the search for the tempo starts at librosa's estimate from the signal at 22,050 Hz.
         """
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)

@@ -69,7 +69,29 @@ class AudioFeature(Plugin):
 
     @abstractmethod
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
-        """Return (T, D) rows of a whole signal at the rate of `grid` (scope: track)."""
+        """Compute the rows of a whole signal (scope: track).
+
+        Parameters
+        ----------
+        signal
+            Mono samples (n,) float32 at any rate.
+        grid
+            Rate of the rows.
+        start_bpm
+            Tempo at which a search for beats begins, beats per minute; None: estimated. Most features do not use it.
+
+        Returns
+        -------
+        NDArray
+            (T, D) in `dtype`, T = `n_rows(n, sample_rate, grid)`; row t is centred on t / rate seconds.
+
+        Raises
+        ------
+        UsageError
+            A rate or `start_bpm` out of range.
+        DataError
+            "empty_audio" (no sample), "nan" (samples that are not finite, or above 1e12), or "short_audio".
+        """
 
     def extract_windows(
         self,

@@ -152,10 +152,37 @@ class Representation(Plugin):
 
     @abstractmethod
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
-        """Return (T, D) float32."""
+        """Encode a motion at its own rate.
+
+        Parameters
+        ----------
+        motion
+            +Y up, on a body of the skeleton's family; joints that the columns lack are left out.
+        contacts
+            Rule for the columns of contacts; None where there are none, or where they are the representation's own.
+
+        Returns
+        -------
+        (T, D) float32
+
+        Raises
+        ------
+        UsageError
+            For another family of bodies, a missing rule, or one that is not needed.
+        """
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
-        """Return the motion of (T, D) columns at the rate of `grid`. UsageError where that is not possible."""
+        """Decode columns (T, D), not normalised, into a motion at the rate of `grid`, +Y up.
+
+        Axis-angle vectors have a length of at most pi. Contacts are not part of a motion.
+
+        Raises
+        ------
+        UsageError
+            For another shape, or a representation that cannot be decoded.
+        DataError
+            "nan", or "bad_rotation" where columns do not hold a rotation.
+        """
         raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
 
     def floor(self, motion: Motion) -> float:
