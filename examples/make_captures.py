@@ -14,12 +14,12 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.motion import Motion, grounded
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.examples import MIXAMO_NAMES
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 #: File of a take, synthetic dance that it is, and its song. Songs of one letter are those of one file.
 TAKES = (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import wave
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -73,3 +75,14 @@ class AudioSignal:
     def part(self, start: int, stop: int) -> AudioSignal:
         """Return samples start .. stop - 1."""
         return AudioSignal(self.samples[start:stop], self.sample_rate)
+
+
+def wav_bytes(pcm: npt.NDArray[np.int16], sample_rate: int) -> bytes:
+    """Return samples (n, channels) as the bytes of a wav file, PCM 16."""
+    stream = io.BytesIO()
+    with wave.open(stream, "wb") as file:
+        file.setnchannels(pcm.shape[1])
+        file.setsampwidth(2)
+        file.setframerate(sample_rate)
+        file.writeframes(pcm.astype("<i2").tobytes())
+    return stream.getvalue()

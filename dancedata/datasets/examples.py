@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import SMPLH52, SMPLX52, SMPLX55, on_body
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -15,7 +16,6 @@ from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.files import atomic
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 _RATE = 30
 _SAMPLE_RATE = 24_000

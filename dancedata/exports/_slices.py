@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import math
-import wave
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.signal import pcm16
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, wav_bytes
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
@@ -140,12 +138,12 @@ class SliceWriter:
     def _write_sounds(self, part: str, slices: list[Slice]) -> None:
         if self.sound == "silence":
             self.folder.note("the wavs are silent: training does not use them, rendered videos have no music")
-            silent = wav_bytes(AudioSignal(np.zeros(LENGTH_S * _SILENCE_RATE, np.float32), _SILENCE_RATE))
+            silent = quantised_wav(AudioSignal(np.zeros(LENGTH_S * _SILENCE_RATE, np.float32), _SILENCE_RATE))
             for item in slices:
                 self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", silent)
             return
         for item, sound in cut_sounds(self.job, slices):
-            self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", wav_bytes(sound))
+            self.folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", quantised_wav(sound))
 
 
 MOTION = "edge151"
@@ -271,16 +269,10 @@ def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, Aud
         yield item, signal.part(first, first + LENGTH_S * signal.sample_rate)
 
 
-def wav_bytes(signal: AudioSignal) -> bytes:
+def quantised_wav(signal: AudioSignal) -> bytes:
     """Return a signal as a 16-bit mono wav, quantised as soundfile does it."""
-    steps = (pcm16(signal.samples) * np.float32(32768)).astype("<i2")
-    buffer = io.BytesIO()
-    with wave.open(buffer, "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(signal.sample_rate)
-        file.writeframes(steps.tobytes())
-    return buffer.getvalue()
+    steps = (pcm16(signal.samples) * np.float32(32768)).astype(np.int16)
+    return wav_bytes(steps[:, None], signal.sample_rate)
 
 
 def _first_sample(item: Slice, rate: int) -> int:

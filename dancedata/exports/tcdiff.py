@@ -18,7 +18,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.exports._motions import decoded, decoded_fields, needs_motion
-from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, wav_bytes, with_whole_sound
+from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, quantised_wav, with_whole_sound
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
@@ -125,7 +125,7 @@ class Tcdiff(Export):
     def _write_sounds(self, job: ExportJob, folder: ExportFolder, part: str, slices: list[Slice]) -> None:
         feature = FEATURES.make(_FEATURE, {"onset_fmax": "nyquist"})  # as in today's librosa, which TCDiff calls
         for item, sound in cut_sounds(job, slices):
-            folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", wav_bytes(sound))
+            folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", quantised_wav(sound))
             if self.feature:
                 rows = job.store.read(item.window, self.feature)
             else:  # of the wav, which has 16 bits

@@ -187,7 +187,7 @@ def _published(
     for f in recipe.clip_fields:
         if arrays[f.name] is None:
             try:
-                version = original if _unrepaired(f) else motion
+                version = original if isinstance(f, MotionField) and not f.repaired else motion
                 _require_joints(f, version)
                 encoded[f.name] = _encode(recipe, f, version, floors.get(f.name))
             except DataError as error:
@@ -226,10 +226,6 @@ def _require_joints(clip_field: MotionField | KeyMotionField, motion: Motion) ->
             reason="missing_joints",
             found=f"{motion.skeleton.n_joints} joints, without {fingers[0]} and {len(fingers) - 1} more",
         )
-
-
-def _unrepaired(clip_field: MotionField | KeyMotionField) -> bool:
-    return isinstance(clip_field, MotionField) and not clip_field.repaired
 
 
 def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:

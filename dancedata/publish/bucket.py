@@ -46,7 +46,7 @@ class BucketUpload:
             before, first = self._replaced(source, states)
             self._delete(source, first)
             self._put(source, [file for file in rest if file in missing], progress)
-            self._delete(source, self._ours(source, sorted(before - _names(files) - set(_COMPLETE))))
+            self._delete(source, self._ours(source, sorted(before - {file.name for file in files} - set(_COMPLETE))))
             self._verify(source, rest)
             for file in last:
                 self._put(source, [file], Progress(quiet=True))
@@ -137,10 +137,6 @@ class BucketUpload:
     def _failure(self, error: Exception) -> StoreError:
         text = shown(f"{type(error).__name__}: " + public_line(str(error)), 200)
         return refused("the object store failed; no half of a publication is there", str(self.address), text, _AGAIN)
-
-
-def _names(files: Sequence[Upload]) -> set[str]:
-    return {file.name for file in files}
 
 
 def _head(source: BucketSource, name: str) -> Any:

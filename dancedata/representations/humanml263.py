@@ -143,21 +143,18 @@ def root_parts() -> tuple[Part, ...]:
 
 def body_parts() -> tuple[Part, ...]:
     """Return what follows the root: local positions, rotations, velocities, contacts."""
-    return (_local_positions(), _rotations(), _velocities(), _contacts())
-
-
-def _local_positions() -> Part:
-    return parts.per_joint("local_position", "m", HUMANML22, "xyz", (-1, 1, 1), first=1)
+    return (
+        parts.per_joint("local_position", "m", HUMANML22, "xyz", (-1, 1, 1), first=1),
+        _rotations(),
+        parts.per_joint("local_velocity", "m", HUMANML22, "xyz", (-1, 1, 1)),
+        _contacts(),
+    )
 
 
 def _rotations() -> Part:
     # Entry (r, c) changes its sign if row or column is x, not if both are; here column by column.
     entries, signs = ("x0", "y0", "z0", "x1", "y1", "z1"), (1, -1, -1, -1, 1, 1)
     return parts.per_joint("rotation_6d_columns", "1", HUMANML22, entries, signs, first=1)
-
-
-def _velocities() -> Part:
-    return parts.per_joint("local_velocity", "m", HUMANML22, "xyz", (-1, 1, 1))
 
 
 def _contacts() -> Part:
@@ -193,7 +190,8 @@ def fitted(positions: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Moti
         parent = skeleton.parents[joint]
         above = np.broadcast_to(np.eye(3), world[:, 0].shape) if parent < 0 else world[:, parent]
         bones = positions[:, below] - positions[:, [joint]]
-        offsets[below] *= _mean_length(bones) / np.linalg.norm(offsets[below], axis=-1, keepdims=True)
+        length = np.linalg.norm(bones, axis=-1).mean(axis=0)[:, None]
+        offsets[below] *= length / np.linalg.norm(offsets[below], axis=-1, keepdims=True)
         if len(below) > 1:
             offsets[below] = _arrangement(bones, offsets[below])
             world[:, joint] = _closest(offsets[below], bones)
@@ -211,10 +209,6 @@ def _aimed(rotations: Float64Array, offset: Float64Array, bones: Float64Array) -
     for _ in range(2):  # the second takes away what a half turn leaves where the bone is almost opposite
         rotations = shortest_rotation(rotations @ offset, bones, rotations[:, :, 2]) @ rotations
     return rotations
-
-
-def _mean_length(bones: Float64Array) -> Float64Array:
-    return np.asarray(np.linalg.norm(bones, axis=-1).mean(axis=0)[:, None])
 
 
 def _arrangement(bones: Float64Array, start: Float64Array) -> Float64Array:

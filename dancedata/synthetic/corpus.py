@@ -255,7 +255,8 @@ def _write_lists(folder: Path, plan: Plan) -> None:
 
 def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
     """Write one wav, PCM 16, and its ground truth."""
-    from dancedata.synthetic.music import make_song, wav_bytes
+    from dancedata.core.audio_signal import wav_bytes
+    from dancedata.synthetic.music import make_song
 
     song = make_song(plan, seed)
     atomic.write_bytes(folder / "wavs" / f"m{plan.music}.wav", wav_bytes(song.pcm, plan.sample_rate))

@@ -1,7 +1,5 @@
 """The synthetic music: drums on the beat grid, bass and chords that change every bar, a melody, some noise."""
 
-import io
-import wave
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,17 +45,6 @@ class SyntheticSong:
     downbeat_times_s: Floats
     chord_roots: NDArray[np.int64]
     tempo_bpm: float
-
-
-def wav_bytes(pcm: NDArray[np.int16], sample_rate: int) -> bytes:
-    """Return samples (n, channels) as the bytes of a wav file, PCM 16."""
-    stream = io.BytesIO()
-    with wave.open(stream, "wb") as file:
-        file.setnchannels(pcm.shape[1])
-        file.setsampwidth(2)
-        file.setframerate(sample_rate)
-        file.writeframes(pcm.astype("<i2").tobytes())
-    return stream.getvalue()
 
 
 def make_song(plan: SongPlan, seed: int) -> SyntheticSong:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.motorica.motion import write_recording
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 from tests.commands import as_json, run
 from tests.messages import raises_message
 

@@ -15,7 +15,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.motion import Motion
 from dancedata.datasets.aioz_gdance.motion import load_dancers, read_sizes
 from dancedata.datasets.popdanceset import PopDanceSet
-from dancedata.exports._slices import wav_bytes
+from dancedata.exports._slices import quantised_wav
 from dancedata.metrics import pbc, pfc
 from dancedata.representations.edge151 import Edge151
 from dancedata.store.normalize import MinMax
@@ -92,7 +92,7 @@ def test_slices_are_tcdiffs(crowd: Path) -> None:
             frames = read_sizes(source / "motions_smpl" / f"{group}.pkl").frames
             sound = soundfile.info(source / "musics" / f"{group}.wav")
             rate = sound.samplerate
-            cut = soundfile.info(io.BytesIO(wav_bytes(AudioSignal(np.zeros(5 * rate, np.float32), rate))))
+            cut = soundfile.info(io.BytesIO(quantised_wav(AudioSignal(np.zeros(5 * rate, np.float32), rate))))
             found = {"rate": cut.samplerate, "frames": cut.frames, "channels": cut.channels, "subtype": cut.subtype}
             assert found == facts["sliced_wav"]
             windows_of_sound = (sound.frames - 5 * rate) // (rate // 2)

@@ -12,6 +12,7 @@ import pytest
 
 import dancedata
 from dancedata.audio.file import FileRows
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import DataError, RecipeError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -24,7 +25,6 @@ from dancedata.readers import WindowDataset
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import Store, verify_store
 from dancedata.synthetic import synthesise_song
-from dancedata.synthetic.music import wav_bytes
 from tests.messages import raises_message
 
 #: Frames at 30 per second: 6 s.

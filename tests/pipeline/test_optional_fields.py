@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.clip import Window
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.plugins import CopyAugmentation
@@ -26,7 +27,6 @@ from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import StoredClip
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 from dancedata.viewer.scenes import Scenes
 from examples.make_captures import write_take
 from tests.groups_store import HEADER, SIZES, stored

@@ -110,7 +110,13 @@ def fetch_model(
         raise UsageError("hf: not the id of a model on the hub", found=name, allowed="OWNER/NAME")
     hub = _Hub(name, endpoint)
     if revision is None or not _COMMIT.fullmatch(revision):
-        raise _not_a_commit(name, revision, hub.commit_of(revision))
+        raise UsageError(
+            "hf: a revision is a commit, as branches and tags move",
+            where=name,
+            found=revision or "no revision",
+            allowed="40 hexadecimal digits",
+            fix=f"{shown(revision or 'main')} is this commit now: --revision {shown(hub.commit_of(revision))}",
+        )
     _require_new(out)
     files = hub.files(revision)
     chosen, left_out = _chosen(name, files, pickles)
@@ -296,13 +302,3 @@ def _require_only(part: Path, names: set[str]) -> None:
     if part.is_symlink() or foreign:
         problem = "hf: the folder of an unfinished fetch holds other files"
         raise foreign_files(part, foreign, problem=problem, choose="another --out", error=UsageError)
-
-
-def _not_a_commit(name: str, revision: str | None, commit: str) -> UsageError:
-    return UsageError(
-        "hf: a revision is a commit, as branches and tags move",
-        where=name,
-        found=revision or "no revision",
-        allowed="40 hexadecimal digits",
-        fix=f"{shown(revision or 'main')} is this commit now: --revision {shown(commit)}",
-    )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -23,7 +24,6 @@ from dancedata.datasets.motion_checks import (
 )
 from dancedata.formats.arrays import ArrayFile, open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 RATE = 30
 POSES, ORIENTS, TRANS = "smpl_poses", "smpl_orients", "root_trans"

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import SMPLX55, on_body
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -23,7 +24,6 @@ from dancedata.datasets.motion_checks import (
 )
 from dancedata.formats.arrays import ValueArrays, load_object
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 RATE = 30
 KEYS = ("poses", "global_orient", "transl")

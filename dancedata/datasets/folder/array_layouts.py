@@ -137,7 +137,17 @@ def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None =
     elif names == ("",):
         layout = _unnamed(arrays)
     else:
-        raise _unknown(arrays)
+        raise DataError(
+            "the arrays of the file match no known layout",
+            reason="missing_key",
+            where=str(arrays.path),
+            found=f"arrays {arrays.listed}",
+            allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
+            "or one array (T, 315) in an .npy file",
+            fix=POSITIONS
+            if any(is_three_columns(arrays, name) for name in arrays.names[:_MAX_SEARCHED])
+            else "name its arrays in the recipe: dataset.folder.keys={rotation: NAME, translation: NAME}",
+        )
     return _as_declared(arrays, layout, declared)
 
 
@@ -308,17 +318,3 @@ def _first(names: Sequence[str], candidates: Sequence[str]) -> str:
 def _width(arrays: ArrayFile, name: str) -> int:
     shape = arrays.shape(name)
     return int(np.prod(shape[1:], dtype=np.float64)) if len(shape) > 1 else 0
-
-
-def _unknown(arrays: ArrayFile) -> DataError:
-    return DataError(
-        "the arrays of the file match no known layout",
-        reason="missing_key",
-        where=str(arrays.path),
-        found=f"arrays {arrays.listed}",
-        allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
-        "or one array (T, 315) in an .npy file",
-        fix=POSITIONS
-        if any(is_three_columns(arrays, name) for name in arrays.names[:_MAX_SEARCHED])
-        else "name its arrays in the recipe: dataset.folder.keys={rotation: NAME, translation: NAME}",
-    )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -27,7 +28,6 @@ from dancedata.datasets.motion_checks import (
 )
 from dancedata.formats.arrays import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 KEYS = ("smpl_poses", "smpl_trans")
 SUFFIX = "_smpl"

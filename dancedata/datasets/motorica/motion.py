@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import MOTORICA21
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -17,7 +18,6 @@ from dancedata.core.text import listed
 from dancedata.formats.bvh.parse import Bvh, read_bvh, read_bvh_header
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.synthetic import synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 RATE = 120
 #: The published frame time is 0.008333 s; one within this distance of 1/120 s is 1/120 s.

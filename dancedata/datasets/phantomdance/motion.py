@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, world_matrices
@@ -18,7 +19,6 @@ from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, bad_shape, lengths_
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 RATE = 30
 #: Names of SMPL's joints in the files, in SMPL's order.

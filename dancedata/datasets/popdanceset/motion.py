@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, rotvec_from_matrix
@@ -23,7 +24,6 @@ from dancedata.datasets.motion_checks import (
 )
 from dancedata.formats.arrays import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.synthetic.music import wav_bytes
 
 Scale = Literal["multiply", "none"]
 RATE = 30
