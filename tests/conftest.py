@@ -175,6 +175,18 @@ def shared() -> Path:
     return SHARED
 
 
+@pytest.fixture
+def no_local_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Remove what a test registers."""
+    from dancedata.core import plugin_files
+    from dancedata.core.registry import REGISTRIES
+
+    for registry in REGISTRIES.values():
+        registry.names()
+        monkeypatch.setattr(registry, "_classes", dict(registry._classes))
+    monkeypatch.setattr(plugin_files, "_files", {})
+
+
 class Arrays(Mapping[str, np.ndarray]):
     """Arrays of a reference file. In the compact set some are thinned out; ``KEY@AXIS`` has the indices left."""
 

@@ -17,8 +17,6 @@ from dancedata.core.registry import (
     DATASETS,
     FEATURES,
     FILTERS,
-    KEYMOTIONS,
-    METRICS,
     REGISTRIES,
     REPRESENTATIONS,
     Registry,
@@ -28,53 +26,16 @@ from dancedata.exports.base.job import EXPORTS
 from dancedata.testing import conformance
 from tests.messages import raises_message
 
-
-@pytest.mark.parametrize("name", DATASETS.names())
-def test_dataset(name: str, tmp_path: Path):
-    conformance.check_dataset(DATASETS.get(name), tmp_path)
+KINDS = [*REGISTRIES.values(), EXPORTS]
+PLUGINS = [registry.get(name) for registry in KINDS for name in registry.names()]
 
 
-@pytest.mark.parametrize("name", REPRESENTATIONS.names())
-def test_representation(name: str):
-    conformance.check_representation(REPRESENTATIONS.get(name))
+@pytest.mark.parametrize("plugin", PLUGINS, ids=lambda cls: f"{conformance.registry_of(cls).kind}-{cls.name}")
+def test_plugin(plugin: type[Any], tmp_path: Path):
+    conformance.check(plugin, tmp_path)
 
 
-@pytest.mark.parametrize("name", CONTACTS.names())
-def test_contact_rule(name: str):
-    conformance.check_contact_rule(CONTACTS.get(name))
-
-
-@pytest.mark.parametrize("name", FEATURES.names())
-def test_audio_feature(name: str):
-    conformance.check_audio_feature(FEATURES.get(name))
-
-
-@pytest.mark.parametrize("name", KEYMOTIONS.names())
-def test_key_motion(name: str):
-    conformance.check_key_motion(KEYMOTIONS.get(name))
-
-
-@pytest.mark.parametrize("name", AUGMENTATIONS.names())
-def test_augmentation(name: str, tmp_path: Path):
-    conformance.check_augmentation(AUGMENTATIONS.get(name), tmp_path)
-
-
-@pytest.mark.parametrize("name", FILTERS.names())
-def test_window_filter(name: str):
-    conformance.check_window_filter(FILTERS.get(name))
-
-
-@pytest.mark.parametrize("name", METRICS.names())
-def test_metric(name: str):
-    conformance.check_metric(METRICS.get(name))
-
-
-@pytest.mark.parametrize("name", EXPORTS.names())
-def test_export(name: str, tmp_path: Path):
-    conformance.check_export(EXPORTS.get(name), tmp_path)
-
-
-@pytest.mark.parametrize("registry", [*REGISTRIES.values(), EXPORTS], ids=lambda r: r.kind)
+@pytest.mark.parametrize("registry", KINDS, ids=lambda r: r.kind)
 def test_every_kind_has_a_plugin(registry: Registry):
     assert registry.names()
 
@@ -169,7 +130,7 @@ def test_a_dataset_with_unsorted_clips_fails(monkeypatch: pytest.MonkeyPatch, tm
         conformance.check_dataset(cls, tmp_path)
 
 
-@pytest.mark.parametrize("registry", [*REGISTRIES.values(), EXPORTS], ids=lambda r: r.kind)
+@pytest.mark.parametrize("registry", KINDS, ids=lambda r: r.kind)
 def test_check_finds_the_check_of_every_kind(registry: Registry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     called = []
     monkeypatch.setitem(conformance._CHECKS, registry.kind, lambda cls, folder: called.append(cls))

@@ -26,20 +26,10 @@ from dancedata.metrics import (
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
 from dancedata.metrics.set_statistics import STATISTICS
 from dancedata.readers import GroupDataset
+from tests.golden.conftest import load
 
-Arrays = dict[str, np.ndarray]
 DUETS = ("Waltz_5_0", "Waltz_6_0", "Ballet_9_0", "Qiaqiaqia_12_1")
 ENDS = [0, 1, -2, -1]
-
-
-def load(path: Path) -> Arrays:
-    with np.load(path) as file:
-        return dict(file)
-
-
-@pytest.fixture(scope="module")
-def crowd(shared: Path) -> Path:
-    return shared / "golden" / "crowd"
 
 
 @pytest.fixture(scope="module")

@@ -17,21 +17,11 @@ from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, frame_features
 from dancedata.metrics.set_statistics import STATISTICS
 from dancedata.readers import GroupDataset
 from dancedata.representations.gcd151 import SMPL24_GCD, Gcd151
+from tests.golden.conftest import Arrays, load
 
-Arrays = dict[str, np.ndarray]
 LENGTH, CONTACTS = 150, slice(147, 151)
 ENDS = [0, 1, 148, 149]
 GROUPS = ("-Ab_cdEf123_01_0_150", "plainid0123_03_0_152", "Zz9_8-7_6Q1_02_300_451")
-
-
-def load(path: Path) -> Arrays:
-    with np.load(path) as file:
-        return dict(file)
-
-
-@pytest.fixture(scope="module")
-def crowd(shared: Path) -> Path:
-    return shared / "golden" / "crowd"
 
 
 @pytest.fixture(scope="module")

@@ -15,20 +15,10 @@ from dancedata.datasets.motorica.labels import read_chunk, read_labels
 from dancedata.datasets.motorica.motion import load_motion
 from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name
 from dancedata.testing.examples import mirrored_motion
+from tests.golden.conftest import load
 
-Arrays = dict[str, np.ndarray]
 #: Columns of joints other than the hips, and the hips' height; the root's turns and steps are columns of their own.
 JOINTS, HEIGHT = 54, 57
-
-
-def load(path: Path) -> Arrays:
-    with np.load(path) as file:
-        return dict(file)
-
-
-@pytest.fixture(scope="module")
-def crowd(shared: Path) -> Path:
-    return shared / "golden" / "crowd"
 
 
 @pytest.fixture(scope="module")

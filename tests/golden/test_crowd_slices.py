@@ -19,21 +19,11 @@ from dancedata.exports._slices import quantised_wav
 from dancedata.metrics import pbc, pfc
 from dancedata.representations.edge151 import Edge151
 from dancedata.store.normalize import MinMax
+from tests.golden.conftest import load
 
-Arrays = dict[str, np.ndarray]
 LENGTH, STRIDE, ENDS = 150, 15, [0, 1, 148, 149]
 #: Joints of POPDG's nine contacts.
 POPDG_CONTACTS = [7, 8, 10, 11, 15, 20, 21, 22, 23]
-
-
-def load(path: Path) -> Arrays:
-    with np.load(path) as file:
-        return dict(file)
-
-
-@pytest.fixture(scope="module")
-def crowd(shared: Path) -> Path:
-    return shared / "golden" / "crowd"
 
 
 def facts_of(crowd: Path, name: str) -> Any:

@@ -25,11 +25,6 @@ TOLERANCE, TOLERANCE_6D = 1e-5, 2e-5
 
 
 @pytest.fixture(scope="module")
-def crowd(shared: Path) -> Path:
-    return shared / "golden" / "crowd"
-
-
-@pytest.fixture(scope="module")
 def arrays(crowd: Path) -> dict[str, np.ndarray]:
     with np.load(crowd / "infinitedance" / "columns266.npz") as file:
         return {key: file[key] for key in file.files}

@@ -36,7 +36,7 @@ def main(folder: Path, arguments: list[str]) -> int:
     subprocess.run([sys.executable, "-c", show], env=environment, check=True)
     tests = [
         str(ROOT / "tests" / "hf"),
-        f"{ROOT / 'tests' / 'conformance' / 'test_conformance.py'}::test_audio_feature[hf]",
+        f"{ROOT / 'tests' / 'conformance' / 'test_conformance.py'}::test_plugin[audio feature-hf]",
     ]
     command = [sys.executable, "-m", "pytest", "-q", *tests, "-p", "no:cacheprovider", *arguments]
     return subprocess.run(command, env=environment, cwd=ROOT, check=False).returncode

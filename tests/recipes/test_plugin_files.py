@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
-from dancedata.core import plugin_files
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.registry import FEATURES, REGISTRIES
 from dancedata.pipeline.build import build
@@ -20,6 +19,7 @@ from dancedata.recipes.recipe import Recipe
 from dancedata.store.motion_fields import clip_pose
 from tests.messages import raises_message
 
+pytestmark = pytest.mark.usefixtures("no_local_plugins")
 FEATURE = (Path(__file__).parents[2] / "dancedata/cli/templates/feature.py").read_text()
 REPRESENTATION = '''
 from dataclasses import dataclass
@@ -41,15 +41,6 @@ motion: {edge151: {}}
 audio: {loudness: {}, librosa35: {}}
 plugins: [./loudness.py]
 """
-
-
-@pytest.fixture(autouse=True)
-def _no_local_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Remove what a test registers."""
-    for registry in REGISTRIES.values():
-        registry.names()
-        monkeypatch.setattr(registry, "_classes", dict(registry._classes))
-    monkeypatch.setattr(plugin_files, "_files", {})
 
 
 def feature(folder: Path, factor: str = "1.0", file: str = "loudness.py") -> Path:

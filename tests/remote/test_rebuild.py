@@ -23,6 +23,7 @@ from tests.commands import run
 from tests.messages import raises_message
 from tests.remote.upload_hub import UploadHub
 
+pytestmark = pytest.mark.usefixtures("no_local_plugins")
 WHERE = "hf://datasets/org/name"
 FINE = {
     "recipe": 1, "name": "fine", "dataset": {"finedance": {}}, "windows": {"length_frames": 60, "stride_frames": 30},
@@ -30,14 +31,6 @@ FINE = {
 }  # fmt: skip
 DEMO = {"dataset.synthetic.songs": 2, "dataset.synthetic.clips_per_song": 2, "dataset.synthetic.clip_s": 6}
 TEMPLATES = Path(dancedata.__file__).parent / "cli" / "templates"
-
-
-@pytest.fixture(autouse=True)
-def _no_local_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
-    for registry in REGISTRIES.values():
-        registry.names()
-        monkeypatch.setattr(registry, "_classes", dict(registry._classes))
-    monkeypatch.setattr(plugin_files, "_files", {})
 
 
 @pytest.fixture(scope="session")
