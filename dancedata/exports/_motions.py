@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from dancedata.exports.base.job import ExportJob, Missing
+from dancedata.core.typing import override
+from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_track_scope
 
 if TYPE_CHECKING:
@@ -44,12 +45,6 @@ def field_name(job: ExportJob, field: str) -> str:
     return field or next(iter(_decodable(job)))
 
 
-def decoded_fields(job: ExportJob, field: str) -> tuple[str, ...]:
-    """Return the name of the field that `decoded` reads, for `Export.reads`; none where there is no such field."""
-    decodable = _decodable(job)
-    return (field,) if field in decodable else tuple(decodable)[:1] if not field else ()
-
-
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     """Return the readers of fields that decode; last those that only give back positions, or that clips may lack."""
     from dancedata.store.motion_fields import motion_readers  # reads HDF5, which listing plug-ins need not
@@ -59,3 +54,25 @@ def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     return dict(
         sorted(readers.items(), key=lambda item: (item[1].representation.positions_only, item[0] in optional))
     )
+
+
+class MotionExport(Export):
+    """Base of exports of decoded motion.
+
+    Attributes
+    ----------
+    field
+        Parameter of the subclasses: motion field to decode; "" takes the first with rotations.
+    """
+
+    field: str
+
+    @override
+    def missing(self, job: ExportJob) -> list[Missing]:
+        return needs_motion(job, self.field)
+
+    @override
+    def reads(self, job: ExportJob) -> tuple[str, ...]:
+        """Return the field that `decoded` reads; none where there is no such field."""
+        decodable = _decodable(job)
+        return (self.field,) if self.field in decodable else tuple(decodable)[:1] if not self.field else ()

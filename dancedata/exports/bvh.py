@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, decoded_fields, field_name, needs_motion
+from dancedata.exports._motions import MotionExport, decoded, field_name
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.job import EXPORTS, ExportJob
 from dancedata.formats.bvh.write import motion_bvh
 
 
 @EXPORTS.register("bvh")
 @dataclass(frozen=True)
-class BvhFiles(Export):
+class BvhFiles(MotionExport):
     """One BVH file per clip, with the rest pose of the body; bvh_m/ in metres or bvh_cm/ in centimetres.
 
     Attributes
@@ -29,14 +29,6 @@ class BvhFiles(Export):
 
     unit: Literal["m", "cm"] = "m"
     field: str = ""
-
-    @override
-    def missing(self, job: ExportJob) -> list[Missing]:
-        return needs_motion(job, self.field)
-
-    @override
-    def reads(self, job: ExportJob) -> tuple[str, ...]:
-        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

@@ -11,9 +11,9 @@ from dancedata.core.bodies import SMPLX52, SMPLX55, on_body
 from dancedata.core.rotations import matrix_from_rotvec
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, decoded_fields, field_name, needs_motion
+from dancedata.exports._motions import MotionExport, decoded, field_name, needs_motion
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start, needs_names, needs_splits
 from dancedata.formats.motion_files import smplx_arrays
 
@@ -46,7 +46,7 @@ python -u main_mix.py --config configs/sep_vqvaexm_full_final.yaml --train
 
 @EXPORTS.register("duolando")
 @dataclass(frozen=True)
-class Duolando(Export):
+class Duolando(MotionExport):
     """Duolando's folders motion/pos3d, motion/rotmat and music/feature from a dataset of duets (Siyao et al. 2024).
 
     Attributes
@@ -78,10 +78,6 @@ class Duolando(Export):
             missing.append(Missing("the dataset has no duets", "dataset: {dd100: {}}, or another with groups of two"))
         form = "without pos3d, which the loader replaces by rotmat"
         return missing + needs_music_from_start(dancers) + needs_names(dancers, lambda id: "pos3d" not in id, form)
-
-    @override
-    def reads(self, job: ExportJob) -> tuple[str, ...]:
-        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

@@ -12,9 +12,9 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, decoded_fields, needs_motion
+from dancedata.exports._motions import MotionExport, decoded, needs_motion
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ python train.py --data_path {out}
 
 @EXPORTS.register("gcd")
 @dataclass(frozen=True)
-class Gcd(Export):
+class Gcd(MotionExport):
     """The layout of AIOZ-GDANCE from a dataset of groups, as GCD's loader reads it (Le et al. 2023).
 
     Attributes
@@ -68,10 +68,6 @@ class Gcd(Export):
         if not any(clip.group for clip in job.clips()):
             missing.append(Missing("the dataset has no groups", "dataset: {aioz-gdance: {}}, or another with groups"))
         return missing
-
-    @override
-    def reads(self, job: ExportJob) -> tuple[str, ...]:
-        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

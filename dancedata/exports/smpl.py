@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, decoded_fields, field_name, needs_motion
+from dancedata.exports._motions import MotionExport, decoded, field_name
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.job import EXPORTS, ExportJob
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 
 _GUIDE = """Decoded from `{name}`, {rate} frames per second. Both folders have every clip:
@@ -28,7 +28,7 @@ In Blender: the SMPL-X add-on, Add Animation, with the files of `smplx` (format 
 
 @EXPORTS.register("smpl")
 @dataclass(frozen=True)
-class SmplFiles(Export):
+class SmplFiles(MotionExport):
     """amass/<clip>.npz on SMPL-H's joints and smplx/<clip>.npz on SMPL-X's, +Z up, metres.
 
     Attributes
@@ -45,14 +45,6 @@ class SmplFiles(Export):
 
     gender: Literal["neutral", "male", "female"] = "neutral"
     field: str = ""
-
-    @override
-    def missing(self, job: ExportJob) -> list[Missing]:
-        return needs_motion(job, self.field)
-
-    @override
-    def reads(self, job: ExportJob) -> tuple[str, ...]:
-        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:

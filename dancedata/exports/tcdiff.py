@@ -17,10 +17,10 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.exports._motions import decoded, decoded_fields, needs_motion
+from dancedata.exports._motions import MotionExport, decoded, needs_motion
 from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, quantised_wav, with_whole_sound
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ _STORED = "300 rows of `{feature}`, of the whole song. TCDiff computes each slic
 
 @EXPORTS.register("tcdiff")
 @dataclass(frozen=True)
-class Tcdiff(Export):
+class Tcdiff(MotionExport):
     """TCDiff's folders motions_sliced, wavs_sliced and feats438 from a dataset of groups (Dai et al. 2025).
 
     Attributes
@@ -86,10 +86,6 @@ class Tcdiff(Export):
                 fix = "dataset: {aioz-gdance: {}}, or another with groups in train and val"
                 missing.append(Missing(f"{split}, of which {part} is made, has no group of five seconds", fix))
         return missing + needs_music(job, [clip for clip in job.clips(*_PARTS.values()) if clip.group])
-
-    @override
-    def reads(self, job: ExportJob) -> tuple[str, ...]:
-        return decoded_fields(job, self.field)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
