@@ -3,9 +3,11 @@
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args, get_origin, get_type_hints
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
+from dancedata.core.plugins import Dataset
 from dancedata.core.text import listed, quoted
 from dancedata.files.regular_file import read_regular
 from dancedata.formats.arrays import VALUE_SUFFIXES
@@ -275,10 +277,13 @@ def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reje
     return Files(files, tuple(rejected), notes, tuple(dict.fromkeys(path.parent for path in candidates)))
 
 
-def require_choice(dataset: str, name: str, value: str, allowed: Sequence[str]) -> None:
-    """Raise UsageError unless a parameter of a dataset has one of the allowed values."""
-    if value not in allowed:
-        raise UsageError(f"{dataset}: invalid value for {name}", found=repr(value), fix=did_you_mean(value, allowed))
+def require_choices(dataset: Dataset) -> None:
+    """Raise UsageError unless each parameter of a dataset that is a Literal has one of its values."""
+    for name, annotation in get_type_hints(type(dataset)).items():
+        value, allowed = getattr(dataset, name, None), get_args(annotation)
+        if get_origin(annotation) is Literal and value not in allowed:
+            problem = f"{dataset.name}: invalid value for {name}"
+            raise UsageError(problem, found=repr(value), fix=did_you_mean(value, allowed))
 
 
 def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Sequence[str] = SPLITS) -> str:

@@ -1,6 +1,8 @@
 """Shared by the readers: their files, the folder of a dataset, the choice of audio files, .npy headers."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.resources import resource
 from dancedata.datasets.aistpp import AistPP
-from dancedata.datasets.files import audio_files, files_by_stem, require_choice
+from dancedata.datasets.files import audio_files, files_by_stem, require_choices
 from dancedata.datasets.finedance import FineDance
 from dancedata.datasets.finedance.load import load_motion, motion_length
 from dancedata.datasets.folder import Folder
@@ -114,7 +116,13 @@ def test_the_published_spelling_of_a_suffix_first(tmp_path: Path) -> None:
     }
 
 
+@dataclass
+class Chosen:
+    name: ClassVar[str] = "x"
+    split: Literal["all", "none"] = "all"
+
+
 def test_an_invalid_value_names_the_closest() -> None:
-    require_choice("x", "split", "all", ("all", "none"))
+    require_choices(Chosen())  # type: ignore[arg-type]
     with raises_message(UsageError):
-        require_choice("x", "split", "non", ("all", "none"))
+        require_choices(Chosen("non"))  # type: ignore[arg-type]

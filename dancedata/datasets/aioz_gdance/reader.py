@@ -27,7 +27,7 @@ from dancedata.datasets.files import (
     list_audio,
     read_names,
     relative,
-    require_choice,
+    require_choices,
 )
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.files.regular_file import read_regular
@@ -131,8 +131,7 @@ class AiozGdance(Dataset):
     citation: ClassVar[str] = "Le et al., Music-Driven Group Choreography, CVPR 2023."
 
     def __post_init__(self) -> None:
-        require_choice("aioz-gdance", "split", self.split, (OFFICIAL, BY_VIDEO))
-        require_choice("aioz-gdance", "music", self.music, ("required", "optional"))
+        require_choices(self)
 
     @property
     @override
@@ -192,13 +191,7 @@ class AiozGdance(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read one dancer: 30 FPS, metres, radians, +Y up, SMPL24, in the world of the sequence.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `motion.load_dancers` for its reasons.
-        """
+        """Read one dancer: 30 FPS, metres, radians, +Y up, SMPL24, in the world of the sequence."""
         return self.load_group([ref])[0]
 
     @override

@@ -16,7 +16,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
 from dancedata.datasets.aistpp.layout import LAYOUT, MUSIC_FOLDERS, Copy, find_copy, published_lists
-from dancedata.datasets.files import ALL, SPLITS, clips_note, relative, require_choice
+from dancedata.datasets.files import ALL, SPLITS, clips_note, relative, require_choices
 from dancedata.datasets.originals import original
 
 
@@ -132,8 +132,7 @@ class AistPP(Dataset):
     )
 
     def __post_init__(self) -> None:
-        require_choice("aist++", "ignore", self.ignore, ("list", "none"))
-        require_choice("aist++", "music", self.music, ("required", "optional"))
+        require_choices(self)
         if not self.split or Path(self.split).name != self.split:
             raise UsageError(
                 "aist++: split must be a name, not a path",
@@ -207,13 +206,7 @@ class AistPP(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip: 60 FPS, metres, radians, +Y up, skeleton SMPL24.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `load.load_motion` for its reasons.
-        """
+        """Read the motion of one clip: 60 FPS, metres, radians, +Y up, skeleton SMPL24."""
         from dancedata.datasets.aistpp.load import load_motion
 
         return load_motion(ref.motion_path, facts().frame_rate)

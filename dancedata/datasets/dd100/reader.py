@@ -25,7 +25,7 @@ from dancedata.datasets.files import (
     files_by_stem,
     list_audio,
     relative,
-    require_choice,
+    require_choices,
     require_folder,
     with_music_dir,
 )
@@ -90,9 +90,7 @@ class DD100(Dataset):
     )
 
     def __post_init__(self) -> None:
-        require_choice("dd100", "split", self.split, (OFFICIAL, BY_CHOREOGRAPHY))
-        require_choice("dd100", "music", self.music, ("required", "optional"))
-        require_choice("dd100", "up", self.up, ("z", "y"))
+        require_choices(self)
 
     @property
     @override
@@ -201,13 +199,7 @@ class DD100(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read one dancer: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, in the world of the pair.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `motion.load_dancer` for its reasons.
-        """
+        """Read one dancer: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, in the world of the pair."""
         from dancedata.datasets.dd100.motion import load_dancer
 
         return load_dancer(ref.motion_path, self.up)

@@ -15,7 +15,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, Files, clips_note, relative, require_choice
+from dancedata.datasets.files import ALL, Files, clips_note, relative, require_choices
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE, facts
 from dancedata.datasets.finedance.layout import (
     LABELS,
@@ -172,8 +172,7 @@ class FineDance(Dataset):
     )
 
     def __post_init__(self) -> None:
-        require_choice("finedance", "split", self.split, tuple(facts().protocols))
-        require_choice("finedance", "labels", self.labels, ("required", "optional"))
+        require_choices(self)
         listed_ids = sorted(clip for listed in facts().ignore_lists.values() for clip in listed.ids)
         unknown = [] if self.keep == ALL else [clip for clip in self.keep if clip not in listed_ids]
         if unknown:
@@ -257,11 +256,6 @@ class FineDance(Dataset):
         """Read the motion of one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, jaw and eyes still.
 
         The clip's id decides how many frames Lodge trims at its beginning.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `load.load_motion` for its reasons.
         """
         from dancedata.datasets.finedance.load import load_motion
 

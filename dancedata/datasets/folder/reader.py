@@ -211,11 +211,6 @@ class Folder(Dataset):
         """Read the motion of one clip: metres, +Y up, radians; on SMPL's, SMPL-H's or SMPL-X's joints.
 
         A BVH is retargeted to SMPL's 24 joints with its own bone lengths, see `formats.bvh.retarget`.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable, a declaration is missing or wrong, or the file lacks the part of the manifest.
         """
         return part_of(load_motion(ref.motion_path, self._reading(ref)), ref)
 

@@ -23,7 +23,7 @@ from dancedata.datasets.files import (
     list_audio,
     read_names,
     relative,
-    require_choice,
+    require_choices,
 )
 from dancedata.datasets.i_dancers.motion import SUFFIX
 from dancedata.datasets.layout import Folders, Layout
@@ -85,8 +85,7 @@ class IDancers(Dataset):
     citation: ClassVar[str] = "Yang et al., CoheDancers: Enhancing Interactive Group Dance Generation, ACM MM 2025."
 
     def __post_init__(self) -> None:
-        require_choice("i-dancers", "up", self.up, ("auto", "y", "z"))
-        require_choice("i-dancers", "music", self.music, ("required", "optional"))
+        require_choices(self)
         if type(self.trim_frames) is not int or not 0 <= self.trim_frames <= MAX_TRIM:
             raise UsageError(
                 "i-dancers: invalid value for trim_frames",

@@ -13,7 +13,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, files_by_stem, relative, require_choice
+from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, files_by_stem, relative, require_choices
 from dancedata.datasets.infinitedance.corpus import AIST, OWN, Styles, lists_of, origins_note, origins_of
 from dancedata.datasets.layout import Folders, Layout
 
@@ -88,10 +88,7 @@ class InfiniteDance(Dataset):
     )
 
     def __post_init__(self) -> None:
-        require_choice("infinitedance", "motion", self.motion, tuple(LAYOUTS))
-        require_choice("infinitedance", "split", self.split, (*LISTS, ALL))
-        require_choice("infinitedance", "clips", self.clips, ("all", "own"))
-        require_choice("infinitedance", "up", self.up, ("auto", "y", "z", "-y"))
+        require_choices(self)
 
     @property
     @override
@@ -162,13 +159,7 @@ class InfiniteDance(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip: 30 FPS, metres, radians, +Y up.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `motion.load_fit` and `motion.load_columns` for the reasons.
-        """
+        """Read the motion of one clip: 30 FPS, metres, radians, +Y up."""
         from dancedata.datasets.infinitedance.motion import load_columns, load_fit
 
         return load_fit(ref.motion_path, self.up) if self.motion == FITS else load_columns(ref.motion_path)

@@ -18,8 +18,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_audio, relative
-from dancedata.datasets.files import require_choice as choice
+from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_audio, relative, require_choices
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
 
@@ -95,10 +94,7 @@ class Motorica(Dataset):
     )
 
     def __post_init__(self) -> None:
-        choice("motorica", "split", self.split, SPLIT_NAMES)
-        choice("motorica", "fingers", self.fingers, ("drop", "keep"))
-        choice("motorica", "music", self.music, ("required", "optional"))
-        choice("motorica", "takes", self.takes, ("first", "both"))
+        require_choices(self)
         if not isinstance(self.trim_s, int | float) or isinstance(self.trim_s, bool) or not 0 <= self.trim_s < 3600:
             raise UsageError(
                 "motorica: invalid value for trim_s",
@@ -183,13 +179,7 @@ class Motorica(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip: 120 FPS, metres, radians, +Y up, the recording's own bones.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `motion.load_motion` for its reasons.
-        """
+        """Read the motion of one clip: 120 FPS, metres, radians, +Y up, the recording's own bones."""
         from dancedata.datasets.motorica.motion import load_motion
 
         return load_motion(

@@ -25,7 +25,7 @@ from dancedata.datasets.files import (
     list_audio,
     list_folder,
     relative,
-    require_choice,
+    require_choices,
     require_folder,
 )
 
@@ -68,8 +68,7 @@ class PhantomDance(Dataset):
     )
 
     def __post_init__(self) -> None:
-        require_choice("phantomdance", "split", self.split, (BY_SONG, ALL))
-        require_choice("phantomdance", "music", self.music, ("required", "optional"))
+        require_choices(self)
 
     @override
     def body_of(self, ref: ClipRef) -> Skeleton:
@@ -123,13 +122,7 @@ class PhantomDance(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read one dance: 30 FPS, metres, radians, +Y up, SMPL24_EDGE.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `motion.load_motion` for its reasons.
-        """
+        """Read one dance: 30 FPS, metres, radians, +Y up, SMPL24_EDGE."""
         from dancedata.datasets.phantomdance.motion import load_motion
 
         return load_motion(ref.motion_path)

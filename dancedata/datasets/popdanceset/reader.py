@@ -24,7 +24,7 @@ from dancedata.datasets.files import (
     list_audio,
     read_names,
     relative,
-    require_choice,
+    require_choices,
 )
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.originals import original
@@ -121,9 +121,7 @@ class PopDanceSet(Dataset):
     citation: ClassVar[str] = "Luo et al., POPDG: Popular 3D Dance Generation with PopDanceSet, CVPR 2024."
 
     def __post_init__(self) -> None:
-        require_choice("popdanceset", "split", self.split, (OFFICIAL, BY_VIDEO))
-        require_choice("popdanceset", "scale", self.scale, ("multiply", "none"))
-        require_choice("popdanceset", "music", self.music, ("required", "optional"))
+        require_choices(self)
 
     @property
     @override
@@ -189,13 +187,7 @@ class PopDanceSet(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip: 30 FPS, radians, +Y up, SMPL24_EDGE; the scale as chosen.
-
-        Raises
-        ------
-        DataError
-            If the file is unusable; see `motion.load_motion` for its reasons.
-        """
+        """Read the motion of one clip: 30 FPS, radians, +Y up, SMPL24_EDGE; the scale as chosen."""
         from dancedata.datasets.popdanceset.motion import load_motion
 
         return load_motion(ref.motion_path, self.scale)
