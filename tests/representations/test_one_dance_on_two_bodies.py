@@ -176,7 +176,7 @@ def test_keys_change_with_the_numbers() -> None:
 
 def unmarked(dataset: str, name: str) -> str:
     """Return the key without the body, as before bodies were part of it."""
-    with mock.patch("dancedata.pipeline.motion.crosses", return_value=False):
+    with mock.patch("dancedata.pipeline.motion_keys.crosses", return_value=False):
         return keys_of(dataset, "", *EVERY)[name]
 
 

@@ -81,7 +81,7 @@ class Dataset(Plugin):
 
     @abstractmethod
     def load(self, ref: ClipRef) -> Motion:
-        """Read one clip: metres, radians, +Y up. DataError, with a reject's code, for anything wrong with its file."""
+        """Read one clip: metres, radians, +Y up. DataError, with a reject's code, for anything wrong with it."""
 
     def load_group(self, refs: Sequence[ClipRef]) -> list[Motion]:
         """Read the dancers of one group into one world; by default each by itself."""
