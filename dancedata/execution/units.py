@@ -5,8 +5,9 @@ A unit is a call of a function with small arguments that leaves its arrays in th
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,7 +17,7 @@ from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache
 from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
 from dancedata.execution.executors.loky import LokyExecutor
-from dancedata.execution.executors.remote import WorkerRequirements, worker_requirements
+from dancedata.execution.executors.remote import worker_requirements
 from dancedata.execution.progress import Progress
 
 R = TypeVar("R")
@@ -64,20 +65,9 @@ def start_workers(
     if scheduler is None:
         yield LokyExecutor(n)
         return
-    started = _starter(engine)
+    started = import_module(f"{__package__}.executors.{engine}").started  # builds without a cluster load none of it
     with worker_requirements(cache, source, packages) as requirements, started(scheduler, requirements) as executor:
         yield executor
-
-
-def _starter(engine: str) -> Callable[[str, WorkerRequirements], AbstractContextManager[Executor]]:
-    # Imported here: builds without a cluster load none of it.
-    if engine == "dask":
-        from dancedata.execution.executors.dask import started
-    elif engine == "ray":
-        from dancedata.execution.executors.ray import started
-    else:
-        from dancedata.execution.executors.joblib import started
-    return started
 
 
 def check_backend(backend: str | None, scheduler: str | None) -> str:

@@ -38,7 +38,7 @@ from dancedata.remote.fetch import (
     source_of,
     written,
 )
-from dancedata.remote.source import NotThereError, refused
+from dancedata.remote.source import NotThereError, not_cached, refused
 
 CARD_FILE = "README.md"
 #: Folder of what addresses held last.
@@ -151,8 +151,7 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
             with suppress(OSError):  # another user's
                 os.utime(folder.with_name(f"{folder.name}.json"))  # the time of the last use, for `cache prune`
             return folder
-    fix = f"fetch it where there is a network: dancedata pull {address}"
-    raise refused("the dataset is not in the cache", str(address), "HF_HUB_OFFLINE is set", fix)
+    raise not_cached("the dataset is not in the cache", address, address)
 
 
 def origin_of(folder: Path) -> Origin | None:
@@ -222,10 +221,9 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
     origin = origin_of(folder)
     assert origin is not None  # noqa: S101 (the callers asked)
     if is_offline():
-        where, names = origin.address, f"{len(files)} files"
-        fix = f"fetch it where there is a network: dancedata pull {origin.requested}"
-        found = f"HF_HUB_OFFLINE is set; {files[0].name if len(files) == 1 else names} missing"
-        raise refused("a file of the dataset is not in the cache", where, found, fix)
+        names = files[0].name if len(files) == 1 else f"{len(files)} files"
+        found = f"HF_HUB_OFFLINE is set; {names} missing"
+        raise not_cached("a file of the dataset is not in the cache", origin.address, origin.requested, found)
     address = parse_address(origin.address)
     if address.scheme in BUCKETS and crossed_a_fork():
         _fetch_in_new_process(folder, files)

@@ -23,7 +23,7 @@ from dancedata.remote.address import Address
 from dancedata.remote.bucket import BucketSource
 from dancedata.remote.http import HttpSource
 from dancedata.remote.hub import HubSource
-from dancedata.remote.source import Interrupted, OutOfRange, Source, read_within, refused, steady
+from dancedata.remote.source import Interrupted, OutOfRange, Source, read_within, refused, steady, wrong_bytes
 
 #: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
 #: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
@@ -189,12 +189,7 @@ def _fetch(source: Source, where: str, file: RemoteFile, path: Path, target: Pat
         report(-part.have)
         part.clear()
     path.unlink()
-    raise refused(
-        "the server sends other bytes than those of the dataset, twice",
-        where,
-        f"sha256 {found[:12]}..., in dataset.json {file.sha256[:12]}...",
-        "the dataset may have been replaced or damaged there; open the address again, or ask who publishes it",
-    )
+    raise wrong_bytes(where, f"sha256 {found[:12]}..., in dataset.json {file.sha256[:12]}...")
 
 
 def _append(source: Source, where: str, file: RemoteFile, part: _Part, report: Report) -> None:

@@ -10,8 +10,9 @@ from time import monotonic, time
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.core.errors import StoreError
 from dancedata.core.text import quoted, shown
+from dancedata.core.typing import override
 from dancedata.remote.address import LOOPBACK, Address
 from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, no_ranges, refused
 
@@ -69,7 +70,7 @@ class HttpSource:
         if begin or end is not None:
             request.add_header("Range", f"bytes={begin}-{'' if end is None else end - 1}")
         try:
-            response: HTTPResponse = _opener().open(request, timeout=TIMEOUT_S)
+            response: HTTPResponse = opener(_Http, _Https, _SafeRedirection).open(request, timeout=TIMEOUT_S)
         except urllib.error.HTTPError as error:
             error.close()
             raise self._failed(error, name, url) from None
@@ -200,7 +201,21 @@ class _Https(urllib.request.HTTPSHandler):
         return self.do_open(_SafeConnection, req)
 
 
-class _Redirection(urllib.request.HTTPRedirectHandler):
+class Redirection(urllib.request.HTTPRedirectHandler):
+    """Follows redirections, and closes the connection if that fails."""
+
+    @override
+    def http_error_302(self, req: Any, fp: Any, code: int, msg: str, headers: Any) -> Any:
+        try:
+            return super().http_error_302(req, fp, code, msg, headers)
+        except BaseException:
+            fp.close()
+            raise
+
+    http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
+
+
+class _SafeRedirection(Redirection):
     """Follows redirections to https; a token goes to the host that it is for, and to no other."""
 
     def redirect_request(self, req: Any, fp: Any, code: int, msg: str, headers: Any, newurl: str) -> Any:
@@ -222,30 +237,24 @@ class _Redirection(urllib.request.HTTPRedirectHandler):
         return request
 
     def http_error_302(self, req: Any, fp: Any, code: int, msg: str, headers: Any) -> Any:
-        try:
-            # urllib's own check of schemes comes before redirect_request, and lets ftp pass.
-            scheme = urlsplit(headers.get("location", headers.get("uri", ""))).scheme
-            if scheme and scheme not in ("http", "https"):
-                self.redirect_request(req, fp, code, msg, headers, f"{scheme}://")
-            return super().http_error_302(req, fp, code, msg, headers)
-        except (DanceDataError, urllib.error.HTTPError):
-            fp.close()
-            raise
+        # urllib's own check of schemes comes before redirect_request, and lets ftp pass.
+        scheme = urlsplit(headers.get("location", headers.get("uri", ""))).scheme
+        if scheme and scheme not in ("http", "https"):
+            self.redirect_request(req, fp, code, msg, headers, f"{scheme}://")
+        return super().http_error_302(req, fp, code, msg, headers)
 
     http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
 
 
-def _opener() -> urllib.request.OpenerDirector:
-    """Return an opener for http and https alone: a server must not redirect to files or FTP."""
-    opener = urllib.request.OpenerDirector()
+def opener(*handlers: type[urllib.request.BaseHandler]) -> urllib.request.OpenerDirector:
+    """Return an opener for http and https alone, with these handlers: a server must not redirect to files or FTP."""
+    result = urllib.request.OpenerDirector()
     for handler in (
         urllib.request.ProxyHandler,
         urllib.request.UnknownHandler,
-        _Http,
-        _Https,
         urllib.request.HTTPDefaultErrorHandler,
-        _Redirection,
         urllib.request.HTTPErrorProcessor,
+        *handlers,
     ):
-        opener.add_handler(handler())
-    return opener
+        result.add_handler(handler())
+    return result

@@ -23,7 +23,7 @@ from dancedata.remote.address import BUCKETS, Address, parse_address
 from dancedata.remote.bucket import BucketSource, crossed_a_fork
 from dancedata.remote.cached import is_offline, origin_of
 from dancedata.remote.fetch import persist, source_of
-from dancedata.remote.source import Answer, Interrupted, OutOfRange, Source, refused, steady
+from dancedata.remote.source import Answer, Interrupted, OutOfRange, Source, not_cached, refused, steady, wrong_bytes
 
 #: Bytes that one request asks for, at most: pieces that follow each other come together.
 _RUN = 1 << 22
@@ -215,8 +215,7 @@ class _Pieces:
         """Fetch pieces first to stop - 1, and compare them; wrong bytes are asked for once more."""
         begin, end, where = first * self._piece, min(stop * self._piece, file.size), f"{self._address}/{file.name}"
         if is_offline():
-            fix = f"fetch it where there is a network: dancedata pull {self._requested}"
-            raise refused("a part of the dataset is not in the cache", where, "HF_HUB_OFFLINE is set", fix)
+            raise not_cached("a part of the dataset is not in the cache", where, self._requested)
         wrong = first
         for _ in range(2):
             data = bytearray()
@@ -228,12 +227,7 @@ class _Pieces:
                 yield from ((n, bytes(piece)) for n, piece in pieces.items())
                 return
             wrong = bad[0]
-        raise refused(
-            "the server sends other bytes than those of the dataset, twice",
-            where,
-            f"bytes {wrong * self._piece} to {min((wrong + 1) * self._piece, file.size)}",
-            "the dataset may have been replaced or damaged there; open the address again, or ask who publishes it",
-        )
+        raise wrong_bytes(where, f"bytes {wrong * self._piece} to {min((wrong + 1) * self._piece, file.size)}")
 
     def _append(self, name: str, data: bytearray, begin: int, end: int) -> None:
         """Append to `data` what the server sends of bytes begin to end, from where it ended before."""

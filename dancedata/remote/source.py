@@ -102,6 +102,21 @@ def no_ranges(where: object, found: object) -> StoreError:
     return refused("the server does not give parts of files", where, found, fix)
 
 
+def not_cached(problem: str, where: object, requested: object, found: str = "HF_HUB_OFFLINE is set") -> StoreError:
+    """Return the error for what no server may be asked for."""
+    return refused(problem, where, found, f"fetch it where there is a network: dancedata pull {requested}")
+
+
+def wrong_bytes(where: object, found: object) -> StoreError:
+    """Return the error for a server whose bytes do not have their hash, also when they are asked for again."""
+    return refused(
+        "the server sends other bytes than those of the dataset, twice",
+        where,
+        found,
+        "the dataset may have been replaced or damaged there; open the address again, or ask who publishes it",
+    )
+
+
 class NotThereError(StoreError):
     """The folder on the server does not have this file."""
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from http.client import HTTPException, HTTPResponse
 from pathlib import Path
-from typing import Any
 
 from dancedata.audio.jukebox.weights.folder import LICENCE, PRIOR_FILE, VQVAE_FILE
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
@@ -18,6 +17,7 @@ from dancedata.core.text import quoted, shown
 from dancedata.files.atomic import PREFIX, atomic_file
 from dancedata.files.locks import file_lock
 from dancedata.files.regular_file import sha256_file
+from dancedata.remote.http import Redirection, opener
 
 OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
 
@@ -27,6 +27,7 @@ _LENGTH = re.compile(r"[0-9]{1,15}")
 #: A strong entity tag (RFC 9110), without which a download cannot be resumed. Some servers send invalid ones.
 _ETAG = re.compile(r'"[\x21\x23-\x7e]{1,200}"')
 _MAX_TAG = 300
+_HANDLERS = (urllib.request.HTTPHandler, urllib.request.HTTPSHandler, Redirection)
 # Other OSErrors come from the disk.
 _NETWORK_ERRORS = (urllib.error.URLError, HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
 
@@ -190,7 +191,7 @@ class _Download:
                 # The server sends another version of the file from its start.
                 request.add_header("If-Range", tag)
         try:
-            response = _opener().open(request, timeout=_TIMEOUT_S)
+            response = opener(*_HANDLERS).open(request, timeout=_TIMEOUT_S)
         except urllib.error.HTTPError as error:
             error.close()
             if error.code != 416 or not have:
@@ -260,35 +261,6 @@ class _Download:
             found=found,
             fix="choose another mirror or folder",
         )
-
-
-class _Redirection(urllib.request.HTTPRedirectHandler):
-    """Follows redirections, and closes the connection if that fails."""
-
-    def http_error_302(self, req: Any, fp: Any, code: int, msg: str, headers: Any) -> Any:
-        try:
-            return super().http_error_302(req, fp, code, msg, headers)
-        except BaseException:
-            fp.close()
-            raise
-
-    http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
-
-
-def _opener() -> urllib.request.OpenerDirector:
-    """Return an opener for http and https only: a server must not redirect to files or FTP."""
-    opener = urllib.request.OpenerDirector()
-    for handler in (
-        urllib.request.ProxyHandler,
-        urllib.request.UnknownHandler,
-        urllib.request.HTTPHandler,
-        urllib.request.HTTPSHandler,
-        urllib.request.HTTPDefaultErrorHandler,
-        _Redirection,
-        urllib.request.HTTPErrorProcessor,
-    ):
-        opener.add_handler(handler())
-    return opener
 
 
 def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
