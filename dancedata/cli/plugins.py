@@ -213,8 +213,8 @@ def _project(plugin: NewPlugin, root: Path) -> str:
             "the folder is another project", where=root, fix="choose another --package name, or another --out"
         )
     text = path.read_text(encoding="utf-8")
-    head, found, tail = text.partition(f"{group}\n")
-    return f"{head}{found}{entry}\n{tail}" if found else f"{text.rstrip()}\n\n{group}\n{entry}\n"
+    head, heading, tail = text.partition(f"{group}\n")
+    return f"{head}{heading}{entry}\n{tail}" if heading else f"{text.rstrip()}\n\n{group}\n{entry}\n"
 
 
 def _check_name(plugin: NewPlugin) -> None:

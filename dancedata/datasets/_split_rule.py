@@ -120,12 +120,12 @@ class SplitRule:
         free = sorted((group for group in sizes if not fixed.get(group)), key=lambda g: (self._place(g, seed), g))
         n = sum(sizes.values())
         for name, part, groups in ((_TEST, self.test, free), (_VAL, self.val, free[::-1])):
-            left, wanted = [g for g in groups if splits[g] == _TRAIN], part * n
-            held = sum(size for g, size in sizes.items() if splits[g] == name)
+            left, target = [g for g in groups if splits[g] == _TRAIN], part * n
+            size_of_split = sum(size for g, size in sizes.items() if splits[g] == name)
             for group in left if part else ():
-                if abs(held + sizes[group] - wanted) < abs(held - wanted):
-                    splits[group], held = name, held + sizes[group]
-            if part and not held and len(left) > 1:
+                if abs(size_of_split + sizes[group] - target) < abs(size_of_split - target):
+                    splits[group], size_of_split = name, size_of_split + sizes[group]
+            if part and not size_of_split and len(left) > 1:
                 splits[min(left, key=lambda g: sizes[g])] = name
         return splits
 

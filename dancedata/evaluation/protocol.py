@@ -316,8 +316,8 @@ def with_metrics(protocol: Protocol, names: Iterable[str]) -> Protocol:
     They get the joints, rate and pieces of the protocol and their default parameters. Names that the protocol has, of
     metrics or scores, and unknown ones are skipped.
     """
-    own = {name for measure in protocol.measures for name in (measure.metric.name, *measure.metric.better)}
-    metrics = [METRICS.make(name, {}) for name in dict.fromkeys(names) if name not in own and name in METRICS]
+    taken = {name for measure in protocol.measures for name in (measure.metric.name, *measure.metric.better)}
+    metrics = [METRICS.make(name, {}) for name in dict.fromkeys(names) if name not in taken and name in METRICS]
     for metric in metrics:
         if metric.of_groups and not protocol.of_groups:
             raise UsageError(

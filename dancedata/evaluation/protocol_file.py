@@ -105,13 +105,13 @@ def _list(document: Mapping[str, Any], key: str, problems: list[str]) -> list[An
 
 def _measure(where: str, entry: Any, problems: list[str]) -> Measure | None:
     entry = {entry: {}} if isinstance(entry, str) else entry
-    own = set(Measure.__dataclass_fields__) - {"metric"}
-    names = [name for name in entry if name not in own] if isinstance(entry, dict) else []
+    keys = set(Measure.__dataclass_fields__) - {"metric"}
+    names = [name for name in entry if name not in keys] if isinstance(entry, dict) else []
     if len(names) != 1:
         problems.append(f"{where}: name one metric, such as {{pfc: {{variant: code}}}}; found {shown(repr(entry))}")
         return None
     metric = make_plugin(METRICS, where, str(names[0]), entry[names[0]], problems)
-    others = {key: value for key, value in entry.items() if key in own}
+    others = {key: value for key, value in entry.items() if key in keys}
     for key, value in others.items():
         if not (isinstance(value, bool) if key == "steady" else type(value) is int and value > 0):
             problems.append(f"{where}.{key}: found {shown(repr(value))}")

@@ -109,12 +109,12 @@ class SampleTable:
 
     def _parts(self, samples: Sequence[Sample], size: float) -> Iterator[list[Sample]]:
         part: list[Sample] = []
-        held = 0
+        n_bytes = 0
         for sample in samples:
-            held += self._size(*sample)
-            if part and held > size:
+            n_bytes += self._size(*sample)
+            if part and n_bytes > size:
                 yield part
-                part, held = [], self._size(*sample)
+                part, n_bytes = [], self._size(*sample)
             part.append(sample)
         if part:
             yield part

@@ -196,8 +196,8 @@ def geometric(joints: Float64Array, *, up: Up = "y") -> Float64Array:
     pose = _Pose(positions, axis_of(up))
     # Joints at the same place make directions of 0 / 0; comparing with NaN is false, as in the original.
     with np.errstate(invalid="ignore", divide="ignore"):
-        held = [rule for rules in _RULES for rule in rules(pose)]
-    return np.asarray([rule.mean() for rule in held], dtype=np.float64)
+        rules_true = [rule for rules in _RULES for rule in rules(pose)]
+    return np.asarray([rule.mean() for rule in rules_true], dtype=np.float64)
 
 
 @METRICS.register("geometric")

@@ -275,8 +275,8 @@ def align(
     Examples
     --------
     >>> import dancedata
-    >>> found = dancedata.align("~/aist_plusplus_final", by="song", progress=False)
-    >>> [(row.name, abs(row.offset.offset_s) < 1 / 60) for row in found.known]
+    >>> alignment = dancedata.align("~/aist_plusplus_final", by="song", progress=False)
+    >>> [(row.name, abs(row.offset.offset_s) < 1 / 60) for row in alignment.known]
     [('mBR0', True), ('mHO3', True)]
     """
     path, file, reporter = Path(source).expanduser(), folder_of(out), Progress(quiet=not progress)
@@ -290,12 +290,12 @@ def align(
     units, workers = _units(clips, by), jobs_of(jobs)
     songs = sorted({clip.audio_path for clip in clips if clip.audio_path is not None})
     with running(store_cache.root):
-        found, rejects = with_lost_entries(
+        offsets, rejects = with_lost_entries(
             store_cache,
-            lambda held: find_offsets(held, reader, units, songs, search, jobs=workers, progress=reporter),
+            lambda cache: find_offsets(cache, reader, units, songs, search, jobs=workers, progress=reporter),
             reporter,
         )
-    rows = [Aligned(u.name, u.clips, o) for u, o in zip(units, found, strict=True) if isinstance(o, Offset)]
+    rows = [Aligned(u.name, u.clips, o) for u, o in zip(units, offsets, strict=True) if isinstance(o, Offset)]
     rejects = [*scan.rejects, *(missing_music(clip) for clip in scan.clips if clip.audio_path is None), *rejects]
     relative = tuple(relative_to(reject, path) for reject in rejects)
     result = Alignment(path, reader.name, by, search, tuple(rows), relative)

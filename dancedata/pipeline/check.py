@@ -123,8 +123,8 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
         sources = identify(cache, recipe, scan, jobs=workers, progress=progress)
         if not networks:
             computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
-            own = [clip for clip in computed.clips if clip.id in listed_ids and clip.signal is not None]
-            lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in own]
+            originals = [clip for clip in computed.clips if clip.id in listed_ids and clip.signal is not None]
+            lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in originals]
             return computed.rejects, computed.quality, lengths
         encoded, unreadable = encode_clips(cache, recipe, sources, jobs=workers, progress=progress)
         curated = curate(cache, recipe, encoded, sources.content, jobs=workers, progress=progress)

@@ -155,8 +155,8 @@ def _retimed(context: _Context, originals: Sequence[CopySource], rejects: list[R
     for clip in sorted(extracted, key=lambda clip: clip.source.ref.id):
         original_clip = of_copy[clip.source.ref.id]
         # Flags and rate are of the source, whose frames the copy has.
-        kept = ("id", "n_flags", "source_rate", "segments", "group_size")
-        about = {name: getattr(original_clip, name) for name in kept}
+        names = ("id", "n_flags", "source_rate", "segments", "group_size")
+        about = {name: getattr(original_clip, name) for name in names}
         # The song is that of the original: stretched music is not a decoded file.
         stored.append(replace(stored_clip(recipe, clip), song="", signal=None, **about))
     return stored

@@ -222,7 +222,7 @@ def make_plan(
     scanned = scan_source(recipe, source)
     scan = with_lost_entries(
         store_cache,
-        lambda held: with_found_starts(held, recipe.dataset, scanned, jobs=jobs, progress=progress),
+        lambda cache: with_found_starts(cache, recipe.dataset, scanned, jobs=jobs, progress=progress),
         progress,
     )
     songs: dict[Path | None, Any] = {}
@@ -245,8 +245,8 @@ def make_plan(
     clips = _with_whole_groups(recipe, scan, {clip.ref.id: clip for of_unit in planned for clip in of_unit})
     kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
     retimed = [(clip.ref, copy.n_windows, copy.speed) for clip in clips for copy in clip.retimed]
-    held = cached_units(store_cache, recipe, scan.clips, kept, retimed)
-    return Plan(recipe, source, scan, tuple(clips), held)
+    cached = cached_units(store_cache, recipe, scan.clips, kept, retimed)
+    return Plan(recipe, source, scan, tuple(clips), cached)
 
 
 #: A clip's music: samples and sample rate, a reject, or None without features.

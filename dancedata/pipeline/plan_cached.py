@@ -64,7 +64,7 @@ def cached_units(
 
 def _motion(cache: Cache, recipe: Recipe, scanned: Sequence[ClipRef], refs: Sequence[ClipRef]) -> dict[str, Cached]:
     names = [clip_field.name for clip_field in recipe.clip_fields]
-    held = dict.fromkeys(names, 0)
+    counts = dict.fromkeys(names, 0)
     encoded = [spec for spec in recipe.augment if spec.augmentation.changes != "rows"]
     of = len(refs) + len(encoded) * sum(is_copied(ref.split) for ref in refs)
     try:
@@ -79,8 +79,8 @@ def _motion(cache: Cache, recipe: Recipe, scanned: Sequence[ClipRef], refs: Sequ
         groups = groups_of(scanned if spec is None else of_spec, lambda ref: ref)
         for ref in of_spec:
             for name in _fields_held(cache, motion_keys, ref, groups.get(ref.group, ())):
-                held[name] += 1
-    return {name: Cached("clips", held[name], of) for name in names}
+                counts[name] += 1
+    return {name: Cached("clips", counts[name], of) for name in names}
 
 
 def _fields_held(cache: Cache, motion_keys: MotionKeys, ref: ClipRef, group: Sequence[ClipRef]) -> list[str]:

@@ -220,8 +220,8 @@ class Published:
             recipes = shaping(self.dataset["recipe"]), shaping(built["recipe"])
             differences += [f"recipe: {_values(*entry)}" for entry in document_differences(*recipes)]
             for key in ("dancedata", "packages", "arithmetic", "plugins", "encoders"):
-                found = document_differences(self.dataset.get(key), built.get(key), key)
-                differences += [_values(*entry) for entry in found]
+                entries = document_differences(self.dataset.get(key), built.get(key), key)
+                differences += [_values(*entry) for entry in entries]
         if other:
             differences.append(f"{counted(len(other), 'file')} with other bytes: {listed(other, _SHOWN)}")
         return Rebuilt(self.place, not other, len(ours), sum(f.size for f in ours.values()), tuple(differences))

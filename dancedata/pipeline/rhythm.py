@@ -53,12 +53,12 @@ class Together:
 
 def recordings(clips: Sequence[ClipRef]) -> list[Together]:
     """Group clips by recording: dancers of a group, or parts and people of one motion file, with one music file."""
-    found: dict[tuple[str | Path, Path | None], list[ClipRef]] = {}
+    by_recording: dict[tuple[str | Path, Path | None], list[ClipRef]] = {}
     for clip in clips:
-        found.setdefault((clip.group or clip.motion_path, clip.audio_path), []).append(clip)
+        by_recording.setdefault((clip.group or clip.motion_path, clip.audio_path), []).append(clip)
     return [
         Together(of[0].id if len(of) == 1 else of[0].group or of[0].motion_path.name, tuple(of))
-        for of in found.values()
+        for of in by_recording.values()
     ]
 
 

@@ -104,12 +104,12 @@ def write_mp4(
                     "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
                     "-flags:a", "+bitexact", "-map_metadata", "-1", "-metadata", f"comment={comment}",
                     "-f", "mp4", str(temporary)]  # fmt: skip
-        said = _run(command, frames, Path(folder, "messages"))
-        if said is not None:
+        messages_text = _run(command, frames, Path(folder, "messages"))
+        if messages_text is not None:
             raise StoreError(
                 "ffmpeg cannot write the video",
                 where=path,
-                found=shown(said.replace(str(temporary), path.name), 600),
+                found=shown(messages_text.replace(str(temporary), path.name), 600),
                 fix="use an ffmpeg with libx264 and aac; imageio-ffmpeg brings one: " + install("video"),
             )
 
@@ -135,12 +135,12 @@ def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | N
         process.wait()
     if not process.returncode:
         return None
-    said = messages.read_bytes().decode(errors="replace").strip()
-    full = [number for number in _FULL if os.strerror(number) in said]
+    text = messages.read_bytes().decode(errors="replace").strip()
+    full = [number for number in _FULL if os.strerror(number) in text]
     if full or is_file_too_large(process.returncode):
         number = full[0] if full else errno.EFBIG
         raise OSError(number, os.strerror(number))
-    return said
+    return text
 
 
 def _feed(pipe: IO[bytes], frames: Iterable[bytes]) -> None:

@@ -117,11 +117,11 @@ def _look(d: Drawing) -> str:
 
 def outlier_figures(d: Drawing, among: str = "all clips") -> list[Figure]:
     """Return the table of clips whose movement is unlike that of the others; `among` names those."""
-    found = d.numbers.outliers
-    if not found:
+    outliers = d.numbers.outliers
+    if not outliers:
         return []
-    rows = [(d.link(outlier.clip), Markup("<br>".join(_reasons(outlier)))) for outlier in found[:_LOOK]]
-    left = len(found) - len(rows)
+    rows = [(d.link(outlier.clip), Markup("<br>".join(_reasons(outlier)))) for outlier in outliers[:_LOOK]]
+    left = len(outliers) - len(rows)
     note = f"robust z above {LIMIT:g}: a number far above the median of {among}" + (f"; {left:,} more" * (left > 0))
     body = f'<div class="scroll">{table(("clip", "because of"), rows, "list texts")}</div>'
     return [Figure("outliers", "Clips unlike the others", note, body, kind="wide")]
@@ -165,9 +165,9 @@ def _losses(d: Drawing) -> list[Figure]:
     for score, rule in d.numbers.curation.items():
         name = _text(score if rule["unit"] == "1" else f"{score}, {rule['unit']}", 100)
         for row in rule["losses"]:
-            here = "the recipe's limit" if row["limit"] == rule["limit"] else ""
+            remark = "the recipe's limit" if row["limit"] == rule["limit"] else ""
             shares = [f"{row[key]:,} of {of:,}" for key, of in zip(("clips", "windows"), rule["of"], strict=True)]
-            rows.append((name, float(row["limit"]), *shares, here))
+            rows.append((name, float(row["limit"]), *shares, remark))
     head = ("score", "above", "clips lost", "windows lost", "")
     body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
     note = "each rule of curate by itself; a clip is lost if all its windows are"

@@ -299,18 +299,18 @@ def _nearest(space: Space, first: int) -> tuple[tuple[NearestPose, ...], dict[st
     of_clip: dict[str, list[int]] = {}
     for k, number in enumerate(ours.tolist()):
         of_clip.setdefault(space.pose_of[number][0], []).append(k)
-    found = []
+    nearest = []
     for clip, places in of_clip.items():
         k = max(places, key=lambda place: (round(float(away[place]), 6), -place))
         train_clip, _, train_seconds = space.pose_of[int(pairs[k])]
         seconds = space.pose_of[first + k][2]
         both = (_as_pose(poses[ours[k]]), _as_pose(poses[pairs[k]]))
         distance = round(float(away[k]), 4)
-        found.append(
+        nearest.append(
             NearestPose(sample_of(clip), round(seconds, 3), train_clip, round(train_seconds, 3), distance, *both)
         )
     medians = {clip: round(float(np.median(away[places])), 4) for clip, places in of_clip.items()}
-    return tuple(sorted(found, key=lambda near: (-near.distance_m, near.clip))), medians
+    return tuple(sorted(nearest, key=lambda near: (-near.distance_m, near.clip))), medians
 
 
 def _as_pose(row: Float64Array) -> tuple[tuple[float, ...], ...]:

@@ -46,8 +46,8 @@ class Joints(Representation):
     @property
     @override
     def skeleton(self) -> Skeleton:
-        found: Skeleton = self.__dict__["_skeleton"]
-        return found
+        skeleton: Skeleton = self.__dict__["_skeleton"]
+        return skeleton
 
     @property
     @override

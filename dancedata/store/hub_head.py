@@ -42,11 +42,11 @@ def hub_licence(text: str) -> str:
     ('cc-by-nc-4.0', 'other')
     """
     named = text.strip().lower()
-    found = [name for name, pattern in _LICENCES if re.match(rf"(?:{pattern})(?![\w-]*[ -](?:sa|nc|nd)\b)", named)]
+    ids = [name for name, pattern in _LICENCES if re.match(rf"(?:{pattern})(?![\w-]*[ -](?:sa|nc|nd)\b)", named)]
     # Several terms in one text are as strict as those that are not known.
     parts = re.split(r"[;,]\s|\band\b", named)
     known = [part for part in parts if any(re.match(rf"\s*(?:{pattern})", part) for _, pattern in _LICENCES)]
-    return found[-1] if found and len(known) <= 1 else OTHER
+    return ids[-1] if ids and len(known) <= 1 else OTHER
 
 
 def strictest(store: Store) -> tuple[str, Licence]:

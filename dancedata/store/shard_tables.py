@@ -108,8 +108,8 @@ class _ShardTable:
             raise broken(where, "windows of clips that do not exist", actual, f"0 to {self.n_clips - 1}")
         other = self.windows["length"] != description.length
         if other.any():
-            found = sorted({int(n) for n in self.windows["length"]})
-            raise broken(str(self._path), "the windows of a split differ in length", found, description.length)
+            lengths = sorted({int(n) for n in self.windows["length"]})
+            raise broken(str(self._path), "the windows of a split differ in length", lengths, description.length)
 
     def _whole(self, name: str) -> IntArray:
         return np.asarray(self._column(name, "iu"), dtype=np.int64)

@@ -255,8 +255,8 @@ def _check_texts(columns: Mapping[str, Any]) -> Iterator[str]:
     """Check that mirrored words and tokens are as many as the texts, and that no segment ends before it begins."""
     n_texts = np.diff(columns["texts"].begin)
     for name in ("texts_mirrored", "tokens"):
-        found = np.diff(columns[name].begin)
-        bad = (found != 0) & (found != n_texts)
+        n_values = np.diff(columns[name].begin)
+        bad = (n_values != 0) & (n_values != n_texts)
         if bad.any():
             yield f"/segments/{name}: not as many as the texts, in rows {_places(bad)}"
     bad = np.asarray(columns["end_t"]) < np.asarray(columns["start_t"])

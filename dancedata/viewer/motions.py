@@ -69,8 +69,8 @@ class MusicFiles:
             return cls(dict.fromkeys(clips, path))
         named = {} if path.is_dir() else read_songs(path)
         songs = song_files(path if path.is_dir() else path.parent)
-        found = {clip: songs.get(named.get(clip, clip)) or _song_within(clip, songs) for clip in clips}
-        files = {clip: file for clip, file in found.items() if file is not None}
+        songs_of_clips = {clip: songs.get(named.get(clip, clip)) or _song_within(clip, songs) for clip in clips}
+        files = {clip: file for clip, file in songs_of_clips.items() if file is not None}
         if not files:
             raise UsageError(
                 "no file of this music is named as a clip", where=path, found=listed(sorted(songs), 5),
@@ -247,11 +247,11 @@ def motion_scenes(path: Path, form: FileFormat, music: Path | None = None, body:
     else:
         files = [path] if path.is_file() else []
     if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
-        seen = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
+        content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
         raise UsageError(
-            "there is nothing to look at", where=path, found=seen if path.exists() else "no such file or folder",
+            "there is nothing to look at", where=path, found=content if path.exists() else "no such file or folder",
             allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
-            fix=INTERRUPTED if seen == "an empty folder" or "an unfinished build" in seen else None,
+            fix=INTERRUPTED if content == "an empty folder" or "an unfinished build" in content else None,
         )  # fmt: skip
     clips = [clip for file in files for clip in clips_of(file, form)]
     names = [clip.id for clip in clips]

@@ -37,10 +37,10 @@ def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
 
     Fields whose plug-ins are not installed are left out; `Scenes` gives the reason for a field by name.
     """
-    kept = pose_readers(store)
+    readers = pose_readers(store)
     # First whole motions, then positions, then motions that `decode` fits to the columns.
-    rank = {name: (r.representation.positions_only, not r.representation.decodes) for name, r in kept.items()}
-    return dict(sorted(kept.items(), key=lambda item: rank[item[0]]))
+    rank = {name: (r.representation.positions_only, not r.representation.decodes) for name, r in readers.items()}
+    return dict(sorted(readers.items(), key=lambda item: rank[item[0]]))
 
 
 def rhythm_fields(store: Store) -> tuple[str, ...]:
@@ -54,11 +54,11 @@ def rhythm_of(rows: npt.NDArray[Any], field: Field, lead: int = 0) -> Rhythm:
 
     The rows begin with the clip or, where its music begins later, `lead` rows after it.
     """
-    rate, found = float(field.rate), field_beats(rows, field)
-    beats = (found.seconds + lead / rate).clip(min=0)
+    rate, stored = float(field.rate), field_beats(rows, field)
+    beats = (stored.seconds + lead / rate).clip(min=0)
     downbeats: tuple[int, ...] = ()
     if _DOWNBEAT in field.columns.names:
-        downbeats = tuple(np.flatnonzero(rows[found.frames, field.columns.slice(_DOWNBEAT)].ravel() > 0.5).tolist())
+        downbeats = tuple(np.flatnonzero(rows[stored.frames, field.columns.slice(_DOWNBEAT)].ravel() > 0.5).tolist())
     if _ONSET not in field.columns.names:
         return Rhythm(beats, np.zeros(0), rate, field.name, downbeats)
     onset = rows[beat_rows_late(field.name) :, field.columns.slice(_ONSET)].ravel().astype(np.float64)

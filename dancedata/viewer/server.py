@@ -248,22 +248,22 @@ class Site:
         """Answer with a clip; requests for the same one at the same time wait for one answer, which is kept."""
         key = (item.number, name, part)
         with self._lock:
-            kept = self._answers.get(key)
-            mine = kept is None
-            if kept is None:
-                kept = self._answers[key] = Future()
+            answer = self._answers.get(key)
+            is_first = answer is None
+            if answer is None:
+                answer = self._answers[key] = Future()
             self._answers.move_to_end(key)
-        if mine:
+        if is_first:
             try:
                 scene = self.scenes.scene(item, name, first_s=FIRST_S if part == "first" else None)
                 document: Any = scene_turns(scene) if part == "turns" else scene_payload(scene)
-                kept.set_result(_json({**document, "partial": True} if part == "first" else document))
+                answer.set_result(_json({**document, "partial": True} if part == "first" else document))
             except BaseException as error:
                 self._answers.pop(key, None)
-                kept.set_exception(error)
+                answer.set_exception(error)
                 raise
             self._forget()
-        return kept.result()
+        return answer.result()
 
     def _forget(self) -> None:
         """Drop the answers that were asked for longest ago, until few enough are kept."""

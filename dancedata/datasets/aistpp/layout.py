@@ -292,9 +292,9 @@ def published_lists(copy: Copy, names: Iterable[str]) -> dict[str, Path]:
 
     The ignore list may be in ``splits/`` as well, as in EDGE's repository.
     """
-    found = {}
+    lists = {}
     for name in names:
         paths = (place / at for place in copy.folders.places for at in (name, f"splits/{name}"))
         if (path := next((path for path in paths if path.is_file()), None)) is not None:
-            found[name] = path
-    return found
+            lists[name] = path
+    return lists

@@ -97,9 +97,10 @@ def genre_notes(clips: Sequence[ClipRef]) -> list[str]:
     """Return the number of genres, and clips that are kept despite a problem with their label."""
     n = len({clip.genre for clip in clips if clip.genre})
     notes = [f"Genres: {n:,} of {len(facts().genre_ids):,}, from style2 of the labels, with Lodge's names."]
-    kept = [f"{clip.id} ({'; '.join(clip.notes)})" for clip in clips if not clip.genre]
-    if kept:
-        notes.append(f"Genres: {counted(len(kept), 'clip')} kept without a genre, as requested: {listed(kept, 3)}.")
+    unlabelled = [f"{clip.id} ({'; '.join(clip.notes)})" for clip in clips if not clip.genre]
+    if unlabelled:
+        n_clips = counted(len(unlabelled), "clip")
+        notes.append(f"Genres: {n_clips} kept without a genre, as requested: {listed(unlabelled, 3)}.")
     return notes
 
 

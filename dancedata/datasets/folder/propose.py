@@ -131,8 +131,8 @@ def propose(source: Path) -> Proposal:
 
 def _files(source: Path, suffixes: Sequence[str]) -> list[Path]:
     """Return the files of a folder and its folders, without hidden ones and links to folders."""
-    found = (path for path in source.rglob("*") if path.suffix.lower() in suffixes)
-    return sorted(p for p in found if p.is_file() and not any(n.startswith(".") for n in p.relative_to(source).parts))
+    paths = (path for path in source.rglob("*") if path.suffix.lower() in suffixes)
+    return sorted(p for p in paths if p.is_file() and not any(n.startswith(".") for n in p.relative_to(source).parts))
 
 
 def _seconds(song: Path) -> float | None:
@@ -150,8 +150,8 @@ def _paired(path: Path, source: Path, lengths: dict[Path, float | None], stems: 
     name = path.stem if stems[path.stem] == 1 and id_problem(path.stem) is None else ""
     row = ProposedRow(name or re.sub(r"[^\w.+-]+", "_", relative(path, source)).lstrip("."), relative(path, source))
     equal = best_audio([song for song in lengths if song.stem == path.stem])
-    own = Name.of(path.stem)
-    near = [] if equal else [song for song in lengths if Name.of(song.stem).near(own, misspelt=True)]
+    name_of_motion = Name.of(path.stem)
+    near = [] if equal else [song for song in lengths if Name.of(song.stem).near(name_of_motion, misspelt=True)]
     word, named = ("", None) if equal or near else _by_word(path, lengths)
     song = equal[0] if equal else near[0] if len(near) == 1 else named
     row = _measured(path, row, None if song is None else lengths[song])
@@ -169,8 +169,8 @@ def _by_word(path: Path, songs: Iterable[Path]) -> tuple[str, Path | None]:
     """Return the word that a motion's name shares with one song alone, and the song; None if there is no such one."""
     words = {song: set(_WORD.findall(song.stem.casefold())) for song in songs}
     n_songs = Counter(word for of_song in words.values() for word in of_song)
-    own = {word for word in _WORD.findall(path.stem.casefold()) if n_songs[word] == 1}
-    shared = {song: sorted(own & of_song) for song, of_song in words.items() if own & of_song}
+    unique = {word for word in _WORD.findall(path.stem.casefold()) if n_songs[word] == 1}
+    shared = {song: sorted(unique & of_song) for song, of_song in words.items() if unique & of_song}
     if len(shared) != 1:
         return "", None
     ((song, common),) = shared.items()
@@ -193,11 +193,11 @@ def _by_length(rows: list[ProposedRow], source: Path, lengths: dict[Path, float 
         row.id: [s for s, n in free.items() if row.motion_s is not None and abs(n - row.motion_s) <= _SAME_S]
         for row in alone
     }
-    wanted = Counter(song for songs in fits.values() for song in songs)
+    n_motions = Counter(song for songs in fits.values() for song in songs)
     paired = []
     for row in rows:
         songs = fits.get(row.id, [])
-        if len(songs) == 1 and wanted[songs[0]] == 1:
+        if len(songs) == 1 and n_motions[songs[0]] == 1:
             row = row.with_guess("audio", songs[0], "the only music of this length, of another name")
             row = _side_by_side(row, free[songs[0]])
         elif not row.audio:
@@ -213,8 +213,8 @@ def _measured(path: Path, row: ProposedRow, audio_s: float | None) -> ProposedRo
         try:
             motion = load_motion(path, Reading(Declared(), Declared(**guess)))
         except DataError as error:
-            asked = _ASKED.search(error.fix or "")
-            key, value = asked.groups() if asked else ("", "")
+            match = _ASKED.search(error.fix or "")
+            key, value = match.groups() if match else ("", "")
             fps = "60" if "smpl_scaling" in str(error.found) else "30"  # AIST++'s arrays, else usual
             usual = {"fps": fps, "up": "y", "unit": GUESS if path.suffix.lower() == ".bvh" else "m"}
             if not key or (key in guess and value not in UPRIGHT) or guess.get(key) == value:

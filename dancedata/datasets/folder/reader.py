@@ -368,10 +368,10 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
-        seen = seen_in(arrays)
+        span = seen_in(arrays)
     joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
     text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
-    video = (f"Video: {seen[0]}",) if seen is not None and str(seen[0]) else ()
+    video = (f"Video: {span[0]}",) if span is not None and str(span[0]) else ()
     body = layout.skeleton.name if reading.body_model is None else ""
     return (text, *video, *_drift(facts)), body, facts.rate.value
 

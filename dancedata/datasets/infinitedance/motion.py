@@ -172,12 +172,14 @@ def _write_fit(path: Path, dance: Motion, flat: bool) -> None:
 
 def _write_lists(folder: Path) -> None:
     of_split = {split: [clip for clip, _, _, of, *_ in _CLIPS if of == split] for split in ("train", "test")}
-    own = {split: [clip for clip, _, is_own, of, *_ in _CLIPS if of == split and is_own] for split in of_split}
+    of_infinitedance = {
+        split: [clip for clip, _, is_own, of, *_ in _CLIPS if of == split and is_own] for split in of_split
+    }
     lists = {
         "All_cleandata_train": of_split["train"], "test_eval861": of_split["test"],
         "All_train": of_split["train"], "All_eval": of_split["test"],
-        "infinitedance_train": own["train"], "infinitedance_eval": own["test"],
-        "aistpp_train": [clip for clip in of_split["train"] if clip not in own["train"]],
+        "infinitedance_train": of_infinitedance["train"], "infinitedance_eval": of_infinitedance["test"],
+        "aistpp_train": [clip for clip in of_split["train"] if clip not in of_infinitedance["train"]],
     }  # fmt: skip
     for k, (name, clips) in enumerate(lists.items()):
         (folder / f"{name}.txt").write_text("\n".join(clips) + "\n" * (k % 2), encoding="utf-8", newline="\n")

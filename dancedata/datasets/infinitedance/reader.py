@@ -143,11 +143,11 @@ class InfiniteDance(Dataset):
             Reject("missing_motion", clip=name, detail=f"listed, but no {layout.motions}/{name}{layout.suffix}")
             for name in sorted({*train, *test} - set(motions.files))
         ]
-        found = counted(len(motions.files), "file")
+        n_files = counted(len(motions.files), "file")
         published = f"{N_FITS:,} fits" if self.motion == FITS else f"{N_COLUMNS:,} files of columns"
         notes = [
             f"Layout: InfiniteDance, by {relative(folders.root / layout.motions, folders.source)}/*{layout.suffix} "
-            f"({found}; {published} were published); no audio: music is in files of features.",
+            f"({n_files}; {published} were published); no audio: music is in files of features.",
             *notes,
             self._split_note(train, test),
             *styles.notes,

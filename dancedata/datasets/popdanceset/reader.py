@@ -75,13 +75,13 @@ class _Lists:
     @classmethod
     def find(cls, folders: Folders) -> "_Lists":
         places = [place for root in folders.places for place in (root / "splits", root / "data" / "splits", root)]
-        found = next((p for p in places if all((p / f"{name}.txt").is_file() for name in ("train", "test"))), None)
+        folder = next((p for p in places if all((p / f"{name}.txt").is_file() for name in ("train", "test"))), None)
         best = next((p / HIGH_QUALITY for p in (*folders.places, *places) if (p / HIGH_QUALITY).is_file()), None)
         high_quality = frozenset() if best is None else frozenset(read_names(best))
-        if found is None:
+        if folder is None:
             return cls({}, high_quality, "")
-        lists = {name: tuple(dict.fromkeys(read_names(found / f"{name}.txt"))) for name in ("train", "test")}
-        return cls(lists, high_quality, relative(found, folders.source))
+        lists = {name: tuple(dict.fromkeys(read_names(folder / f"{name}.txt"))) for name in ("train", "test")}
+        return cls(lists, high_quality, relative(folder, folders.source))
 
     def of(self, clip: str) -> tuple[str, ...]:
         """Return the names of the lists that hold a clip."""

@@ -162,13 +162,13 @@ def _windows(
             fix="build it with scope: track",
         )
     records = {c.id: c for c in store.clips}
-    kept = [w for w in windows if not records[w.clip].source and (stride is None or w.start % stride == 0)]
+    chosen = [w for w in windows if not records[w.clip].source and (stride is None or w.start % stride == 0)]
     return tuple(
         StoreClip(
             id=f"{w.clip}@{w.start}", music=records[w.clip].music, tempo_bpm=records[w.clip].tempo_bpm,
             reference=store.reference, field=name, reader=reader, window=w,
         )
-        for w in kept
+        for w in chosen
     )  # fmt: skip
 
 

@@ -56,14 +56,14 @@ class JoblibExecutor(Executor):
         """See `Executor.run`. An error that no unit raises counts as the death of a worker."""
         from joblib import delayed
 
-        unit, here = delayed(_run), _process()
+        unit, builder = delayed(_run), _process()
         messages = {index: packed(label, function, call) for index, call in calls.items()}
         running: set[int] = set()
 
         def tasks() -> Iterator[Any]:
             for index, message in messages.items():
                 running.add(index)
-                yield unit(here, self.requirements, index, message)
+                yield unit(builder, self.requirements, index, message)
 
         answers = Answers(label, on_result)
         # Threads run units in this process: BLAS stays on one thread until the last unit has ended.
@@ -160,7 +160,7 @@ def _spark() -> Iterator[Any]:
         supports_retrieve_callback = True
         retrieve_result_callback = ThreadingBackend.retrieve_result_callback
 
-    session = given = SparkSession.getActiveSession()
+    session = active = SparkSession.getActiveSession()
     if session is None:
         try:
             with kept_signals(), shielded():
@@ -178,5 +178,5 @@ def _spark() -> Iterator[Any]:
             warnings.simplefilter("ignore")
             yield Spark()
     finally:
-        if given is None:
+        if active is None:
             session.stop()
