@@ -21,7 +21,7 @@ from dancedata.core.clip import ClipRef
 from dancedata.execution import arithmetic
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import audio as audio_units
-from dancedata.pipeline import motion as motion_units
+from dancedata.pipeline import motion_keys
 from dancedata.pipeline.audio import FeatureKeys, SignalId
 from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import load_recipe, recipe_names
@@ -51,9 +51,9 @@ def keys_of(name: str) -> dict[str, Any]:
         mock.patch.object(module, what, return_value="1")
         for module, what in (
             (audio_units, "package_version"),
-            (motion_units, "package_version"),
+            (motion_keys, "package_version"),
             (audio_units, "expected"),
-            (motion_units, "expected"),
+            (motion_keys, "expected"),
         )
     ]
     for patch in patches:
