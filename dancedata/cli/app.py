@@ -147,7 +147,7 @@ def plan(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show what a build would make.
+    """Show the dataset that a build would make.
 
     Reads lengths only and writes nothing under OUT.
     """
@@ -282,7 +282,7 @@ def info(
     clips: Annotated[bool, typer.Option(help="List every clip with its windows and quality flags.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show what a built dataset holds."""
+    """Show the contents of a built dataset."""
     from dancedata.pipeline.describe import describe_clips, describe_store, store_json
 
     print_result(as_json, lambda: store_json(path), lambda: describe_store(path))

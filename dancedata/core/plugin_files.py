@@ -157,7 +157,7 @@ def is_local(cls: type[Any]) -> bool:
 
 
 def note_registered(cls: type[Any], kind: str, name: str, register: Callable[[], Any]) -> None:
-    """Remember what the module of a local plug-in registers; nothing for others."""
+    """Remember the plug-ins that a local module registers; do nothing for other modules."""
     if is_local(cls):
         _registered.setdefault(cls.__module__, {})[kind, name] = register
 

@@ -53,7 +53,7 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
 
 
 def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> Pool | None:
-    """Measure or read the pool of a request; None if its protocol needs none, or there is none."""
+    """Measure or read the pool of a request; None if its protocol needs none, or none exists."""
     root, progress = Cache((cache or default_cache()).absolute()), Progress(quiet=True)
     pool, numbers = request.pool_input()
 

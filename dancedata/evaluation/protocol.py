@@ -55,7 +55,7 @@ class MotionRule:
     pelvis: Literal["any", "body", "translation"] = "any"
 
     def __post_init__(self) -> None:
-        _ = self.grid  # UsageError for a rate that is none
+        _ = self.grid  # UsageError for an invalid rate
 
     @property
     def grid(self) -> FrameGrid | None:
@@ -134,7 +134,7 @@ class Pieces:
         return repr(self) + "; exact starts" * (self.seconds is not None)
 
     def __str__(self) -> str:
-        """Show how clips are cut, for tables: "5 s every 2.5 s", "the first 1,200 frames", "whole clips"."""
+        """Text of the cut of clips, for tables: "5 s every 2.5 s", "the first 1,200 frames", "whole clips"."""
         parts = []
         if self.seconds is not None:
             parts.append(f"pieces of {self.seconds[0]:g} s every {self.seconds[1]:g} s")
@@ -173,7 +173,7 @@ class Measure:
     steady: bool = False
 
     def frames(self, role: Role) -> int | None:
-        """Return how many frames of a piece are measured at most; None: all."""
+        """Return the largest number of frames of a piece that are measured; None: all."""
         limits = [self.first, self.first_generated if role == "generated" else None]
         return min((n for n in limits if n is not None), default=None)
 
@@ -293,7 +293,7 @@ class Protocol(Plugin):
             raise UsageError(f"the protocol lacks {', '.join(missing)}", where=self.name, fix="see Protocol")
 
     def pieces(self, role: Role) -> Pieces:
-        """Return how clips of a role are cut."""
+        """Return the cut of the clips of a role."""
         return self.truth if role == "truth" else self.generated
 
     @property

@@ -118,7 +118,7 @@ class WebDataset(SampleExport):
 
 
 def _suffix(field: str) -> str:
-    """Return what follows the key of a sample; an instance such as librosa35.60 has no second point in it."""
+    """Return the suffix after the key of a sample, without a second point for an instance such as librosa35.60."""
     return f"{field.replace('.', '-')}.npy"
 
 

@@ -130,7 +130,7 @@ def spans_of(
 
 
 def turns(body: MovingBody, least_degrees: float) -> list[Event]:
-    """Return turns of the hips about the vertical by at least so many degrees."""
+    """Return turns of the hips about the vertical by at least a number of degrees."""
     if body.hips is None:
         return []
     heading = body.smooth(body.heading, 0.05)

@@ -31,7 +31,7 @@ _ECHO_S = 0.1
 
 
 class _GroupMetric(Metric):
-    """Measures groups of dancers; without features of its own the columns are the scores."""
+    """Measures groups of dancers; by default the columns are the scores."""
 
     of_groups: ClassVar[bool] = True
     bounds: ClassVar[tuple[float, float]] = (0, np.inf)

@@ -177,7 +177,7 @@ def root_distances(joints: Float64Array) -> Float64Array:
 
 
 def facing_angles(joints: Float64Array, *, up: Up = "y") -> Float64Array:
-    """Return how far dancers turn away from each other, (P, P, T) degrees: 0 looks at the other, 180 away from it.
+    """Return the angles by which dancers turn away from each other, (P, P, T) degrees: 0 faces the other, 180 not.
 
     Entry (a, b) is the horizontal angle between where the hips of a face and the direction from the pelvis of a to
     that of b. NaN on the diagonal, and where hips or dancers are above each other.

@@ -136,7 +136,7 @@ class Alignment:
         return math.exp(-(length**2) / len(phases))
 
     def notes(self) -> list[str]:
-        """Return what holds for the source as a whole, as sentences."""
+        """Return sentences about the source as a whole."""
         notes = []
         if (shared := self.shared_s) is not None:
             low, middle, high = (f"{1000 * value:+.0f}" for value in shared)

@@ -1,4 +1,4 @@
-"""What `align` and `quality` share: the choice of a reader, and the table that is written."""
+"""Shared parts of `align` and `quality`: the choice of a reader, and the written table."""
 
 from __future__ import annotations
 

@@ -229,7 +229,7 @@ def _require_joints(clip_field: MotionField | KeyMotionField, motion: Motion) ->
 
 
 def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
-    """Return how many frames, at the recipe's rate, every motion field of a clip covers."""
+    """Return the number of frames, at the recipe's rate, that all motion fields of a clip cover."""
     source = FrameGrid(source_rate)
     frames = [source.resampled_length(n_source, recipe.grid)]
     for motion_field in recipe.motion:
@@ -241,7 +241,7 @@ def usable_frames(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
 
 
 def motion_window_count(recipe: Recipe, n_source: int, source_rate: Fraction) -> int:
-    """Return how many windows a motion of `n_source` frames has.
+    """Return the number of windows of a motion of `n_source` frames.
 
     Track scope counts on the recipe's grid. Window scope counts as EDGE does, before decimation, where the
     source's rate is a whole multiple: 1,919 frames at 60 FPS have 54 windows at 60 FPS, 55 on the grid.

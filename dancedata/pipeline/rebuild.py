@@ -201,7 +201,7 @@ class Published:
         return data.decode("utf-8")
 
     def warn(self, source_sha256: str, record: SourceRecord, progress: Progress) -> None:
-        """Print how a source differs from the published one, before anything is computed."""
+        """Print the differences between a source and the published one, before anything is computed."""
         if source_sha256 != self.dataset.get("source_sha256"):
             for difference in source_differences(self.record(), record, "in the publication", "in your source"):
                 progress.write(f"another source than that of the publication: {difference}")

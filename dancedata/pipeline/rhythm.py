@@ -35,7 +35,7 @@ _NO_MUSIC = Reject("missing_music", detail="the clip has no music")
 
 @dataclass(frozen=True)
 class Search:
-    """How offsets are searched; see `find_offset`."""
+    """Parameters of the search for offsets; see `find_offset`."""
 
     window_s: float = 0.5
     level: float = 0.02

@@ -124,7 +124,7 @@ def _filtered(
 
 
 def audio_window_count(recipe: Recipe, n_samples: int, sample_rate: int) -> int:
-    """Return how many windows a signal has: whole windows of samples, or of every feature's rows (track scope)."""
+    """Return the number of windows of a signal: whole windows of samples, or of all features' rows (track scope)."""
     if recipe.scope == "window":
         return len(window_samples(recipe.signal_jobs[0], n_samples, sample_rate)[0])
     counts = []

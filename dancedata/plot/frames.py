@@ -406,7 +406,7 @@ class Frames:
 
 
 def pen(image: Image) -> ImageDraw:
-    """Return what draws on a picture."""
+    """Return the drawing context of a picture."""
     drawing: ImageDraw = load("PIL.ImageDraw", "video").Draw(image)
     return drawing
 

@@ -111,7 +111,7 @@ class GroupFrames(Frames):
 
     @cached_property
     def _reach(self) -> float:
-        """How far a dancer is at most from the middle of the group, metres."""
+        """Largest distance of a dancer from the middle of the group, metres."""
         return float(np.ptp(self._roots[..., [0, 2]], axis=0).max() / 2)
 
     @cached_property

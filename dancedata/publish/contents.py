@@ -103,7 +103,7 @@ def _described(store: Store, place: Publication, files: Sequence[Upload], more: 
 
 
 def _recipe(store: Store) -> Iterator[Upload]:
-    """Yield what rebuilds a dataset and describes it, and holds no row of it."""
+    """Yield the files that rebuild and describe a dataset without holding a row of it."""
     recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
     yield Upload.of_bytes(RECIPE_FILE, recipe.encode())
     yield Upload.of_bytes(CLIPS_FILE, dump_lines(list(_clips(store))).encode())

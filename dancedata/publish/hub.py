@@ -119,7 +119,7 @@ class HubUpload:
         return head
 
     def _files(self, api: HfApi, commit: str, paths: Sequence[str]) -> dict[str, Any]:
-        """Return what the hub has at these paths."""
+        """Return the hub's entries at these paths."""
         at_path: dict[str, Any] = {}
         names = list(dict.fromkeys(paths))
         for begin in range(0, len(names), _ASKED):

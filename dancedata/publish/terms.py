@@ -16,7 +16,7 @@ _CLAUSE = 600
 
 
 class Restriction(NamedTuple):
-    """What a licence does not allow to be passed on, and the clause of the licence."""
+    """Content that a licence does not allow to be passed on, and the clause of the licence."""
 
     what: str
     clause: str
@@ -26,7 +26,7 @@ class Restriction(NamedTuple):
 
 
 def restrictions(store: Store) -> list[Restriction]:
-    """Return what of a dataset may not be passed on; empty if all may.
+    """Return the contents of a dataset that may not be passed on.
 
     Clips with terms of their own are judged by these, other clips by the record of the dataset's plug-in; a licence
     that is not known to allow it does not. Rows of audio features count as music: they are made of it.

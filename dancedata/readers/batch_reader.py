@@ -214,7 +214,7 @@ class FieldReader:
 
 
 def blank_of(store: Store, name: str) -> int:
-    """Return what rows of a field hold that are masked, or of nobody: 0, or the pad of a codebook."""
+    """Return the value of masked rows and of rows of absent dancers: 0, or the pad of a codebook."""
     codebook = store.field(name).codebook
     return 0 if codebook is None else codebook.pad
 

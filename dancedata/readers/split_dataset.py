@@ -165,7 +165,7 @@ class SplitDataset(EpochDataset):
         return names
 
     def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
-        """Make what mirrors, augments and normalises samples."""
+        """Prepare mirroring, augmentation and normalisation of samples."""
         chosen = [self.windows.clip_ids[k] for k in np.unique(self.windows.clip)] if changes.columns else []
         self.columns = require_columns(self.store, changes.columns, chosen, lists=self._lists_columns)
         self.mirror, self.seed = probability("mirror", changes.mirror), whole("seed", changes.seed)
@@ -265,7 +265,7 @@ class SplitDataset(EpochDataset):
 
     @property
     def blanks(self) -> dict[str, int]:
-        """What rows of each field hold where there is nobody, or nothing is to be seen: 0, or the pad of codes."""
+        """Value of the rows of absent dancers and masked columns, by field: 0, or the pad of codes."""
         return {name: blank_of(self.store, name) for name in self.fields}
 
     def state_dict(self) -> dict[str, Any]:

@@ -320,7 +320,7 @@ class WindowDataset(SplitDataset):
         return self._batch_reader().layout
 
     def _planned(self, indices: Sequence[int], epoch: int | None = None) -> ReadBatch:
-        """Return what reads the samples at some indices; what is drawn is drawn now, the files are read later."""
+        """Return a reader of the samples at some indices; random numbers are drawn now, files are read later."""
         request, reader = self._request(indices, epoch), self._batch_reader()
 
         def read(out: Mapping[str, Array]) -> dict[str, list[Any]]:

@@ -54,7 +54,7 @@ _SHARD = re.compile(r"(?P<split>.+)-(?P<k>\d{5,})-of-(?P<n>\d{5,})\.h5")
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a dataset of the cache comes from.
+    """Origin of a dataset of the cache.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ def remote_files(document: Mapping[str, Any], splits: tuple[str, ...] | None = N
 
 
 def check_names(document: Mapping[str, Any], where: str) -> None:
-    """Raise StoreError for names that lead out of the folder, and sizes and hashes that are none."""
+    """Raise StoreError for names that lead out of the folder, and for invalid sizes and hashes."""
     try:
         for file in remote_files(document):
             size = isinstance(file.size, int) and not isinstance(file.size, bool) and file.size >= 0

@@ -156,7 +156,7 @@ class _Part:
         self.have += len(chunk)
 
     def clear(self) -> None:
-        """Begin anew, with an empty file."""
+        """Start over with an empty file."""
         self.path.write_bytes(b"")
         self.have, self._digest = 0, sha256()
 

@@ -171,7 +171,7 @@ class _Lines:
         return bytes(line)
 
     def read1(self, n: int = -1) -> bytes:
-        """Read what is there."""
+        """Read the bytes that have arrived."""
         data: bytes = self._raw.read1(n)
         self._until = monotonic() + HEAD_S
         return data

@@ -81,7 +81,7 @@ def pull(
 
 
 def require_whole(folder: Path) -> None:
-    """Fetch what is missing of a dataset of the cache; nothing for other folders."""
+    """Fetch the missing files of a dataset of the cache; do nothing for other folders."""
     if origin_of(folder) is not None:
         files = remote_files(read_description(folder))
         missing = [file for file in files if not has_file(folder / file.name, file.size)]

@@ -33,7 +33,7 @@ _DIGEST = 32
 
 @dataclass(frozen=True)
 class Stream:
-    """How rows are read by ranges: ``dancedata.open(ADDRESS, stream=Stream(memory_mb=1000))``.
+    """Settings of reading rows by ranges: ``dancedata.open(ADDRESS, stream=Stream(memory_mb=1000))``.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Stream:
 
 
 class RangeReader:
-    """Reads files of one dataset by ranges; any number of threads may. Each process has connections of its own.
+    """Reads files of one dataset by ranges, from any number of threads. Each process has separate connections.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ class _Disk:
 
 
 class _OtherProcess:
-    """A bucket for a process that was forked after obstore was used: a process of its own asks for the ranges."""
+    """A bucket for a process that was forked after obstore was used: a separate process requests the ranges."""
 
     def __init__(self, address: Address) -> None:
         self.address, self._lock = address, threading.Lock()

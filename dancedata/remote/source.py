@@ -1,4 +1,4 @@
-"""What all servers have in common: files by name, from any byte; failures that pass, and failures that stay."""
+"""The interface of all servers: files by name, from any byte; temporary and permanent failures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Protocol
 from dancedata.core.errors import StoreError
 from dancedata.remote.address import Address
 
-#: A connection that brings fewer bytes than this in so many seconds is replaced by another.
+#: A connection that brings fewer bytes than this within these seconds is replaced by another.
 STALL_BYTES, STALL_S = 1024, 60.0
 
 
@@ -66,7 +66,7 @@ class Source(Protocol):
 
 
 def steady(chunks: Iterator[bytes]) -> Iterator[bytes]:
-    """Yield what a server sends; Interrupted if it sends too little for too long."""
+    """Yield chunks of a server; Interrupted if it sends too little for too long."""
     since, arrived = time.monotonic(), 0
     for chunk in chunks:
         yield chunk
@@ -86,7 +86,7 @@ def public_line(text: str) -> str:
 
 
 def read_within(chunks: Generator[bytes, None, None], limit: int, too_large: Callable[[int], StoreError]) -> bytes:
-    """Return all that a server sends; the error for so many bytes if there are more than `limit`."""
+    """Return all bytes of a server; raise the error that `too_large` gives for more than `limit`."""
     data = bytearray()
     with closing(chunks):
         for chunk in steady(chunks):

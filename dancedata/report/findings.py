@@ -1,4 +1,4 @@
-"""What a reader of a report should look at, in sentences."""
+"""Findings of a report, as sentences."""
 
 from dataclasses import dataclass
 

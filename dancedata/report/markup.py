@@ -105,7 +105,7 @@ class Figure:
 
     @property
     def height(self) -> float:
-        """About how high the figure is in a column, CSS pixels: drawings at the column's width, lines, rows."""
+        """Approximate height of the figure in a column, CSS pixels: drawings at the column's width, lines, rows."""
         drawings = sum(_COLUMN * float(high) / float(wide) for wide, high in _VIEW_BOX.findall(self.body))
         legend = 24 * (len(self.legend) > 1 or bool(self.other or self.chance))
         numbers = 24 * bool(self.rows)

@@ -265,7 +265,7 @@ def _weighted(measured: Measured, value: ClipValue) -> float | None:
 
 
 def splits(store: Store) -> Splits:
-    """Return what splits share.
+    """Return the songs, dancers and clips that splits share.
 
     A song or a clip that train shares with another split is a leak; val and test may share songs, as in AIST++.
     Songs are one by their name, by their samples, or by their sound.

@@ -106,7 +106,7 @@ class ClipReader:
         )
 
     def pieces(self, clip: ClipView, windows: Sequence[Window]) -> Iterator[Piece]:
-        """Yield what is stored of a clip, each frame at most once.
+        """Yield the stored pieces of a clip, each frame at most once.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What the scaler of training does to a field: its divisors, a sample at five sigma, columns that explode."""
+"""Effect of the scaler of training on a field: its divisors, a sample at five sigma, columns that explode."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -32,7 +32,7 @@ def pose_figures(d: Drawing) -> list[Figure]:
 
 
 def split_space_figures(d: Drawing) -> list[Figure]:
-    """Return how far other splits lie from train, and the windows that two splits share."""
+    """Return the distances of other splits from train, and the windows that two splits share."""
     figures = [_nearness(d.numbers.poses), _frechet(d.numbers.poses), _duplicates(d)]
     return [figure for figure in figures if figure is not None]
 

@@ -142,7 +142,7 @@ def root_parts() -> tuple[Part, ...]:
 
 
 def body_parts() -> tuple[Part, ...]:
-    """Return what follows the root: local positions, rotations, velocities, contacts."""
+    """Return the columns after the root: local positions, rotations, velocities, contacts."""
     return (
         parts.per_joint("local_position", "m", HUMANML22, "xyz", (-1, 1, 1), first=1),
         _rotations(),

@@ -1,4 +1,4 @@
-"""Where a dancer is and where he faces: what columns without a place need beside them."""
+"""Place and facing of a dancer, for use with columns that have no place."""
 
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar

@@ -66,7 +66,7 @@ def size_category(n: int) -> str:
 
 @dataclass(frozen=True)
 class Publication:
-    """What a card has in addition where its dataset is published.
+    """Additional content of the card of a published dataset.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ def _terms(licence: Licence) -> str:
 
 
 def _about(store: Store, place: Publication | None) -> dict[str, object]:
-    """Return what programs read of a dataset: sizes, columns, citations, and the hashes of recipe and dataset."""
+    """Return machine-readable facts of a dataset: sizes, columns, citations, and the hashes of recipe and dataset."""
     meta = store.meta
     counts = meta.get("counts", {})
     about: dict[str, object] = {

@@ -45,7 +45,7 @@ BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
 
 
 def _entry(recipe: object, field: str) -> dict[str, Any]:
-    """Return what a recipe states of a motion field; empty for anything else."""
+    """Return a recipe's entry of a motion field; empty for anything else."""
     motion = recipe.get("motion") if isinstance(recipe, Mapping) else None
     # A field with the motion before repairs has the parameters of the repaired one.
     entry = motion.get(field, motion.get(field.removesuffix(ORIGINAL))) if isinstance(motion, Mapping) else None

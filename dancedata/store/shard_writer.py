@@ -96,7 +96,7 @@ def _write_fields(
 
 
 def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
-    """Yield what is written of each clip; what clips share is written with the first of them."""
+    """Yield the parts of each clip to write; shared parts are written with the first clip."""
     written: dict[str, set[str]] = {name: set() for name in plan.blocks}
     for number, clip in enumerate(plan.clips):
         for f in plan.header.fields:

@@ -96,7 +96,7 @@ def compute_stats(
 
 
 def _code_summary(sources: Sequence[CountedRows], codebook: Codebook) -> dict[str, Any]:
-    """Return how often each code of each column occurs; rows without a code do not count to min and max.
+    """Return the counts of the codes of each column; rows without a code do not count to min and max.
 
     In window scope a row counts as often as windows have it. Above 65,536 codes their counts are left out.
     """

@@ -58,7 +58,7 @@ class TableFile:
         return broken(f"{self.where}, /{name}", problem, actual, allowed)
 
     def column(self, table: str, name: str, kind: str, n_rows: int) -> Any:
-        """Read a column of so many rows."""
+        """Read a column with this number of rows."""
         column = type_of(kind).read(self, f"{table}/{name}")
         if len(column) != n_rows:
             problem = "a column has another number of rows than its table"

@@ -45,7 +45,7 @@ class FieldSpans:
         return self.offset is not None and bool((self.offset < 0).any())
 
     def lead(self, row: int) -> int:
-        """Return how many rows after a clip's frame 0 its timeline begins."""
+        """Return the number of rows from a clip's frame 0 to the begin of its timeline."""
         return max(0, -int(self.offset[row])) if self.offset is not None else 0
 
     @classmethod

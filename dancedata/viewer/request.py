@@ -1,4 +1,4 @@
-"""What `dancedata view` shows: a dataset or motion files, with music, other motions, and the clip to begin with."""
+"""The request of `dancedata view`: a dataset or motion files, music, other motions, and the first clip."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ class ViewRequest:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What a request shows.
+    """Contents of a request.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class Shown:
 
     @classmethod
     def of(cls, request: ViewRequest) -> Shown:
-        """Open what a request names.
+        """Open the data of a request.
 
         Raises
         ------

@@ -184,7 +184,7 @@ def places(figures: Sequence[Figure]) -> list[np.ndarray]:
 
 
 def _numbers(figure: Figure, rhythm: Rhythm, truth: Figure | None) -> tuple[tuple[str, str], ...]:
-    """Return what is measured of a figure: name and value as text; without what is undefined."""
+    """Return the measures of a figure, name and value as text, without undefined ones."""
     numbers = []
     with suppress(Undefined, DanceDataError):
         beats = MusicBeats(np.round(rhythm.beats * 1000).astype(np.int64), FrameGrid.of(1000), rhythm.beats)

@@ -21,7 +21,6 @@ from dancedata.execution.cache import Cache, CachedArray, EntryLostError
 from dancedata.execution.progress import Progress
 from dancedata.pipeline import audio as audio_units
 from dancedata.pipeline import motion as motion_units
-from dancedata.pipeline import motion_keys
 from dancedata.pipeline.audio import FeatureKeys, SignalId
 from dancedata.pipeline.motion_keys import MotionKeys, content_hashes
 from dancedata.pipeline.plan_cached import Cached, cached_units
@@ -110,7 +109,7 @@ def test_settings_of_motion_are_in_its_key(corpus: Path, own: Cache, tmp_path: P
 
     keys = [key(), key(sha="n"), key("fps=60"), key("motion.edge151.contacts.velocity.max_speed_m_s=1")]
     keys.append(key("scope=window"))
-    monkeypatch.setattr(motion_keys, "package_version", lambda name: "9.9")
+    monkeypatch.setattr("dancedata.pipeline.motion_keys.package_version", lambda name: "9.9")
     keys.append(key())
     assert len(set(keys)) == len(keys)
 

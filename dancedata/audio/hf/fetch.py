@@ -64,7 +64,7 @@ class FetchedModel:
         return {"path": str(self.path), **self.record(), "left_out": list(self.left_out)}
 
     def record(self) -> dict[str, Any]:
-        """Return what is stored in the folder."""
+        """Return the JSON document of the provenance file."""
         return {"id": self.id, "revision": self.revision, "licence": self.licence, "files": self.files}
 
 

@@ -233,7 +233,7 @@ def _parsed(path: Path, state: tuple[int, int]) -> dict[str, Any]:
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """Read a JSON object of a model's folder; SourceError if it is none."""
+    """Read a JSON object of a model's folder; SourceError if it is not one."""
     try:
         status = path.stat()
     except OSError as error:

@@ -60,7 +60,7 @@ class AudioFeature(Plugin):
 
     @property
     def codebook(self) -> Codebook | None:
-        """What the values are codes of; None for real values."""
+        """Codebook of the values; None for real values."""
         return None
 
     @abstractmethod

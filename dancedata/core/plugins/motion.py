@@ -88,7 +88,7 @@ class Dataset(Plugin):
         return [self.load(ref) for ref in refs]
 
     def segments(self, ref: ClipRef) -> Sequence[Segment]:
-        """Return what the source states about spans and instants of a clip; by default `ClipRef.segments`.
+        """Return the spans and instants that the source states for a clip; by default `ClipRef.segments`.
 
         Reads no motion. Only those of the scan make a difference between two sources.
         """

@@ -30,7 +30,7 @@ _SAME_S = 0.5
 _RATES = (30, 60, 120, 24, 25, 50, 100)
 _COLUMNS = ("id", "motion", "audio", "fps", "up", "unit", "guessed", "evidence")
 _HEAD = "# Proposed by dancedata manifest: check the rows whose column guessed is not empty and then empty that cell."
-#: Words of names of files that are compared: letters, so that numbers of takes are none.
+#: Words of names of files that are compared: letters, without numbers of takes.
 _WORD = re.compile(r"[^\W\d_]{3,}")
 _ASKED = re.compile(r"declare (fps|up|unit):(?: (\S+))?")
 
@@ -185,7 +185,7 @@ def _side_by_side(row: ProposedRow, audio_s: float | None) -> ProposedRow:
 
 
 def _by_length(rows: list[ProposedRow], source: Path, lengths: dict[Path, float | None]) -> list[ProposedRow]:
-    """Pair what has no music by name: a motion and an unused song, each the other's only one of its length."""
+    """Pair motions without music of their name with unused songs, each the other's only one of its length."""
     used = {row.audio for row in rows}
     free = {relative(s, source): n for s, n in lengths.items() if n is not None and relative(s, source) not in used}
     alone = [row for row in rows if not row.audio and row.motion_s is not None and "fps" not in row.guessed]

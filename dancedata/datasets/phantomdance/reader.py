@@ -81,7 +81,7 @@ class PhantomDance(Dataset):
         Returns
         -------
         Scan
-            Clips by name; each is a song of its own. Rejects, each by name: ``missing_music``, ``unused_music``,
+            Clips by name; each has a separate song. Rejects, each by name: ``missing_music``, ``unused_music``,
             ``extra_file``. Notes state the folders and the split.
 
         Raises

@@ -195,7 +195,7 @@ def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:
 
 
 def columns_identity(reader: ColumnsReader) -> list[Any]:
-    """Return how columns are read, as JSON data for cache keys."""
+    """Return JSON data for cache keys that determines how columns are read."""
     plugin = reader.representation
     return [plugin.name, plugin.version, document_of(plugin), str(reader.grid), reader.scaling.identity()]
 

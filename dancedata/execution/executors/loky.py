@@ -89,7 +89,7 @@ class LokyExecutor(Executor):
 
 
 def _environment() -> dict[str, str]:
-    """Return what workers' environment has in addition; how a user sets up the C library's memory stays."""
+    """Return additional environment variables of workers; a user's settings of the C library's memory stay."""
     tuned = "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", "")
     chosen = tuned or any(name.startswith("MALLOC_") for name in os.environ)
     return _ONE_THREAD if chosen else {**_ONE_THREAD, **_KEEPS_MEMORY}

@@ -1,4 +1,4 @@
-"""What the engines of clusters share: units as messages, answers, and the requirements of workers."""
+"""Shared parts of the engines of clusters: units as messages, answers, and the requirements of workers."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ class Export(Plugin):
         """
 
     def head(self, job: ExportJob) -> str:
-        """Return what the README begins with, such as the YAML that hubs read; by default nothing."""
+        """Return the head of the README, such as the YAML that hubs read; by default nothing."""
         return ""
 
     @abstractmethod

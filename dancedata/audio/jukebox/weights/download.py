@@ -182,7 +182,7 @@ class _Download:
         return self._part.stat().st_size if self._part.exists() else 0
 
     def _connect(self, have: int) -> bool:
-        """Append what the server sends; True if the file is complete."""
+        """Append bytes of the server; return whether the file is complete."""
         request = urllib.request.Request(self._url)  # noqa: S310  (the scheme was checked)
         if have:
             request.add_header("Range", f"bytes={have}-")
