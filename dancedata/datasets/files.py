@@ -283,7 +283,7 @@ def require_choices(dataset: Dataset) -> None:
         value, allowed = getattr(dataset, name, None), get_args(annotation)
         if get_origin(annotation) is Literal and value not in allowed:
             problem = f"{dataset.name}: invalid value for {name}"
-            raise UsageError(problem, found=repr(value), fix=did_you_mean(value, allowed))
+            raise UsageError(problem, found=repr(value), fix=did_you_mean(str(value), allowed))
 
 
 def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Sequence[str] = SPLITS) -> str:

@@ -151,7 +151,7 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
             with suppress(OSError):  # another user's
                 os.utime(folder.with_name(f"{folder.name}.json"))  # the time of the last use, for `cache prune`
             return folder
-    raise not_cached("the dataset is not in the cache", address, address)
+    raise not_cached("the dataset is not in the cache", str(address), address)
 
 
 def origin_of(folder: Path) -> Origin | None:
