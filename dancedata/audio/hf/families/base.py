@@ -215,14 +215,16 @@ class Family(ABC):
         What it offers, the default first.
     chunk_s, overlap_s
         Defaults of a recipe's keys.
-    half
-        Whether half precision is possible.
+    depth, size
+        Keys of the config with the number of blocks and the columns of a layer, each with its default.
     """
 
     name: ClassVar[str]
     version: ClassVar[int] = 1
     model_types: ClassVar[tuple[str, ...]]
     outputs: ClassVar[tuple[Output, ...]] = ("hidden",)
+    depth: ClassVar[tuple[str, int]] = ("num_hidden_layers", 12)
+    size: ClassVar[tuple[str, int]] = ("hidden_size", 768)
     chunk_s: ClassVar[float] = 30.0
     overlap_s: ClassVar[float] = 4.0
 
@@ -230,9 +232,21 @@ class Family(ABC):
     extractor: Mapping[str, Any]
 
     @property
-    @abstractmethod
+    def encoder_config(self) -> Mapping[str, Any]:
+        """The part of the config that describes the encoder."""
+        return self.config
+
+    @property
     def sample_rate(self) -> int:
-        """Samples per second that the network is given."""
+        """Samples per second that the network is given: by default as preprocessor_config.json states."""
+        if "sampling_rate" not in self.extractor:
+            raise SourceError(
+                "hf: the sampling rate of the model is unknown",
+                found="no preprocessor_config.json with sampling_rate",
+                fix='copy that file from the model\'s page, or write one: {"sampling_rate": 16000, "do_normalize": '
+                "true} with the model's values",
+            )
+        return self.number("sampling_rate", of=self.extractor)
 
     @property
     @abstractmethod
@@ -240,17 +254,19 @@ class Family(ABC):
         """Instants of its frames."""
 
     @property
-    @abstractmethod
     def n_layers(self) -> int:
-        """Number of blocks L: layer 0 is what enters the first one, layer L what leaves the network."""
+        """Number of blocks L: layer 0 is the input of the first one, layer L the output of the network."""
+        key, default = self.depth
+        return self.number(key, of=self.encoder_config, default=default, most=MAX_BLOCKS)
 
     @abstractmethod
     def n_frames(self, n_samples: int) -> int:
         """Return how many frames a chunk of `n_samples` samples has."""
 
-    @abstractmethod
     def width(self, output: Output) -> int:
         """Return the columns of one layer, or of an output without layers."""
+        key, default = self.size
+        return self.number(key, of=self.encoder_config, default=default)
 
     @property
     def max_rate(self) -> Fraction:
@@ -294,7 +310,10 @@ class Family(ABC):
         """Return the loaded network without the parts that the features do not need."""
         return network
 
-    @abstractmethod
+    def blocks(self, network: Any) -> Any:
+        """Return the blocks of the loaded network."""
+        return network.encoder.layers
+
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
@@ -302,6 +321,7 @@ class Family(ABC):
 
         The network is never given a mask.
         """
+        return hidden_states(last_hidden_state(network, inputs), self.blocks(network), layers, self.n_layers)
 
     def number(
         self, key: str, *, of: Mapping[str, Any] | None = None, default: int | None = None, most: int = MAX_SIZE
@@ -327,17 +347,6 @@ class Family(ABC):
                 allowed=f"whole numbers above 0, whose product is at most {MAX_SIZE:,}",
             )
         return tuple(value)
-
-    def rate_of_extractor(self) -> int:
-        """Return the sampling rate that preprocessor_config.json states."""
-        if "sampling_rate" not in self.extractor:
-            raise SourceError(
-                "hf: the sampling rate of the model is unknown",
-                found="no preprocessor_config.json with sampling_rate",
-                fix='copy that file from the model\'s page, or write one: {"sampling_rate": 16000, "do_normalize": '
-                "true} with the model's values",
-            )
-        return self.number("sampling_rate", of=self.extractor)
 
 
 def conv_length(n: int, kernels: tuple[int, ...], strides: tuple[int, ...]) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from dancedata.audio.hf.families.base import MAX_BLOCKS, Family, NetworkSpec, Output, Timing, uniform
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Timing, hidden_states, uniform
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ class MuQ(Family):
 
     name: ClassVar[str] = "muq"
     model_types: ClassVar[tuple[str, ...]] = ("muq",)
+    depth: ClassVar[tuple[str, int]] = ("encoder_depth", 12)
+    size: ClassVar[tuple[str, int]] = ("encoder_dim", 1024)
 
     @property
     @override
@@ -54,11 +56,6 @@ class MuQ(Family):
 
     @property
     @override
-    def n_layers(self) -> int:
-        return self.number("encoder_depth", default=12, most=MAX_BLOCKS)
-
-    @property
-    @override
     def min_samples(self) -> int:
         return max(N_FFT // 2 + 1, int(self.timing.hop))
 
@@ -68,10 +65,6 @@ class MuQ(Family):
         for stride in self.strides:
             n = -(-n // stride)
         return n
-
-    @override
-    def width(self, output: Output) -> int:
-        return self.number("encoder_dim", default=1024)
 
     @override
     def network(self, top: int) -> NetworkSpec:
@@ -88,8 +81,6 @@ class MuQ(Family):
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.base import hidden_states
-
         def run() -> torch.Tensor:
             last: torch.Tensor = network(inputs)
             return last

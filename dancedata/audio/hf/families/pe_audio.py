@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from dancedata.audio.hf.families.base import (
-    MAX_BLOCKS,
     Family,
     NetworkSpec,
     Output,
@@ -33,20 +32,18 @@ class PeAudio(Family):
 
     name: ClassVar[str] = "pe-audio"
     model_types: ClassVar[tuple[str, ...]] = ("pe_audio", "pe_audio_encoder")
+    depth: ClassVar[tuple[str, int]] = ("num_hidden_layers", 6)
+    size: ClassVar[tuple[str, int]] = ("hidden_size", 1792)
 
     @property
-    def _audio(self) -> Mapping[str, Any]:
+    @override
+    def encoder_config(self) -> Mapping[str, Any]:
         inner = self.config.get("audio_config")
         return inner if isinstance(inner, Mapping) else self.config
 
     @property
-    @override
-    def sample_rate(self) -> int:
-        return self.rate_of_extractor()
-
-    @property
     def _hop(self) -> int:
-        dac = self._audio.get("dac_config")
+        dac = self.encoder_config.get("dac_config")
         ratios = dac.get("downsampling_ratios") if isinstance(dac, Mapping) else None
         return math.prod(ratios or (2, 8, 10, 12))
 
@@ -55,18 +52,9 @@ class PeAudio(Family):
     def timing(self) -> Timing:
         return uniform(self.sample_rate, self._hop, Fraction(self._hop, 2))
 
-    @property
-    @override
-    def n_layers(self) -> int:
-        return self.number("num_hidden_layers", of=self._audio, default=6, most=MAX_BLOCKS)
-
     @override
     def n_frames(self, n_samples: int) -> int:
         return -(-n_samples // self._hop)
-
-    @override
-    def width(self, output: Output) -> int:
-        return self.number("hidden_size", of=self._audio, default=1792)
 
     @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
@@ -74,7 +62,7 @@ class PeAudio(Family):
 
     @override
     def network(self, top: int) -> NetworkSpec:
-        rest = {k: v for k, v in self._audio.items() if k != "model_type"}
+        rest = {k: v for k, v in self.encoder_config.items() if k != "model_type"}
         rest["num_hidden_layers"] = max(top, 1)
         cut = tuple(rf"(\w+\.)?layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
         other = r"(text_model|text_audio_head|audio_head|text_audio_logit_scale|text_audio_logit_bias)\b.*"
@@ -86,17 +74,19 @@ class PeAudio(Family):
         )
 
     @override
+    def blocks(self, network: Any) -> Any:
+        return network.layers
+
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
         import torch
 
-        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
-
         missing = -inputs.shape[-1] % self._hop
         if missing:
             inputs = torch.nn.functional.pad(inputs[:, None], (0, missing), "reflect")[:, 0]
 
-        states = hidden_states(last_hidden_state(network, inputs[:, None]), network.layers, layers, self.n_layers)
+        states = super().frames(network, inputs[:, None], output, layers)
         # Blocks see a class token before the frames.
         return {k: v if k == self.n_layers else v[:, 1:] for k, v in states.items()}

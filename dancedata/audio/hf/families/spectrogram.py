@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.hf.families.base import (
-    MAX_BLOCKS,
     Family,
     NetworkSpec,
     Output,
@@ -43,11 +42,6 @@ class SpectrogramEncoder(Family):
     """An encoder that takes spectrograms of one length."""
 
     overlap_s: ClassVar[float] = 2.0
-
-    @property
-    @override
-    def sample_rate(self) -> int:
-        return self.rate_of_extractor()
 
     @property
     def mel_hop(self) -> int:
@@ -84,6 +78,8 @@ class Whisper(SpectrogramEncoder):
 
     name: ClassVar[str] = "whisper"
     model_types: ClassVar[tuple[str, ...]] = ("whisper",)
+    depth: ClassVar[tuple[str, int]] = ("encoder_layers", 4)
+    size: ClassVar[tuple[str, int]] = ("d_model", 384)
 
     @property
     @override
@@ -100,18 +96,9 @@ class Whisper(SpectrogramEncoder):
     def timing(self) -> Timing:
         return uniform(self.sample_rate, 2 * self.mel_hop, 0)
 
-    @property
-    @override
-    def n_layers(self) -> int:
-        return self.number("encoder_layers", default=4, most=MAX_BLOCKS)
-
     @override
     def n_frames(self, n_samples: int) -> int:
         return self.number("max_source_positions", default=1500)
-
-    @override
-    def width(self, output: Output) -> int:
-        return self.number("d_model", default=384)
 
     @override
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
@@ -149,12 +136,8 @@ class Whisper(SpectrogramEncoder):
         return network.encoder
 
     @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
-
-        return hidden_states(last_hidden_state(network, inputs), network.layers, layers, self.n_layers)
+    def blocks(self, network: Any) -> Any:
+        return network.layers
 
 
 @dataclass(frozen=True)
@@ -190,18 +173,9 @@ class Ast(SpectrogramEncoder):
         seen = (self._patch - 1) * self.mel_hop + 400
         return uniform(self.sample_rate, self._step * self.mel_hop, Fraction(seen, 2))
 
-    @property
-    @override
-    def n_layers(self) -> int:
-        return self.number("num_hidden_layers", default=12, most=MAX_BLOCKS)
-
     @override
     def n_frames(self, n_samples: int) -> int:
         return (self._mel_frames - self._patch) // self._step + 1
-
-    @override
-    def width(self, output: Output) -> int:
-        return self.number("hidden_size", default=768)
 
     @override
     def spectrogram(self, samples: Samples, *, normalize: bool) -> npt.NDArray[np.float32]:
@@ -224,15 +198,15 @@ class Ast(SpectrogramEncoder):
         return NetworkSpec("ASTModel", ("ASTConfig", rest), unexpected=(r"classifier\..*", *cut))
 
     @override
+    def blocks(self, network: Any) -> Any:
+        # transformers 4 has them in an encoder.
+        return network.layers if hasattr(network, "layers") else network.encoder.layer
+
+    @override
     def frames(
         self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
     ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
-
-        # transformers 4 has them in an encoder.
-        blocks = network.layers if hasattr(network, "layers") else network.encoder.layer
-        states = hidden_states(last_hidden_state(network, inputs), blocks, layers, self.n_layers)
-        times = self.n_frames(0)
+        states, times = super().frames(network, inputs, output, layers), self.n_frames(0)
         # The first two tokens belong to no patch.
         return {k: v[:, 2:].reshape(len(v), -1, times, v.shape[-1]).mean(dim=1) for k, v in states.items()}
 

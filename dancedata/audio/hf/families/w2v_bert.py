@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.hf.families.base import (
-    MAX_BLOCKS,
     Family,
     NetworkSpec,
-    Output,
     Prepared,
     Samples,
     Timing,
@@ -21,7 +19,7 @@ from dancedata.audio.hf.families.base import (
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
-    import torch
+    pass
 
 _MEL_HOP, _MEL_FIELD = 160, 400
 #: Kaldi's scale: 16-bit integers.
@@ -49,11 +47,8 @@ class W2vBert(Family):
 
     name: ClassVar[str] = "w2v-bert"
     model_types: ClassVar[tuple[str, ...]] = ("wav2vec2-bert",)
-
-    @property
-    @override
-    def sample_rate(self) -> int:
-        return self.rate_of_extractor()
+    depth: ClassVar[tuple[str, int]] = ("num_hidden_layers", 24)
+    size: ClassVar[tuple[str, int]] = ("hidden_size", 1024)
 
     @property
     def _stride(self) -> int:
@@ -62,13 +57,7 @@ class W2vBert(Family):
     @property
     @override
     def timing(self) -> Timing:
-        field = (self._stride - 1) * _MEL_HOP + _MEL_FIELD
-        return uniform(self.sample_rate, self._stride * _MEL_HOP, field // 2)
-
-    @property
-    @override
-    def n_layers(self) -> int:
-        return self.number("num_hidden_layers", default=24, most=MAX_BLOCKS)
+        return uniform(self.sample_rate, self._stride * _MEL_HOP, self.min_samples // 2)
 
     @property
     @override
@@ -78,10 +67,6 @@ class W2vBert(Family):
     @override
     def n_frames(self, n_samples: int) -> int:
         return max(0, (n_samples - _MEL_FIELD) // _MEL_HOP + 1) // self._stride
-
-    @override
-    def width(self, output: Output) -> int:
-        return self.number("hidden_size", default=1024)
 
     @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
@@ -112,11 +97,3 @@ class W2vBert(Family):
         cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
         heads = r"(\w+\.)?(lm_head|classifier|projector|adapter|intermediate_ffn|masked_spec_embed)\b.*"
         return NetworkSpec("Wav2Vec2BertModel", ("Wav2Vec2BertConfig", rest), unexpected=(heads, *cut))
-
-    @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
-
-        return hidden_states(last_hidden_state(network, inputs), network.encoder.layers, layers, self.n_layers)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from dancedata.audio.hf.families.base import (
-    MAX_BLOCKS,
     Family,
     NetworkSpec,
-    Output,
     Prepared,
     Samples,
     Timing,
@@ -27,7 +25,7 @@ from dancedata.core.text import quoted
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
-    import torch
+    pass
 
 #: Heads and quantisers of training, which features do not need.
 _HEADS = (
@@ -58,19 +56,9 @@ class WaveformEncoder(Family):
 
     @property
     @override
-    def sample_rate(self) -> int:
-        return self.rate_of_extractor()
-
-    @property
-    @override
     def timing(self) -> Timing:
         field, hop = conv_field(self._kernels, self._strides)
         return uniform(self.sample_rate, hop, Fraction(field - 1, 2))
-
-    @property
-    @override
-    def n_layers(self) -> int:
-        return self.number("num_hidden_layers", default=12, most=MAX_BLOCKS)
 
     @property
     @override
@@ -80,10 +68,6 @@ class WaveformEncoder(Family):
     @override
     def n_frames(self, n_samples: int) -> int:
         return conv_length(n_samples, self._kernels, self._strides)
-
-    @override
-    def width(self, output: Output) -> int:
-        return self.number("hidden_size", default=768)
 
     @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
@@ -105,14 +89,6 @@ class WaveformEncoder(Family):
         stem = _STEMS[kind]
         prefix = tuple(rf"(\w+\.)?{head}" for head in _HEADS)
         return NetworkSpec(f"{stem}Model", (f"{stem}Config", rest), unexpected=(*prefix, *cut))
-
-    @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
-        from dancedata.audio.hf.families.base import hidden_states, last_hidden_state
-
-        return hidden_states(last_hidden_state(network, inputs), network.encoder.layers, layers, self.n_layers)
 
     def __post_init__(self) -> None:
         on = [key for key in _MERT_OFF if self.config.get(key)]
