@@ -253,9 +253,7 @@ def about_offset(offset: Offset) -> str:
     )
 
 
-def with_found_starts(
-    cache: Cache, dataset: Dataset, scan: Scan, *, jobs: Jobs, progress: Progress, search: Search | None = None
-) -> Scan:
+def with_found_starts(cache: Cache, dataset: Dataset, scan: Scan, *, jobs: Jobs, progress: Progress) -> Scan:
     """Return a scan with the offsets that its source leaves to the build; clips of unknown ones are rejects.
 
     Clips of one recording have one offset. Null distributions are drawn from all songs of the scan.
@@ -265,7 +263,7 @@ def with_found_starts(
         return scan
     units = recordings(asked)
     songs = sorted({clip.audio_path for clip in scan.clips if clip.audio_path is not None})
-    offsets, _ = find_offsets(cache, dataset, units, songs, search or Search(), jobs=jobs, progress=progress)
+    offsets, _ = find_offsets(cache, dataset, units, songs, Search(), jobs=jobs, progress=progress)
     placed: dict[str, ClipRef | None] = {clip.id: clip for clip in scan.clips}
     rejects, known = list(scan.rejects), 0
     for unit, offset in zip(units, offsets, strict=True):

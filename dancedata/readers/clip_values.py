@@ -15,6 +15,7 @@ from dancedata.store.clip_columns import CLIP_COLUMNS, FREE
 from dancedata.store.dataset import Store
 from dancedata.store.table_columns import MISSING
 from dancedata.store.tables import Tables
+from dancedata.store.tables_out import free_types
 
 #: Columns that can be chosen by, beside free ones.
 _CHOOSABLE = ("genre", "music", "dancer", "role", "member", "lists", "tempo_bpm", "height_m", "n_flags")
@@ -35,11 +36,11 @@ def require_where(store: Store, where: Mapping[str, Any] | None) -> dict[str, tu
         return {}
     if not isinstance(where, Mapping):
         raise UsageError("where is not a mapping", found=quoted(where, 60), allowed='such as {"x/level": (3, 4)}')
-    types = {**_TYPES, **_free_types(store)}
+    types = {**_TYPES, **free_types(store)}
     chosen = {}
     for name, value in where.items():
         if name not in types:
-            fix = did_you_mean(str(name), [*_free_types(store), "clip", *_CHOOSABLE])
+            fix = did_you_mean(str(name), [*free_types(store), "clip", *_CHOOSABLE])
             raise UsageError(f"where: no column {quoted(name, 60)}", where=str(store.path), fix=fix)
         values = tuple(value) if isinstance(value, (tuple, list, set, frozenset)) else (value,)
         allowed = _COMPARED[types[name]]
@@ -108,7 +109,7 @@ def require_columns(
         For an unknown column, and clips without a value.
     """
     names = (columns,) if isinstance(columns, str) else tuple(columns)
-    types = _free_types(store)
+    types = free_types(store)
     for name in names:
         if name not in types:
             fix = did_you_mean(str(name), list(types)) if types else "build with free columns: docs/own-data.md"
@@ -128,10 +129,6 @@ def require_columns(
 
 def value_of(store: Store, columns: Mapping[str, Any], name: str) -> Any:
     """Return the value of a free column in a sample: "", nan or [] where a clip has no text, number or list."""
-    kind = _free_types(store)[name]
+    kind = free_types(store)[name]
     value = columns.get(name.removeprefix(FREE), MISSING[kind])
     return list(value) if isinstance(value, tuple) else value
-
-
-def _free_types(store: Store) -> Mapping[str, str]:
-    return {name: kind for split in store.splits for name, kind in store.tables(split).types.items()}

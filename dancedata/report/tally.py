@@ -15,6 +15,8 @@ IntArray = npt.NDArray[np.int64]
 
 #: Steps of axes: these times a power of ten.
 _STEPS = (1.0, 2.0, 2.5, 5.0)
+#: Most bins of a histogram of values, and of one of a tally, which reaches up to a quantile.
+_BINS, _FINE_BINS, _WITHIN = 24, 30, 0.995
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 #: Fewer values than this are named, not drawn.
 _FEW = 3
@@ -95,38 +97,28 @@ def nice_step(span: float, n: int) -> float:
     return float(next(s * power for s in (*_STEPS, 10.0) if s * power >= exact * (1 - _SLACK)))
 
 
-def nice_edges(low: float, high: float, n: int = 24, least: float = 0.0) -> tuple[float, ...]:
-    """Return the borders of bins that hold everything from `low` to `high`.
-
-    Parameters
-    ----------
-    n
-        Bins, about and at most.
-    least
-        Smallest width of a bin.
-    """
+def nice_edges(low: float, high: float, least: float = 0.0) -> tuple[float, ...]:
+    """Return the borders of at most `_BINS` bins from `low` to `high`, `least` wide or wider."""
     if high - low <= _SLACK * max(1.0, abs(low)):  # a single value, in one bin with room around it
         step = least or nice_step(max(abs(low), 1.0), 10)
         first = int(np.floor(low / step + _SLACK)) - 2
         return tuple(round(k * step, 10) for k in range(first, first + 6))
-    step = max(nice_step(high - low, n), least)
+    step = max(nice_step(high - low, _BINS), least)
     first = int(np.floor(low / step + _SLACK))
     last = max(int(np.ceil(high / step - _SLACK)), first + 1)
     return tuple(round(k * step, 10) for k in range(first, last + 1))
 
 
-def fine_edges(
-    tallies: Sequence[Tally], n: int = 30, keep: float = 0.995, beyond: float | None = None
-) -> tuple[float, ...]:
-    """Return borders of bins for tallies of equal bins, up to the quantile `keep` of the widest of them.
+def fine_edges(tallies: Sequence[Tally], beyond: float | None = None) -> tuple[float, ...]:
+    """Return borders of bins for tallies of equal bins, up to a high quantile of the widest of them.
 
     The last bin also counts larger values. The borders reach past `beyond`.
     """
     low, width = tallies[0].low, tallies[0].width
-    high = max((t.quantile(keep) or low + width for t in tallies), default=low + width)
+    high = max((t.quantile(_WITHIN) or low + width for t in tallies), default=low + width)
     high = high if beyond is None else max(high, beyond + width)
     bins = max(1, int(np.ceil((high - low) / width - _SLACK)))
-    group = next(g for p in range(8) for g in (10**p, 2 * 10**p, 5 * 10**p) if bins / g <= n)
+    group = next(g for p in range(8) for g in (10**p, 2 * 10**p, 5 * 10**p) if bins / g <= _FINE_BINS)
     last = int(np.ceil(bins / group))
     return tuple(round(low + width * group * k, 10) for k in range(last + 1))
 

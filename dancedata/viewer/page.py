@@ -184,7 +184,6 @@ def clip_page(
     items: Sequence[Item],
     *,
     sound: PageSound | None = None,
-    single: bool = False,
     comparisons: Sequence[Comparison] = (),
     address: str = "",
 ) -> str:
@@ -199,7 +198,7 @@ def clip_page(
             **({"with": compared} if compared else {}),
         }
     document = page_data(
-        scenes, items, clips=clips, sound=sound or False, single=single or len(items) == 1, address=address,
+        scenes, items, clips=clips, sound=sound or False, single=len(items) == 1, address=address,
         comparisons=[comparison.name for comparison in comparisons],
     )  # fmt: skip
     return whole_page(document, str(document["head"]["name"]), meta_policy=True)
