@@ -290,23 +290,18 @@ def _real_folder(folder: str) -> str:
     return os.path.realpath(folder)
 
 
-class _clear_errors:  # noqa: N801
-    """Context that turns an OSError into an error that names the cache."""
-
-    def __init__(self, root: Path) -> None:
-        self.root = root
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, OSError):
-            raise StoreError(
-                "the cache cannot be written",
-                where=self.root,
-                found=str(error),
-                fix=f"set {ENVIRONMENT} to a writable folder with free space",
-            ) from error
+@contextmanager
+def _clear_errors(root: Path) -> Iterator[None]:
+    """Raise an error that names the cache instead of an OSError."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(
+            "the cache cannot be written",
+            where=root,
+            found=str(error),
+            fix=f"set {ENVIRONMENT} to a writable folder with free space",
+        ) from error
 
 
 #: Number of times that a build starts again because entries were removed or damaged while it ran.

@@ -205,3 +205,9 @@ def _check(
         raise not_a_model(model.file, "weights of other sums than 1, or below 0", "shares of the joints")
     if not (np.abs(correctives) <= MAX_VALUE).all():
         raise not_a_model(model.file, "NaN, infinity or larger numbers", f"numbers within +-{MAX_VALUE:g}")
+
+
+def obj_text(vertices: Float32, faces: Int32) -> str:
+    """Return a mesh as Wavefront OBJ, six decimals, with the vertices in their order; metres, +Y up."""
+    places = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in vertices.tolist())
+    return places + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist())

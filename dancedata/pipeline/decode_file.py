@@ -20,10 +20,9 @@ from dancedata.core.plugins import Representation
 from dancedata.core.text import shown
 from dancedata.files import atomic
 from dancedata.formats.arrays import Array, ArrayFile, open_arrays
-from dancedata.formats.body_mesh import BodyMesh
+from dancedata.formats.body_mesh import BodyMesh, obj_text
 from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
-from dancedata.formats.obj import obj_text
 from dancedata.pipeline.decoding import Decoder, Like, ScalerLike
 
 _log = logging.getLogger(__name__)

@@ -16,9 +16,8 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.formats.body_mesh import BodyMesh, vertex_normals
+from dancedata.formats.body_mesh import BodyMesh, obj_text, vertex_normals
 from dancedata.formats.gltf import motion_glb
-from dancedata.formats.obj import obj_text
 from dancedata.testing.examples import random_motion
 from tests.blender import in_blender
 from tests.body_models import body_model, body_model_arrays
