@@ -14,10 +14,7 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.quality import (
-    Flag,
-    quality_flags,
-)
+from dancedata.core.quality import Flag, quality_flags
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.groups import group_motions, unusable_dancers

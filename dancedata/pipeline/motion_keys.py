@@ -9,12 +9,7 @@ from typing import Any
 from dancedata.core.bodies import CROSSING, SKELETONS, crosses
 from dancedata.core.clip import ClipRef
 from dancedata.core.plugins import Dataset
-from dancedata.core.quality import (
-    MAX_ROOT_SPEED_M_S,
-    MAX_TURN_DEG_S,
-    PLAUSIBLE_BODY_M,
-    PLAUSIBLE_ROOT,
-)
+from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.curation.repair import VERSION as REPAIR_VERSION
 from dancedata.execution.cache import Cache, package_version

@@ -37,13 +37,7 @@ from dancedata.report.outliers import outliers
 from dancedata.report.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.report.scaling import scaled_groups
 from dancedata.report.space import Space, poses_of
-from dancedata.report.tally import (
-    ClipHistogram,
-    FiveNumbers,
-    FrameHistogram,
-    Quantiles,
-    counted_between,
-)
+from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
 from dancedata.store import ClipView, Store
 from dancedata.store.free_columns import free_columns
 from dancedata.store.licence import clips_by_terms, terms_text

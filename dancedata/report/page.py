@@ -10,13 +10,7 @@ from dancedata.core.quality import REPAIRED
 from dancedata.core.text import counted, listed
 from dancedata.report.column_figures import column_figures
 from dancedata.report.document import Document
-from dancedata.report.figures import (
-    Drawing,
-    contents_figures,
-    movement_figures,
-    music_figures,
-    split_figures,
-)
+from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures, split_figures
 from dancedata.report.findings import findings
 from dancedata.report.group_figures import group_figures
 from dancedata.report.markup import Figure, Markup, escaped, number, percent, rounded, table

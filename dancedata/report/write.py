@@ -14,13 +14,7 @@ from dancedata.core.text import shown
 from dancedata.core.version import __version__
 from dancedata.execution.progress import Progress
 from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.place import (
-    foreign_files,
-    read_about,
-    remove_export,
-    replaced_export,
-    write_about,
-)
+from dancedata.exports.base.place import foreign_files, read_about, remove_export, replaced_export, write_about
 from dancedata.files import atomic, publish
 from dancedata.files.atomic import require_free
 from dancedata.pipeline.diff import Difference, diff, folded

@@ -13,12 +13,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, grounded
 from dancedata.core.plugins import ContactRule, Representation
-from dancedata.core.rotations import (
-    Float64Array,
-    matrix_from_6d,
-    rotation_6d,
-    rotvec_from_matrix,
-)
+from dancedata.core.rotations import Float64Array, matrix_from_6d, rotation_6d, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Role, Spatial
 from dancedata.core.typing import override

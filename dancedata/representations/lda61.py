@@ -14,11 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.core.rotations import (
-    Float64Array,
-    matrix_from_rotvec,
-    rotvec_from_matrix,
-)
+from dancedata.core.rotations import Float64Array, matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.spatial import Spatial
 from dancedata.core.text import listed

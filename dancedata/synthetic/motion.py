@@ -10,15 +10,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.synthetic.plan import MOTION_RATE, beat_times, generator, music_of
-from dancedata.synthetic.steps import (
-    LEFT,
-    RIGHT,
-    Footwork,
-    Timeline,
-    bump,
-    make_footwork,
-    make_timeline,
-)
+from dancedata.synthetic.steps import LEFT, RIGHT, Footwork, Timeline, bump, make_footwork, make_timeline
 
 Floats = NDArray[np.float64]
 

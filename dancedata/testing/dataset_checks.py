@@ -11,11 +11,7 @@ from dancedata.core.clip import Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.testing.plugin_checks import (
-    check_plugin,
-    raises,
-    require,
-)
+from dancedata.testing.plugin_checks import check_plugin, raises, require
 
 
 def check_dataset(cls: type[Any], folder: Path) -> None:

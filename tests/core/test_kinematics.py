@@ -13,13 +13,7 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.quality import quality_flags
-from dancedata.core.rotations import (
-    matrix_from_6d,
-    matrix_from_rotvec,
-    rotation_6d,
-    rotvec_from_matrix,
-    slerp,
-)
+from dancedata.core.rotations import matrix_from_6d, matrix_from_rotvec, rotation_6d, rotvec_from_matrix, slerp
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.formats.safe_pickle import load_pickle
 

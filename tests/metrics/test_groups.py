@@ -11,17 +11,7 @@ import pytest
 
 from dancedata.core.dance import Undefined
 from dancedata.core.skeleton import SMPL24
-from dancedata.metrics import (
-    beat_alignment,
-    diversity,
-    frechet,
-    geometric,
-    groups,
-    motion_beats,
-    pbc,
-    pfc,
-    skating,
-)
+from dancedata.metrics import beat_alignment, diversity, frechet, geometric, groups, motion_beats, pbc, pfc, skating
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
 from dancedata.metrics.set_statistics import STATISTICS
 from dancedata.synthetic import synthesise_motion

@@ -213,11 +213,7 @@ def place(network: Any, device: torch.device, budget: int | None = None) -> Any:
         budget = None if free is None else int(_FOR_WEIGHTS * free)
     if budget is None or weight_bytes(network) <= budget:
         return network.to(device)
-    from accelerate import (
-        cpu_offload,
-        dispatch_model,
-        infer_auto_device_map,
-    )
+    from accelerate import cpu_offload, dispatch_model, infer_auto_device_map
 
     if device.type == "cpu":
         return cpu_offload(network, execution_device=device)

@@ -16,16 +16,7 @@ from dancedata.datasets.aistpp.facts import (
     parse_name,
     sequence_problem,
 )
-from dancedata.datasets.files import (
-    ALL,
-    SPLITS,
-    Files,
-    describe,
-    list_audio,
-    list_folder,
-    read_names,
-    relative,
-)
+from dancedata.datasets.files import ALL, SPLITS, Files, describe, list_audio, list_folder, read_names, relative
 from dancedata.datasets.layout import Folders, Layout
 
 LAYOUT = Layout(

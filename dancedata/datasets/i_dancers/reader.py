@@ -17,14 +17,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets.files import (
-    Files,
-    clips_note,
-    list_audio,
-    read_names,
-    relative,
-    require_choices,
-)
+from dancedata.datasets.files import Files, clips_note, list_audio, read_names, relative, require_choices
 from dancedata.datasets.i_dancers.motion import SUFFIX
 from dancedata.datasets.layout import Folders, Layout
 

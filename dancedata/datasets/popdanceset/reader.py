@@ -18,14 +18,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import (
-    Files,
-    clips_note,
-    list_audio,
-    read_names,
-    relative,
-    require_choices,
-)
+from dancedata.datasets.files import Files, clips_note, list_audio, read_names, relative, require_choices
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.originals import original
 

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.audio.hf.families.base import (
-    Family,
-    NetworkSpec,
-    Output,
-    Prepared,
-    Samples,
-    Timing,
-    Waveform,
-    uniform,
-)
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, Waveform, uniform
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:

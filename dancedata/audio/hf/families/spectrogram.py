@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.families.base import (
-    Family,
-    NetworkSpec,
-    Output,
-    Prepared,
-    Samples,
-    Timing,
-    uniform,
-)
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, uniform
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
