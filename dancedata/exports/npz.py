@@ -41,13 +41,13 @@ class Npz(Export):
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
         absent = needs_fields(job, self.fields)
-        if not absent and any(job.store.field(name).kind == "audio" for name in self._names(job)):
+        if not absent and any(job.store.field(name).kind == "audio" for name in self.reads(job)):
             absent += needs_music_from_start(job.clips())
         return absent + (needs_music(job, job.clips()) if job.source is not None else [])
 
     @override
     def reads(self, job: ExportJob) -> tuple[str, ...]:
-        return self._names(job)
+        return self.fields or tuple(job.store.fields)
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
@@ -64,7 +64,7 @@ class Npz(Export):
 
     @override
     def guide(self, job: ExportJob) -> str:
-        clip, field = job.clips()[0].id, self._names(job)[0]
+        clip, field = job.clips()[0].id, self.reads(job)[0]
         shape = "(T, D)" if job.store.scope == "track" else "(windows, L, D)"
         return (
             "```python\nimport json, numpy as np\n\n"
@@ -74,22 +74,19 @@ class Npz(Export):
             "of each split as [clip, first frame, frames], and the extremes of each column over train windows.\n"
         )
 
-    def _names(self, job: ExportJob) -> tuple[str, ...]:
-        return self.fields or tuple(job.store.fields)
-
     def _write_clip(
         self, job: ExportJob, clip: ClipView, folder: ExportFolder, windows: Sequence[Window]
     ) -> dict[str, Any]:
         file = f"clips/{clip.id}.npz"
-        folder.write_npz(file, _arrays(job, clip, self._names(job), windows))
+        folder.write_npz(file, _arrays(job, clip, self.reads(job), windows))
         return {**record_json(clip), "file": file}
 
     def _index(self, job: ExportJob, clips: Mapping[str, Any]) -> dict[str, Any]:
         store = job.store
         axes = store.meta.get("axes", {})
-        fields = {name: field_json(job, name, axes=axes.get(name)) for name in self._names(job)}
+        fields = {name: field_json(job, name, axes=axes.get(name)) for name in self.reads(job)}
         windows = {
-            split: [[w.clip, w.start, w.length] for w in store.windows(split, fields=self._names(job))]
+            split: [[w.clip, w.start, w.length] for w in store.windows(split, fields=self.reads(job))]
             for split in store.splits
         }
         entry = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}

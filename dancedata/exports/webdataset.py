@@ -56,12 +56,12 @@ class WebDataset(SampleExport):
             clips: list[tuple[ClipView, Window | None]] = [(clip, None) for clip in job.clips(split)]
             samples = clips if self.samples == "clips" else self._windows(job, split)
             index |= self._shards(job, folder, split, samples)
-        fields = {name: field_json(job, name) for name in self._names(job)}
+        fields = {name: field_json(job, name) for name in self.reads(job)}
         folder.write_json("index.json", {"shards": index, "fields": fields})
 
     @override
     def guide(self, job: ExportJob) -> str:
-        name = self._names(job)[0]
+        name = self.reads(job)[0]
         split = job.store.splits[0]
         return (
             f"Samples are {self.samples}; `index.json` has the number in each shard, and columns, rates and scalers "
@@ -74,12 +74,9 @@ class WebDataset(SampleExport):
             "have at least as many shards as workers and ranks.\n"
         )
 
-    def _names(self, job: ExportJob) -> tuple[str, ...]:
-        return self.fields or tuple(job.store.fields)
-
     def _windows(self, job: ExportJob, split: str) -> list[tuple[ClipView, Window | None]]:
         clips = {clip.id: clip for clip in job.clips(split)}
-        return [(clips[window.clip], window) for window in job.store.windows(split, fields=self._names(job))]
+        return [(clips[window.clip], window) for window in job.store.windows(split, fields=self.reads(job))]
 
     def _shards(
         self, job: ExportJob, folder: ExportFolder, split: str, samples: list[tuple[ClipView, Window | None]]
@@ -105,7 +102,7 @@ class WebDataset(SampleExport):
 
     def _members(self, job: ExportJob, clip: ClipView, window: Window | None) -> Iterator[Member]:
         key = clip.id if window is None else f"{clip.id}_{window.start:06d}"
-        for name in self._names(job):
+        for name in self.reads(job):
             rows = clip.read(name) if window is None else job.store.read(window, name)
             yield f"{key}.{_suffix(name)}", _npy(rows)
         attributes = record_json(clip)
