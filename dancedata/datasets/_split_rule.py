@@ -175,21 +175,17 @@ class SplitRule:
         requested = {_TRAIN: 1 - self.val - self.test, _VAL: self.val, _TEST: self.test}
         return {name: part for name, part in requested.items() if part}
 
-    def _off(self, splits: Mapping[str, int]) -> tuple[int, Fraction]:
-        """Return the number of empty splits, and the largest relative deviation from a requested fraction."""
-        n, requested = sum(splits.values()), self._requested()
-        off = max(abs(Fraction(splits.get(name, 0), n) - part) / part for name, part in requested.items())
-        return sum(not splits.get(name) for name in requested), off
-
     def _closer_seed(self, clips: Sequence[ClipRef], fixed: Mapping[str, str]) -> int | None:
         """Return a seed that comes closer and leaves no split empty, if the present one deviates much."""
-        sizes = Counter(self.group(clip) for clip in clips)
+        sizes, requested = Counter(self.group(clip) for clip in clips), self._requested()
 
         def off(seed: int) -> tuple[int, Fraction]:
+            """Return the number of empty splits, and the largest relative deviation from a requested fraction."""
             splits: Counter[str] = Counter()
             for group, split in self._splits(sizes, fixed, seed).items():
                 splits[split] += sizes[group]
-            return self._off(splits)
+            parts = [abs(Fraction(splits[name], splits.total()) - part) / part for name, part in requested.items()]
+            return sum(not splits[name] for name in requested), max(parts)
 
         if not clips or off(self.seed) <= (0, _CLOSE):
             return None

@@ -65,12 +65,6 @@ class Skating:
         return float(self.ratios.mean())
 
 
-def _lodge_contacts(positions: Float64Array) -> BoolArray:
-    """Return whether each foot is on the ground, (T, 2); the ground is that of the toes in frame 0."""
-    heights = positions[:, :, 1] - ground_height(positions, SMPL24)
-    return np.stack([(heights[:, ankle] <= _ANKLE_M) & (heights[:, toe] <= _TOE_M) for ankle, toe in _FEET], axis=1)
-
-
 def _steps(positions: Float64Array) -> Float64Array:
     """Return horizontal steps to the next frame, (T, J, 2); 0 for the last one."""
     steps = np.zeros((*positions.shape[:2], 2))
@@ -79,7 +73,10 @@ def _steps(positions: Float64Array) -> Float64Array:
 
 
 def _lodge(positions: Float64Array, moving: BoolArray) -> Skating:
-    contacts = _lodge_contacts(positions)
+    heights = positions[:, :, 1] - ground_height(positions, SMPL24)  # of the toes in frame 0
+    contacts = np.stack(
+        [(heights[:, ankle] <= _ANKLE_M) & (heights[:, toe] <= _TOE_M) for ankle, toe in _FEET], axis=1
+    )
     slides = np.stack([moving[:, foot].any(axis=1) for foot in _FEET], axis=1)
     return Skating((contacts & slides).sum(axis=0), contacts.sum(axis=0))
 
