@@ -216,7 +216,7 @@ class FileRows(AudioFeature):
         return cls("{clip}.npy", 25, 3, None)
 
     def file_of(self, ref: ClipRef, source: Path) -> Path | None:
-        """Return the file of a clip; None if the clip lacks a name in the pattern, or its name is no file's."""
+        """Return the file of a clip; None if the clip lacks a name in the pattern, or no file has its name."""
         names = {"clip": ref.id, "music": ref.music, "group": ref.group, "split": ref.split}
         used = {field for _, field, *_ in Formatter().parse(self.path) if field is not None}
         if any(not _NAME.fullmatch(names[name]) or names[name] in (".", "..") for name in used):

@@ -1,4 +1,4 @@
-"""write_card: a README.md for a hub, and the pictures beside it."""
+"""write_card: a README.md for a hub, and its pictures."""
 
 from __future__ import annotations
 

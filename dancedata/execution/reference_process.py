@@ -181,7 +181,7 @@ class _Messages:
 def serve() -> None:
     """Compute the calls that arrive through the standard input until its other end is closed."""
     incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    # What a feature reads or prints is no message.
+    # Input and output of a feature are not messages.
     nothing = open_file(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.dup2(2, 1)

@@ -185,7 +185,7 @@ class Alignment:
                 start, o = row.start_of(clip), row.offset
                 numbers = ["" if v is None else f"{v:.4f}" for v in (o.offset_s, o.width_s, o.p)]
                 beat = "" if o.beat_s is None else f"{o.beat_s:.4f}"
-                names = map(csv_cell, (clip.id, row.name, clip.music))  # negative numbers are no formulas
+                names = map(csv_cell, (clip.id, row.name, clip.music))  # negative numbers are not formulas
                 rows.append([*names, *numbers, o.rivals, beat, o.unknown, "" if start is None else str(start)])
         return csv_text(_CSV, rows)
 

@@ -126,7 +126,7 @@ def decode_group(
     representation, fps, like, normalized, scaler, clip, parameters
         As in `decode`.
     person_mask
-        (P,) truth values: which dancers there are; the rows of the others are not looked at. Default: all.
+        (P,) truth values: which dancers there are; the rows of the others are ignored. Default: all.
     place
         (P, T, 6) columns of the field root_place, normalised if `array` is: required for representations without a
         place, such as humanml263, whose dancers would else all stand at the origin.

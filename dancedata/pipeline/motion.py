@@ -211,7 +211,7 @@ def _published(
 def _require_joints(clip_field: MotionField | KeyMotionField, motion: Motion) -> None:
     """Raise DataError for an optional field with fingers where the motion has none: they would not move.
 
-    The hands of SMPL's 24 joints, and jaw and eyes, are no reason: few captures have them.
+    The hands of SMPL's 24 joints, jaw and eyes are not required: few captures have them.
     """
     if not (isinstance(clip_field, MotionField) and clip_field.optional):
         return

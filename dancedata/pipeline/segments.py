@@ -83,7 +83,7 @@ def segments(
         New file, .csv or .jsonl, for its segments.
     set_file
         File whose layers take the place of those of the same name, language and author. The segments and dataset.json
-        are written anew, and nothing else; copies of clips get theirs unless the file has rows of them.
+        are rewritten, and nothing else; copies of clips get theirs unless the file has rows of them.
     layer
         Name of the layers to write or to summarise; default: all.
 

@@ -71,7 +71,7 @@ class BucketUpload:
             _, document = fetch_description(source, self.address, PUBLICATION_FILE)
             check_names(document, f"{self.address}/{PUBLICATION_FILE}")
             before = {*document["files"], *_COMPLETE}
-            # That of a dataset stays to the end: a run that goes on from here finds in it what is to be removed.
+            # That of a dataset stays to the end: a run that resumes here finds the files to remove in it.
             first = first if "dataset" in document else [name for name in first if name == DATASET_FILE]
         foreign = [file.name for file, state in states if state == "" and file.name not in before]
         there = {file.name for file, state in states if state == file.sha256}

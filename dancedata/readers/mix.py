@@ -57,7 +57,7 @@ class Mix(EpochDataset):
     ------
     UsageError
         If the datasets differ in kind, fields, rates, columns or body, which lists all that differs; for weights that
-        are no shares, and where a source would have no sample.
+        are not shares, and where a source would have no sample.
 
     Attributes
     ----------

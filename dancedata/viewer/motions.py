@@ -1,4 +1,4 @@
-"""Motions of files, and of Python, as scenes: what is no dataset, with music beside it."""
+"""Motions of files and of Python as scenes, with music."""
 
 from __future__ import annotations
 
