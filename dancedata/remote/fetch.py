@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import self_hash, sha256_bytes
@@ -36,6 +36,7 @@ DATASET_FILE = "dataset.json"
 #: What a publication has in addition, and in the place of dataset.json where it has a recipe and no data.
 PUBLICATION_FILE = "publication.json"
 Report = Callable[[int], None]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,7 @@ def source_of(address: Address) -> Source:
 
 def resolved(address: Address) -> Address:
     """Return the address whose content does not change: of a branch, that of its commit."""
-    answers: list[Address] = []
-    persist(lambda: answers.append(source_of(address).resolve()), lambda: 0, str(address))
-    return answers[0]
+    return persist(lambda: source_of(address).resolve(), str(address))
 
 
 def fetch_description(source: Source, address: Address, name: str = DATASET_FILE) -> tuple[bytes, Mapping[str, Any]]:
@@ -83,14 +82,9 @@ def fetch_description(source: Source, address: Address, name: str = DATASET_FILE
 
 def read_small(source: Source, name: str, where: str) -> bytes:
     """Return the bytes of a file; StoreError if there are more than MAX_DESCRIPTION."""
-    answers: list[bytes] = []
-
-    def read() -> None:  # it is small: no ranges
-        too_large = refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
-        answers.append(read_within(source.open(name, 0).chunks, MAX_DESCRIPTION, lambda _: too_large))
-
-    persist(read, lambda: 0, where)
-    return answers[0]
+    too_large = refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
+    # It is small: no ranges.
+    return persist(lambda: read_within(source.open(name, 0).chunks, MAX_DESCRIPTION, lambda _: too_large), where)
 
 
 def fetch_file(source: Source, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:
@@ -178,7 +172,7 @@ def _fetch(source: Source, where: str, file: RemoteFile, path: Path, target: Pat
     report(part.have)
     found = ""
     for _ in range(2):
-        persist(partial(_append, source, where, file, part, report), lambda: part.have, where)
+        persist(partial(_append, source, where, file, part, report), where, lambda: part.have)
         found = part.sha256
         if found == file.sha256:
             with open(path, "rb+") as written:  # Windows flushes only what is open for writing
@@ -225,12 +219,12 @@ def _append(source: Source, where: str, file: RemoteFile, part: _Part, report: R
         raise Interrupted(f"the answer ended after {part.have:,} of {file.size:,} bytes")
 
 
-def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) -> None:
-    """Call `attempt` until it succeeds; StoreError after ATTEMPTS failures in a row that brought nothing."""
+def persist(attempt: Callable[[], T], where: str, have: Callable[[], int] = lambda: 0) -> T:
+    """Return the result of `attempt`; StoreError after ATTEMPTS failures in a row without new bytes of `have`."""
     failures, reached = 0, have()  # the most bytes: a part may be discarded, and come again
     while True:
         try:
-            attempt()
+            return attempt()
         except Interrupted as error:
             failures = 1 if have() >= reached + NEW_BYTES else failures + 1
             reached = max(reached, have())
@@ -243,5 +237,3 @@ def persist(attempt: Callable[[], None], have: Callable[[], int], where: str) ->
             if seconds > _SHOWN_S:
                 Progress().write(f"{where}: {error}; waiting {seconds:.0f} s")
             time.sleep(seconds)
-        else:
-            return

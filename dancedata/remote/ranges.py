@@ -219,7 +219,7 @@ class _Pieces:
         wrong = first
         for _ in range(2):
             data = bytearray()
-            persist(partial(self._append, file.name, data, begin, end), lambda have=data: len(have), where)  # type: ignore[misc]
+            persist(partial(self._append, file.name, data, begin, end), where, partial(len, data))
             view = memoryview(data)
             pieces = {n: view[(n - first) * self._piece :][: self._piece] for n in range(first, stop)}
             bad = [n for n, piece in pieces.items() if not file.is_piece(n, piece)]
