@@ -193,17 +193,14 @@ def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison
     """
     if (path / "dataset.json").is_file():
         return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)
+    any_clip: Path | None = None
     if path.is_file() and path.suffix.lower() in MOTION_SUFFIXES:
-        any_clip = None if scenes.has(path.stem) else path
-        _require_stated(path, form)
-        paths = {path.stem: path}
-        return FilesComparison(
-            paths={path.stem: path}, any_clip=any_clip, form=form, body=scenes.body, name=path.name
-        )
-    if not path.is_dir():
+        files, any_clip = [path], None if scenes.has(path.stem) else path
+    elif path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
+    else:
         allowed = f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}"
         raise UsageError("there is nothing to compare with", where=path, allowed=allowed)
-    files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
     if not files:
         raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(MOTION_SUFFIXES)}")
     paths = {p.stem: p for p in files}
@@ -211,7 +208,7 @@ def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison
         twice = [p.name for p in files if paths[p.stem] != p]
         raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
     _require_stated(files[0], form)
-    return FilesComparison(paths=paths, any_clip=None, form=form, body=scenes.body, name=path.name)
+    return FilesComparison(paths=paths, any_clip=any_clip, form=form, body=scenes.body, name=path.name)
 
 
 def _require_stated(path: Path, form: FileFormat) -> None:
