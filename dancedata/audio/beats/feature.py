@@ -88,15 +88,7 @@ class Beats(NetworkFeature):
 
     @override
     def resolved(self, hash_file: Callable[[Path], str]) -> Beats:
-        """Return the feature with the hash of the weights resolved.
-
-        Raises
-        ------
-        SourceError
-            The file of the weights does not exist.
-        UsageError
-            It is not named, or does not match `weights_sha256`, or torch is missing, or the device does not exist.
-        """
+        """Return the feature with the hash of the weights resolved."""
         if self.source == "librosa":
             return self
         path = self.weights_path()

@@ -148,15 +148,7 @@ class HuggingFace(NetworkFeature):
 
     @override
     def resolved(self, hash_file: Callable[[Path], str]) -> HuggingFace:
-        """Return the feature with output, chunks, precision and the hash of the model resolved.
-
-        Raises
-        ------
-        UsageError
-            The model is not on this machine or does not match `model_sha256`, or a key does not fit to it.
-        SourceError
-            The model cannot be used.
-        """
+        """Return the feature with output, chunks, precision and the hash of the model resolved."""
         require("hf", what="the audio feature hf")
         device = str(self.checked_device())
         folder = self._folder()

@@ -111,15 +111,7 @@ class Jukebox(NetworkFeature):
 
     @override
     def resolved(self, hash_file: Callable[[Path], str]) -> Jukebox:
-        """Return the feature with the precision and the hash of the weights resolved.
-
-        Raises
-        ------
-        SourceError
-            The folder of the weights does not exist, or they are of another network.
-        UsageError
-            The weights do not match `weights_sha256` or lack the layer, or the device does not exist.
-        """
+        """Return the feature with the precision and the hash of the weights resolved."""
         require("jukebox", what="the audio feature jukebox")
         from dancedata.audio.networks.devices import resolve_precision
 

@@ -153,6 +153,13 @@ class AudioFeature(Plugin):
         ----------
         hash_file
             Gives the SHA-256 of a file, such as one with weights.
+
+        Raises
+        ------
+        SourceError
+            A file with weights is missing, damaged, or of another network.
+        UsageError
+            Weights do not match the hash of the recipe, a package is missing, or the device does not exist.
         """
         return self
 
