@@ -70,7 +70,13 @@ class Dataset(Plugin):
 
     @abstractmethod
     def scan(self, source: Path) -> Scan:
-        """List the clips. Reads no motion. SourceError if the folder as a whole cannot be used."""
+        """List the clips. Reads no motion.
+
+        Raises
+        ------
+        SourceError
+            If the folder is not a copy of the dataset, or its lists are missing or contradict each other.
+        """
 
     def compared(self, source: Path) -> Sequence[Compared | str]:
         """Compare a source with the published files, for `check`; empty where no public list names them.

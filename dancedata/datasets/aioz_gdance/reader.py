@@ -154,12 +154,7 @@ class AiozGdance(Dataset):
             reasons of a pickle that cannot be used, ``unused_music``, ``extra_file``. Notes state the lists, the
             videos that they share, and sequences with another length than their name says.
 
-        Raises
-        ------
-        SourceError
-            If the folder is not a copy of AIOZ-GDANCE, or the lists are missing or name a sequence twice.
-        UsageError
-            If a column of the labels is not there.
+        UsageError if a column of the labels is not there.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
         places = [place / name for place in folders.places for name in MUSIC]

@@ -166,11 +166,6 @@ class AistPP(Dataset):
             Clips by name with split, song, tempo (BPM), genre and dancer. Rejects, each by name: ``ignored``,
             ``unassigned`` (in no split), ``missing_music``, ``missing_motion`` (in a split, but no pickle),
             ``unused_music``, ``extra_file``. Notes describe the layout and how it was recognised.
-
-        Raises
-        ------
-        SourceError
-            If the folder is not an AIST++ copy, or its lists are unusable.
         """
         copy = find_copy(Path(source), self.split, self.split_dir, self.ignore == "list", self.music_dir)
         clips, left_out = self._clips(copy)

@@ -111,11 +111,6 @@ class DD100(Dataset):
             Clips ``<pair>_00`` (follower, member 0) and ``<pair>_01`` (leader, member 1); group and music are the
             pair, `keys` has the choreography. Rejects: ``missing_partner``, ``missing_music``, ``unused_music``,
             ``extra_file``.
-
-        Raises
-        ------
-        SourceError
-            If the folder is not a copy of DD100.
         """
         source = Path(source)
         require_folder("dd100", source, _LOOKED_FOR)

@@ -205,11 +205,6 @@ class FineDance(Dataset):
             ``broken_label``, ``unknown_genre``, ``unassigned`` (an id that FineDance does not have),
             ``missing_motion``, ``unused_music``, ``extra_file``. Notes describe the layout, the lists in use, and
             ids on two of them.
-
-        Raises
-        ------
-        SourceError
-            If the folder is not a FineDance copy.
         """
         from dancedata.datasets.finedance.load import length_note
 

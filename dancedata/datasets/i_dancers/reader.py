@@ -107,11 +107,6 @@ class IDancers(Dataset):
             Clips NAME_p0, NAME_p1, ... with group, split and music (the sequence). Rejects, each by name: those of a
             pickle that cannot be read, ``unknown_rate``, ``unassigned``, ``missing_music``, ``missing_motion``,
             ``unused_music``, ``extra_file``.
-
-        Raises
-        ------
-        SourceError
-            If the folder is not a copy of I-Dancers, a list is missing, or both name a sequence.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
         music = list_audio([folders.root / "music"], folders.source, lambda stem: "", music_dir=self.music_dir)

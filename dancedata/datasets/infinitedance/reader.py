@@ -112,11 +112,6 @@ class InfiniteDance(Dataset):
             comes from. Rejects, each by name: ``unassigned``, ``missing_motion`` (listed, but no file),
             ``other_dataset``, ``bad_style``, ``extra_file`` (also names with @). Notes state the lists, what they
             share, styles, origins and their terms.
-
-        Raises
-        ------
-        SourceError
-            If the folder is not a copy of InfiniteDance, or its lists are missing or name a clip twice.
         """
         layout = LAYOUTS[self.motion]
         folders, motions = layout.list_motions(Path(source))

@@ -83,11 +83,6 @@ class PhantomDance(Dataset):
         Scan
             Clips by name; each has a separate song. Rejects, each by name: ``missing_music``, ``unused_music``,
             ``extra_file``. Notes state the folders and the split.
-
-        Raises
-        ------
-        SourceError
-            If the folder has no JSON file, or several folders of it have some.
         """
         source = Path(source)
         folder = self._folder(source)

@@ -135,11 +135,6 @@ class PopDanceSet(Dataset):
             Clips by name with split and lists (train, test, high_quality); music and dancer are the video. Rejects,
             each by name: ``unassigned``, ``missing_music``, ``missing_motion`` (listed, but no pickle),
             ``unused_music``, ``extra_file``. Notes state the lists, what they share, and the scale in use.
-
-        Raises
-        ------
-        SourceError
-            If the folder is not a copy of PopDanceSet, or the lists are missing or name a clip twice.
         """
         folders, motions = LAYOUT.list_motions(Path(source))
         music = self._music(folders)
