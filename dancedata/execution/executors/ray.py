@@ -32,8 +32,8 @@ PREFIX = "ray://"
 _WINDOW = 1000
 #: Seconds without a result after which it is checked that the cluster is there.
 _QUIET_S = 5
-#: How often Ray Client is asked. Its server forks a process for each client while it runs threads of gRPC, and now and
-#: then that process dies before it begins (ray-project/ray, issue 63202); the next one is another.
+#: How often Ray Client is asked. Its server forks a process for each client while it runs threads of gRPC, and that
+#: process sometimes dies before it begins (ray-project/ray, issue 63202); the next one is another.
 _ATTEMPTS = 3
 #: Seconds that a cluster may take to add its first CPU: a cloud or a batch system starts a machine.
 _NO_CPU_S = 600
@@ -202,11 +202,14 @@ def _connect(scheduler: str, address: str) -> None:
             died = isinstance(error, ConnectionAbortedError)
             if died and attempt < _ATTEMPTS:
                 continue
-            fix = "check that it runs and that this machine can reach it; if it needs a token, set RAY_AUTH_MODE=token"
-            if died:
-                fix = "start its head with GRPC_ENABLE_FORK_SUPPORT=0, or build on one of its machines with ray://auto"
             raise DanceDataError(
-                "no Ray cluster answers at this address", where=scheduler, found=_reason(error), fix=fix
+                "no Ray cluster answers at this address",
+                where=scheduler,
+                found=_reason(error),
+                fix="start its head with GRPC_ENABLE_FORK_SUPPORT=0, or build on one of its machines with ray://auto"
+                if died
+                else "check that it runs and that this machine can reach it; if it needs a token, set "
+                "RAY_AUTH_MODE=token",
             ) from error
 
 
