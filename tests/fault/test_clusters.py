@@ -268,12 +268,23 @@ def test_a_build_resumes_after_a_lost_ray_cluster(
 
 @HAS_RAY
 @pytest.mark.nightly
+@pytest.mark.parametrize("deaths", [0, 1])
 def test_ray_client_gives_the_same_bytes(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any
+    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, deaths: int
 ):
-    with ray_cluster(slow.environment), ray_client_server(slow.environment) as port:
+    with ray_cluster(slow.environment), ray_client_server(slow.environment, deaths) as port:
         slow.build(corpus, out, "--scheduler", f"ray://127.0.0.1:{port}")
     assert hashes(out) == undisturbed
+
+
+@HAS_RAY
+@pytest.mark.nightly
+def test_ray_client_whose_processes_die(slow: Any, corpus: Path, out: Path):
+    with ray_cluster(slow.environment), ray_client_server(slow.environment, deaths=99) as port:
+        output = slow.build(corpus, out, "--scheduler", f"ray://127.0.0.1:{port}", code=1)
+    assert "found Initialization failure from server: RuntimeError: Starting Ray client server failed" in output
+    assert "GRPC_ENABLE_FORK_SUPPORT=0" in output
+    assert not out.exists()
 
 
 @HAS_RAY

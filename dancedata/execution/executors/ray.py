@@ -32,6 +32,9 @@ PREFIX = "ray://"
 _WINDOW = 1000
 #: Seconds without a result after which it is checked that the cluster is there.
 _QUIET_S = 5
+#: How often Ray Client is asked. Its server forks a process for each client while it runs threads of gRPC, and that
+#: process sometimes dies before it begins (ray-project/ray, issue 63202); the next one is another.
+_ATTEMPTS = 3
 #: Seconds that a cluster may take to add its first CPU: a cloud or a batch system starts a machine.
 _NO_CPU_S = 600
 #: How often a unit runs elsewhere because its machine was lost; after that it may be the cause.
@@ -178,21 +181,36 @@ def started(scheduler: str, requirements: WorkerRequirements) -> Iterator[Execut
             )
         yield _executor(requirements)
         return
-    try:
-        with kept_signals(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of Ray Client, beside its error
-            ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False)
-    except Exception as error:  # Ray raises errors of many types
-        raise DanceDataError(
-            "no Ray cluster answers at this address",
-            where=scheduler,
-            found=_reason(error),
-            fix="check that it runs and that this machine can reach it; if it needs a token, set RAY_AUTH_MODE=token",
-        ) from error
+    _connect(scheduler, address)
     try:
         yield _executor(requirements)
     finally:
         ray.shutdown()
+
+
+def _connect(scheduler: str, address: str) -> None:
+    """Connect this process to the cluster; again where the process that Ray Client's server forks for it has died."""
+    import ray
+
+    for attempt in range(1, _ATTEMPTS + 1):
+        try:
+            with kept_signals(), warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of Ray Client, beside its error
+                ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False)
+            return
+        except Exception as error:  # Ray raises errors of many types
+            died = isinstance(error, ConnectionAbortedError)
+            if died and attempt < _ATTEMPTS:
+                continue
+            raise DanceDataError(
+                "no Ray cluster answers at this address",
+                where=scheduler,
+                found=_reason(error),
+                fix="start its head with GRPC_ENABLE_FORK_SUPPORT=0, or build on one of its machines with ray://auto"
+                if died
+                else "check that it runs and that this machine can reach it; if it needs a token, set "
+                "RAY_AUTH_MODE=token",
+            ) from error
 
 
 def _reason(error: Exception) -> str:
