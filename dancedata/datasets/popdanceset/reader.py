@@ -190,8 +190,8 @@ class PopDanceSet(Dataset):
         music = with_music_dir(music, self.music_dir, folders.source, _name_problem)
         published, where = original(self.name), folders.source / _Lists.find(folders).where
         return (
-            published.compare("motions", motions.files),
-            published.compare("songs", music.files),
+            published.compare("motions", motions.files.items()),
+            published.compare("songs", music.files.items()),
             published.lists_note({name: where / name for name in published.lists}),
         )
 
