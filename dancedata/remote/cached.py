@@ -102,7 +102,7 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     with written(folder / name, len(data)):
         folder.mkdir(parents=True, exist_ok=True)
         mark(root)
-        if not has_file(folder / name, len(data)):
+        if not has_file(folder / name, len(data)) or (folder / name).read_bytes() != data:
             write_bytes(folder / name, data)
         write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(place), str(address))))
         for text in {str(address), str(place)}:

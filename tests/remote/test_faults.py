@@ -246,6 +246,12 @@ def test_names_of_a_description_that_was_changed_in_the_cache(address: str, publ
     assert not list((tmp_path / "kept").iterdir())
 
 
+def test_a_description_that_was_damaged_in_the_cache_is_fetched_again(address: str, published: Path) -> None:
+    path = local_folder(address) / "dataset.json"
+    path.write_bytes(path.read_bytes()[::-1])
+    assert len(dancedata.open(address)) == len(dancedata.open(published))
+
+
 def test_a_hundred_thousand_shards(server: Server, address: str) -> None:
     def bend(data: bytes) -> bytes:
         document = json.loads(data)
