@@ -65,8 +65,10 @@ def refusals(root: Path) -> Iterator[str]:
         found = ", ".join(match[1] for match in headings[:2])
         yield f"the first headings of CHANGELOG.md are {found}; expected Unreleased, {version}"
     else:
-        if re.search(r"^- ", changelog[headings[0].end() : headings[1].start()], re.MULTILINE):
+        if changelog[headings[0].end() : headings[1].start()].strip():
             yield "CHANGELOG.md has entries under Unreleased"
+        if not is_above(version, [match[1] for match in headings[2:]]):
+            yield f"{version} is not above the release before, {headings[2][1]}"
         released = RELEASED.search((root / "CITATION.cff").read_text(encoding="utf-8"))
         if not headings[1][2] or released is None or released[1] != headings[1][2]:
             dates = f"CHANGELOG.md {headings[1][2] or 'none'}, CITATION.cff {released[1] if released else 'none'}"
@@ -77,14 +79,24 @@ def refusals(root: Path) -> Iterator[str]:
         yield f"the tag v{version} exists"
 
 
+def is_above(version: str, before: list[str]) -> bool:
+    """Return whether a version is above all earlier ones."""
+    return all(_numbers(version) > _numbers(other) for other in before)
+
+
+def _numbers(version: str) -> list[int]:
+    return [int(number) for number in re.findall(r"\d+", version)]
+
+
 def prepare(root: Path, version: str, date: str) -> None:
     """Write a version into all files that state it, and give what is unreleased its heading and date."""
     if not FINAL.fullmatch(version):
         raise SystemExit(f"{version} is not a version such as 0.3.0")
     changelog = root / "CHANGELOG.md"
     text = changelog.read_text(encoding="utf-8")
-    if any(match[1] == version for match in HEADING.finditer(text)):
-        raise SystemExit(f"CHANGELOG.md has a section for {version}")
+    released = [match[1] for match in HEADING.finditer(text)][1:]
+    if not is_above(version, released):
+        raise SystemExit(f"{version} is not above the last release, {released[0]}")
     if git("tag", "--list", f"v{version}", root=root):
         raise SystemExit(f"the tag v{version} exists")
     changelog.write_text(
@@ -109,11 +121,12 @@ def environment(folder: Path, packages: tuple[str, ...]) -> Path:
     return folder / "bin"
 
 
-def built(tools: Path, work: Path, root: Path) -> dict[str, bytes]:
+def built(tools: Path, work: Path, root: Path, commit: str) -> dict[str, bytes]:
     """Build sdist and wheel from a fresh copy of the commit, and return their content by name."""
     copy, out = work / "copy", work / "dist"
     subprocess.run(["git", "clone", "-q", root, copy], check=True)
-    time = git("log", "-1", "--format=%ct", root=root)
+    git("checkout", "-q", "--detach", commit, root=copy)
+    time = git("log", "-1", "--format=%ct", commit, root=root)
     command = [tools / "python", "-m", "build", "--no-isolation", "--outdir", out, copy]
     subprocess.run(command, check=True, env=os.environ | {"SOURCE_DATE_EPOCH": time}, stdout=subprocess.DEVNULL)
     return {path.name: path.read_bytes() for path in sorted(out.iterdir())}
@@ -158,7 +171,7 @@ def sbom(root: Path, work: Path, tools: Path, wheel: Path, out: Path) -> None:
 
 def release(root: Path, tag: bool) -> int:
     """Check, build and write dist/; 1 if something is refused."""
-    version = stated(root)["dancedata/core/version.py"]
+    version, commit = stated(root)["dancedata/core/version.py"], git("rev-parse", "HEAD", root=root)
     reasons = list(refusals(root))
     for reason in reasons:
         print(f"refused: {reason}", file=sys.stderr)
@@ -169,7 +182,7 @@ def release(root: Path, tag: bool) -> int:
         tools = environment(work / "tools", TOOLS)
         validated(root, work, tools)
         step("sdist and wheel, twice")
-        files, again = (built(tools, work / name, root) for name in ("one", "two"))
+        files, again = (built(tools, work / name, root, commit) for name in ("one", "two"))
         for name, data in files.items():
             same = again.get(name) == data
             print(
@@ -187,10 +200,12 @@ def release(root: Path, tag: bool) -> int:
         sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in sorted(dist.iterdir())]
         (dist / "SHA256SUMS").write_text("\n".join([*sums, ""]))
     if tag:
-        git("tag", "-a", f"v{version}", "-m", f"dancedata {version}", root=root)
+        # Not HEAD, which may be another commit by now.
+        git("tag", "-a", f"v{version}", "-m", f"dancedata {version}", commit, root=root)
         step(f"tagged v{version}; upload: twine upload dist/dancedata-{version}*.whl dist/dancedata-{version}.tar.gz")
     else:
-        step(f"dry run: all passed; --tag would tag {git('log', '-1', '--format=%h %s', root=root)} as v{version}")
+        subject = git("log", "-1", "--format=%h %s", commit, root=root)
+        step(f"dry run: all passed; --tag would tag {subject} as v{version}")
     return 0
 
 

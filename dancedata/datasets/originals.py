@@ -2,7 +2,7 @@
 
 import functools
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,21 +32,25 @@ class Original:
     sources: Mapping[str, str]
     lists: Mapping[str, str]
 
-    def compare(self, kind: str, present: Collection[str], unused: Collection[str] = ()) -> Compared:
-        """Compare the names of a copy with the published ones.
+    def compare(self, kind: str, present: Iterable[tuple[str, Path]], unused: Collection[str] = ()) -> Compared:
+        """Compare the names of a copy with the published ones; empty files are not there.
 
         Parameters
         ----------
         kind
             One of `names`.
         present
-            Names that the copy has; others than the published ones do not count.
+            Names that the copy has, with their files; others than the published ones do not count.
         unused
             Names that no build uses, such as those of an ignore list.
         """
-        names = self.names[kind]
-        missing = tuple(sorted(names - set(present)))
-        return Compared(kind, len(names), missing, frozenset(missing) & set(unused), self.sources[kind])
+        files = [(name, path) for name, path in present if name in self.names[kind]]
+        filled = {name for name, path in files if path.stat().st_size}
+        missing = self.names[kind] - filled
+        empty = missing.intersection(name for name, _ in files)
+        return Compared(
+            kind, len(self.names[kind]), tuple(sorted(missing)), missing & set(unused), self.sources[kind], empty
+        )
 
     def lists_note(self, paths: Mapping[str, Path]) -> str:
         """Return which lists of a copy are the published ones, byte for byte; "" if it has none.

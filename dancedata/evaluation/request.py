@@ -223,7 +223,7 @@ class Request:
             return None
         return MusicSources(
             beats=self.beats,
-            files={} if self.source is None else song_files(self.source),
+            files={} if self.source is None else song_files(self.source.absolute()),
             like=self.like,
             songs=self.songs,
         )

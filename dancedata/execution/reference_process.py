@@ -41,10 +41,17 @@ class ReferenceProcessError(DanceDataError):
 
 
 # The module path is an argument: a new process starts with another one.
-_START = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from dancedata.execution.reference_process import serve; serve()"
-)
+_START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); "
+
+
+def python_command(statements: str, *arguments: str) -> list[str]:
+    """Return the command of a process that runs statements with the module path of this one.
+
+    No module of the working folder replaces one of Python's own, as it would by ``python -c``.
+    """
+    # Only texts: Python ignores other entries.
+    folders = [folder for folder in sys.path if isinstance(folder, str)]
+    return [sys.executable, "-P", "-c", _START + statements, json.dumps(folders), *arguments]
 
 
 def expected() -> str:
@@ -115,9 +122,7 @@ class ReferenceProcess:
         return result
 
     def _start(self) -> None:
-        # Only texts: Python ignores other entries. -P: no module of the working folder replaces one of Python's own.
-        folders = [folder for folder in sys.path if isinstance(folder, str)]
-        command = [sys.executable, "-P", "-c", _START, json.dumps(folders)]
+        command = python_command(f"from {__name__} import serve; serve()")
         with shielded():  # Ctrl-C is for the calling process
             # Nothing in the command comes from outside.
             self._process = subprocess.Popen(  # noqa: S603

@@ -91,7 +91,10 @@ def _against_the_original(reader: Dataset, path: Path, reported: Sequence[Proble
         notes += [Problem("note", str(path), str(compared))] if str(compared) else []
         if isinstance(compared, Compared):
             absent = (name for name in compared.missing if compared.kind != "motions" or name not in named)
-            notes += [Problem("note", name, f"{NOT_IN_SOURCE}: of the published {compared.kind}") for name in absent]
+            what = f"{NOT_IN_SOURCE}: of the published {compared.kind}"
+            notes += [
+                Problem("note", name, what + (", an empty file" if name in compared.empty else "")) for name in absent
+            ]
     return notes
 
 

@@ -22,6 +22,8 @@ from dancedata.remote.source import NotThereError, public_line, refused
 #: Attribute of objects that dancedata wrote: letters alone, as Azure asks for.
 _ATTRIBUTE = "dancedatasha256"
 _JOBS = 6
+#: Bytes of an object above which it is sent in parts, of this size.
+_PART = 5 << 20
 _COMPLETE = (DATASET_FILE, PUBLICATION_FILE)
 _AGAIN = "run the same command again: what was uploaded is not uploaded again"
 
@@ -94,7 +96,11 @@ class BucketUpload:
         import obstore
 
         def put(file: Upload) -> int:
-            obstore.put(source.store, file.name, file.content, attributes={_ATTRIBUTE: file.sha256})
+            # An object appears at the end of its chunks, and not at all where they raise an error.
+            in_parts = file.size > _PART
+            obstore.put(
+                source.store, file.name, file.chunks(), attributes={_ATTRIBUTE: file.sha256}, use_multipart=in_parts
+            )
             return file.size
 
         with progress.megabytes("uploading", sum(file.size for file in files)) as count:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +13,12 @@ import yaml
 
 from dancedata.card.text import card_text, plain_recipe
 from dancedata.card.write import drawn_pictures
-from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.core.version import __version__
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular
+from dancedata.files.strict_json import parse_json
 from dancedata.remote.cached import check_names, remote_files
 from dancedata.remote.fetch import DATASET_FILE, MAX_DESCRIPTION, PUBLICATION_FILE
 from dancedata.store import Store
@@ -46,6 +49,24 @@ class Upload:
         """Return the upload of bytes."""
         return cls(name, data, len(data), sha256_bytes(data))
 
+    def chunks(self) -> Iterator[bytes]:
+        """Yield the bytes; StoreError at the end if they are others than those of `sha256`."""
+        digest = hashlib.sha256()
+        with BytesIO(self.content) if isinstance(self.content, bytes) else open(self.content, "rb") as file:
+            while chunk := file.read(1 << 20):
+                digest.update(chunk)
+                yield chunk
+        if digest.hexdigest() != self.sha256:
+            raise changed(self.name)
+
+
+def changed(name: str) -> StoreError:
+    """Return the error for a dataset that was replaced while it is published."""
+    return StoreError(
+        "the dataset was changed while it was published", where=name,
+        fix="run the same command again once nothing writes to it",
+    )  # fmt: skip
+
 
 def contents(store: Store, place: Publication, beside: Sequence[Path], progress: Progress) -> list[Upload]:
     """Return the files of a publication; the last one makes it complete.
@@ -58,7 +79,7 @@ def contents(store: Store, place: Publication, beside: Sequence[Path], progress:
     Raises
     ------
     StoreError
-        If dataset.json lists names that no dataset has.
+        If dataset.json lists names that no dataset has, or is another one than that of `store` by now.
     """
     check_names(store.meta, f"{store.path}/{DATASET_FILE}")
     if place.recipe_only:
@@ -79,11 +100,10 @@ def contents(store: Store, place: Publication, beside: Sequence[Path], progress:
     files += _card(store, place, progress)
     if place.recipe_only:
         return [*files, publication]
-    return [
-        *files,
-        publication,
-        Upload.of_bytes(DATASET_FILE, read_regular(store.path / DATASET_FILE, MAX_DESCRIPTION)),
-    ]
+    description = read_regular(store.path / DATASET_FILE, MAX_DESCRIPTION)
+    if parse_json(description.decode())["self_sha256"] != store.meta["self_sha256"]:
+        raise changed(DATASET_FILE)
+    return [*files, publication, Upload.of_bytes(DATASET_FILE, description)]
 
 
 def _described(store: Store, place: Publication, files: Sequence[Upload], more: Mapping[str, Any]) -> dict[str, Any]:

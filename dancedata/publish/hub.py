@@ -20,7 +20,7 @@ from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown
 from dancedata.execution.progress import Progress
-from dancedata.publish.contents import PICTURES, Upload
+from dancedata.publish.contents import PICTURES, Upload, changed
 from dancedata.remote.address import Address
 from dancedata.remote.cached import check_names
 from dancedata.remote.fetch import DATASET_FILE, PUBLICATION_FILE, fetch_description, read_small
@@ -163,6 +163,9 @@ class HubUpload:
         from huggingface_hub import CommitOperationAdd, CommitOperationDelete
 
         additions = [CommitOperationAdd(self._path(file.name), _content(file)) for file in files]
+        for file, addition in zip(files, additions, strict=True):
+            if addition.upload_info.sha256.hex() != file.sha256:
+                raise changed(file.name)
         with progress.megabytes("uploading", sum(file.size for file in files)) as count:
             for begin in range(0, len(additions), _BATCH):
                 with self._client():

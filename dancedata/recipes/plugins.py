@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -367,7 +369,15 @@ def make_dataclass(
     except DanceDataError as error:
         problems.append(f"{where}: {error}")
         return None
-    return None if unknown else plugin
+    return None if unknown else _with_whole_paths(plugin)
+
+
+def _with_whole_paths(plugin: T) -> T:
+    """Return a plug-in whose paths begin at the root: workers of a cluster run in other folders."""
+    paths = {f.name: getattr(plugin, f.name) for f in dataclasses.fields(plugin) if f.metadata.get("path")}
+    # os.path leaves the home of an unknown user as it is; what reads the path then names it.
+    whole = {k: Path(os.path.expanduser(p)).absolute() for k, p in paths.items() if isinstance(p, Path)}
+    return dataclasses.replace(plugin, **whole) if whole else plugin
 
 
 def slot_keys(document: Mapping[str, Any]) -> Iterator[str]:

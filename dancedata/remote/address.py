@@ -13,7 +13,7 @@ ALLOWED = (
     "https://HOST/FOLDER"
 )
 # A Path has one slash after the colon.
-_SCHEME = re.compile(r"(?P<scheme>hf|s3|gs|az|https?|ftp|file|memory):/{1,2}(?=[^/])")
+_SCHEME = re.compile(r"(?P<scheme>hf|s3|gs|az|https?|ftp|file|memory):/{1,2}(?=[^/])", re.IGNORECASE)
 _HUB = re.compile(
     r"datasets/(?P<name>[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)(@(?P<revision>[^/@]+))?(?P<folder>(/[^/]+)*)/?"
 )
@@ -79,10 +79,13 @@ def parse_address(text: str | Path) -> Address:
     match = _SCHEME.match(str(text))
     if match is None:
         raise _invalid(str(text))
-    scheme, rest = match["scheme"], str(text)[match.end() :]
+    scheme, rest = match["scheme"].lower(), str(text)[match.end() :]
     whole = f"{scheme}://{rest}"
-    parts = urlsplit(whole)
-    if (scheme != "hf" and "@" in parts.netloc) or parts.query or parts.fragment:
+    try:
+        parts = urlsplit(whole)
+    except ValueError:  # [ without ]
+        raise _invalid(f"{scheme}://{rest.rpartition('@')[2]}") from None
+    if "@" in parts.netloc or parts.query or parts.fragment:
         raise UsageError(
             "an address does not hold a password, signature or query",
             where=f"{scheme}://{parts.netloc.rpartition('@')[2]}",

@@ -16,12 +16,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import quoted
 from dancedata.execution.cache import default_cache
 from dancedata.execution.cache_files import DATASETS, mark
 from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import python_command
 from dancedata.files.atomic import write_bytes, write_json
 from dancedata.files.strict_json import read_json
 from dancedata.remote.address import BUCKETS, Address, is_address, parse_address
@@ -101,7 +102,7 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     with written(folder / name, len(data)):
         folder.mkdir(parents=True, exist_ok=True)
         mark(root)
-        if not has_file(folder / name, len(data)):
+        if not has_file(folder / name, len(data)) or (folder / name).read_bytes() != data:
             write_bytes(folder / name, data)
         write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(place), str(address))))
         for text in {str(address), str(place)}:
@@ -241,23 +242,20 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
     return total
 
 
-_FETCH = """
-import sys
-from pathlib import Path
-from dancedata.core.errors import DanceDataError
-from dancedata.remote import require_file
-try:
-    for path in sys.stdin.read().split("\\n"):
-        require_file(Path(path))
-except DanceDataError as error:
-    sys.exit(str(error))
-"""
+def fetch_listed() -> None:
+    """Fetch the files whose paths are on stdin; exit with the error."""
+    try:
+        for path in sys.stdin.read().split("\n"):
+            require_file(Path(path))
+    except DanceDataError as error:
+        sys.exit(str(error))
 
 
 def _fetch_in_new_process(folder: Path, files: list[RemoteFile]) -> None:
     """Fetch files of a bucket from a forked child, such as a worker of a loader: obstore would hang in it."""
     paths = "\n".join(str(folder / file.name) for file in files)
-    done = subprocess.run([sys.executable, "-c", _FETCH], input=paths, capture_output=True, text=True)  # noqa: S603
+    command = python_command(f"from {__name__} import fetch_listed; fetch_listed()")
+    done = subprocess.run(command, input=paths, capture_output=True, text=True)  # noqa: S603
     if done.returncode:
         raise refused("a file of the dataset cannot be fetched", folder, done.stderr.strip()[-2000:])
 

@@ -3,9 +3,9 @@
 import os
 from collections.abc import Mapping
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
 
-from dancedata.core.errors import StoreError
+from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import require
 from dancedata.core.text import quoted
 from dancedata.core.typing import override
@@ -26,7 +26,12 @@ class HubSource(HttpSource):
         from huggingface_hub import constants
 
         super().__init__(address)
-        self.endpoint = os.environ.get("HF_ENDPOINT", constants.ENDPOINT).rstrip("/")
+        self.endpoint = (os.environ.get("HF_ENDPOINT") or constants.ENDPOINT).rstrip("/")
+        parts = urlsplit(self.endpoint)
+        # Not repeated: it may hold a password, which errors of the client would print.
+        if parts.scheme not in ("http", "https") or "@" in parts.netloc or parts.query or parts.fragment:
+            allowed = "https://HOST, without a password or query: the token is HF_TOKEN"
+            raise UsageError("HF_ENDPOINT is not the address of a hub", where=str(address), allowed=allowed)
         folder = f"{quote(address.folder)}/" if address.folder else ""
         self.base = f"{self.endpoint}/datasets/{address.place}/resolve/{quote(address.revision, safe='')}/{folder}"
 

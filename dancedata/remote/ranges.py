@@ -19,6 +19,7 @@ from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import shown
+from dancedata.execution.reference_process import python_command
 from dancedata.remote.address import BUCKETS, Address, parse_address
 from dancedata.remote.bucket import BucketSource, crossed_a_fork
 from dancedata.remote.cached import is_offline, origin_of
@@ -307,9 +308,8 @@ class _OtherProcess:
 
     def __init__(self, address: Address) -> None:
         self.address, self._lock = address, threading.Lock()
-        command = [sys.executable, "-c", f"from {__name__} import serve; serve()", str(address)]
-        env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)  # noqa: S603
+        command = python_command(f"from {__name__} import serve; serve()", str(address))
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
 
     def resolve(self) -> Address:
         """Return the address: a bucket has no commits."""

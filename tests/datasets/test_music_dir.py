@@ -11,6 +11,7 @@ from dancedata.core.clip import Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.registry import DATASETS
 from dancedata.recipes.documents import document_of
+from dancedata.recipes.plugins import make_named
 from tests.datasets.scans import notes, rejects
 from tests.messages import raises_message
 
@@ -67,3 +68,15 @@ def test_names_of_a_folder(tmp_path: Path) -> None:
     scan = reader("folder", music_dir=tmp_path / "songs", unit="m").scan(tmp_path / "source")
     assert [clip.audio_path for clip in scan.clips] == [tmp_path / "songs" / "a.wav"]
     assert rejects(scan, "unused_music") == ["songs/b.mp3"]
+
+
+def test_relative_folders_begin_at_the_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers of a cluster run in other folders, where files of the same names are other songs and bodies."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    folder: Any = make_named(DATASETS, "dataset", "folder", {"music_dir": "music", "body_model": "~/body.npz"})
+    assert (folder.music_dir, folder.body_model) == (tmp_path / "music", tmp_path / "home" / "body.npz")
+    (tmp_path / "a.bvh").write_bytes(b"")
+    unknown: Any = make_named(DATASETS, "dataset", "folder", {"music_dir": "~nobody-of-this-name/x"})
+    with pytest.raises(SourceError, match="~nobody-of-this-name/x: folder: music_dir is not a folder"):
+        unknown.scan(tmp_path)

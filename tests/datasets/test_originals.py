@@ -29,9 +29,9 @@ def absent(folder: Path) -> list[str]:
 def copy(empty_copy: Any) -> Any:
     """Stand-ins for all published motions and songs; their contents are not read by `compared`."""
     for name in original("aist++").names["motions"]:
-        empty_copy.write(f"motions/{name}.pkl", b"")
+        empty_copy.write(f"motions/{name}.pkl", b"-")
     for song in original("aist++").names["songs"]:
-        empty_copy.write(f"wavs/{song}.wav", b"")
+        empty_copy.write(f"wavs/{song}.wav", b"-")
     return empty_copy
 
 
@@ -86,10 +86,22 @@ def test_a_partial_copy_names_what_is_missing(copy: Any) -> None:
     assert songs.startswith("Incomplete: 1 of 60 songs are missing: mJB5 (names:")
 
 
+def test_empty_files_are_missing(copy: Any) -> None:
+    """As of a download that failed."""
+    name = "gBR_sBM_cAll_d04_mBR0_ch04"
+    copy.write(f"motions/{name}.pkl", b"")
+    copy.write("wavs/mJB5.wav", b"")
+    motions, songs = compared(copy.root)
+    assert motions.startswith(f"Incomplete: 1 of 1,408 motions are missing, 1 of them empty files: {name} (names:")
+    assert songs.startswith("Incomplete: 1 of 60 songs are missing, 1 of them empty files: mJB5 (names:")
+    copy.write(f"wavs/{name.replace('mBR0', 'mJB5')}.wav", b"-")
+    assert compared(copy.root)[1].startswith("Complete: all 60 songs")
+
+
 def test_sequences_with_music_have_their_song(copy: Any) -> None:
     shutil.rmtree(copy.root / "wavs")
     for name in original("aist++").names["motions"]:
-        copy.write(f"wavs/{name}.wav", b"")
+        copy.write(f"wavs/{name}.wav", b"-")
     assert compared(copy.root)[1].startswith("Complete: all 60 songs")
 
 

@@ -81,6 +81,8 @@ def test_what_is_prepared_is_not_refused(script: ModuleType, prepared: Path) -> 
         ({"recipe": ('"9.1.0"', '"9.0.0"')}, "conda/recipe.yaml states 9.0.0, dancedata/core/version.py 9.1.0"),
         ({"changelog": ("[9.1.0]", "[9.2.0]")}, "the first headings of CHANGELOG.md are Unreleased, 9.2.0; expected"),
         ({"changelog": ("[Unreleased]\n", "[Unreleased]\n\n- New.\n")}, "CHANGELOG.md has entries under Unreleased"),
+        ({"changelog": ("[Unreleased]\n", "[Unreleased]\n\n* New.\n")}, "CHANGELOG.md has entries under Unreleased"),
+        ({"changelog": ("## [0.2.0]", "## [9.10.0]")}, "9.1.0 is not above the release before, 9.10.0"),
         ({"citation": ("2027-01-31", "2027-02-01")}, "dates of the release differ: CHANGELOG.md 2027-01-31"),
         ({"version": ("9.1.0", "9.1.0.dev0")}, "9.1.0.dev0 is a version in development"),
     ],
@@ -95,7 +97,7 @@ def test_a_dirty_tree_and_an_old_tag_are_refused(script: ModuleType, prepared: P
     git(prepared, "tag", "v9.1.0")
     (prepared / "CITATION.cff").write_text("version: 9.1.0\ndate-released: 2027-01-31\n")
     assert refused(script, prepared) == ["the working tree has changes: CITATION.cff", "the tag v9.1.0 exists"]
-    for version in ("9.1.0", "9.2"):
+    for version in ("9.1.0", "9.0.9", "9.2"):
         with pytest.raises(SystemExit):
             script.prepare(prepared, version, "2027-03-01")
 

@@ -104,6 +104,21 @@ def test_ranges_of_a_bucket(bucket: str, published: Path) -> None:
     assert not [p.name for p in store.path.iterdir() if p.name.startswith("test-0")]
 
 
+@pytest.mark.parametrize("stream", [False, True])
+def test_forked_workers_execute_nothing_of_the_working_folder(
+    bucket: str, published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stream: bool
+) -> None:
+    """The processes that fetch for them are started there, where modules may have the names of Python's own."""
+    for name in ("json", "ssl", "dancedata"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    remote = WindowDataset(dancedata.open(bucket, stream=stream), "val", normalize=False)
+    loader = DataLoader(remote, batch_size=16, num_workers=1, multiprocessing_context="fork", timeout=60)
+    assert len(list(loader)) == len(list(DataLoader(WindowDataset(published, "val"), batch_size=16)))
+    assert not (tmp_path / "executed").exists()
+
+
 def test_a_source_that_crossed_a_fork_is_an_error_at_once(bucket: str) -> None:
     source = BucketSource(parse_address(bucket))
     child = os.fork()

@@ -10,13 +10,14 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import dancedata
-from dancedata.core.errors import DanceDataError, StoreError
+from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.remote import fetch, http, pull, require_whole, source
 from dancedata.remote.cached import local_folder
@@ -245,6 +246,12 @@ def test_names_of_a_description_that_was_changed_in_the_cache(address: str, publ
     assert not list((tmp_path / "kept").iterdir())
 
 
+def test_a_description_that_was_damaged_in_the_cache_is_fetched_again(address: str, published: Path) -> None:
+    path = local_folder(address) / "dataset.json"
+    path.write_bytes(path.read_bytes()[::-1])
+    assert len(dancedata.open(address)) == len(dancedata.open(published))
+
+
 def test_a_hundred_thousand_shards(server: Server, address: str) -> None:
     def bend(data: bytes) -> bytes:
         document = json.loads(data)
@@ -390,6 +397,16 @@ def test_the_token_stays_with_the_hub(
     assert _whole(pull("hf://datasets/org/name", progress=False).path, published)
     assert server.requests[name] == 2
     assert all("Authorization" not in headers for _, headers in server.headers)
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["http://me:s3cr3t@127.0.0.1", "https://localhost/?t=s3cr3t", "localhost:s3cr3t"]
+)
+def test_an_address_of_a_hub_that_is_none_is_not_repeated(monkeypatch: pytest.MonkeyPatch, endpoint: str) -> None:
+    monkeypatch.setenv("HF_ENDPOINT", endpoint)
+    with pytest.raises(UsageError, match="HF_ENDPOINT is not the address of a hub") as caught:
+        dancedata.open("hf://datasets/org/name")
+    assert "s3cr3t" not in "".join(traceback.format_exception(caught.value))
 
 
 def test_an_error_survives_pickling(server: Server, address: str) -> None:

@@ -143,6 +143,9 @@ def test_a_folder_of_a_repository(hub: Hub, published: Path) -> None:
         "http://example.org/store",
         "https://user:secret@example.org/store",
         "https://example.org/store?sig=secret",
+        "HTTPS://user:secret@example.org/store",
+        "https://user:secret@[example.org/store",
+        "hf://user:secret@datasets/org/name",
         "s3://bucket/../other",
         "ftp://example.org/store",
     ],
@@ -154,7 +157,7 @@ def test_addresses_that_are_refused(text: str) -> None:
 
 
 def test_what_is_an_address(tmp_path: Path) -> None:
-    assert all(map(is_address, ("s3://bucket/prefix", Path("hf://datasets/org/name"))))
+    assert all(map(is_address, ("s3://bucket/prefix", Path("hf://datasets/org/name"), "S3://bucket/prefix")))
     assert not any(map(is_address, ("data/demo", tmp_path, "C:/demo")))
     with raises_message(UsageError):
         pull("data/demo")

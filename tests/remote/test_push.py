@@ -2,6 +2,7 @@
 
 import json
 import logging
+import shutil
 from collections.abc import Callable
 from contextlib import suppress
 from fractions import Fraction
@@ -15,7 +16,7 @@ import dancedata
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.licence import Licence
 from dancedata.core.registry import DATASETS
-from dancedata.publish import hub, run
+from dancedata.publish import contents, hub, run
 from dancedata.publish.terms import restrictions
 from dancedata.remote import pull
 from dancedata.store import open_store
@@ -387,3 +388,45 @@ def test_names_that_lead_out_of_the_folder(
     with pytest.raises(StoreError, match="a file is listed that no dataset has"):
         push(out)
     assert not uploads.storage
+
+
+def test_a_dataset_that_is_replaced_during_the_upload(
+    uploads: UploadHub, published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = tmp_path / "store"
+    shutil.copytree(published, store)
+    real = hub.HubUpload._commit
+
+    def commit(self: hub.HubUpload, *arguments: Any) -> str:
+        for path in store.glob("train-*.h5"):
+            path.write_bytes(path.read_bytes()[::-1])
+        return real(self, *arguments)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(hub.HubUpload, "_commit", commit)
+        with pytest.raises(StoreError, match="the dataset was changed while it was published"):
+            push(store)
+    assert "dataset.json" not in uploads.files()
+
+
+def test_a_dataset_that_is_replaced_before_the_upload(
+    uploads: UploadHub,
+    published: Path,
+    random_store: Callable[..., Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    other, store = random_store(tmp_path / "other", seed=3).path, tmp_path / "store"
+    shutil.copytree(published, store)
+    real = contents._card
+
+    def card(*arguments: Any) -> Any:
+        files = real(*arguments)
+        store.rename(tmp_path / "before")
+        other.rename(store)
+        return files
+
+    monkeypatch.setattr(contents, "_card", card)
+    with pytest.raises(StoreError, match=r"dataset\.json: the dataset was changed while it was published"):
+        push(store)
+    assert not [line for line in uploads.log if "/commit/" in line]

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import shutil
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -183,3 +184,31 @@ def test_keys_are_in_no_error(bucket: str, published: Path, monkeypatch: pytest.
     for error in (caught.value, gone.value):
         assert SECRET not in str(error)
         assert error.__suppress_context__
+
+
+@pytest.mark.parametrize("size", [0, 6_000_000], ids=["in parts", "whole"])
+def test_a_dataset_that_is_replaced_during_the_upload(
+    bucket: str, published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    """Files of the same names and sizes with other bytes: what was read of the first one describes no mixture."""
+    from dancedata.publish.bucket import BucketUpload
+
+    bucket, store = f"{bucket}/{size}", tmp_path / "store"
+    shutil.copytree(published, store)
+    monkeypatch.setattr("dancedata.publish.bucket._PART", size)
+    real = BucketUpload._put
+
+    def put(self: BucketUpload, *arguments: Any) -> None:
+        for path in store.glob("train-*.h5"):
+            path.write_bytes(path.read_bytes()[::-1])
+        real(self, *arguments)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(BucketUpload, "_put", put)
+        with pytest.raises(StoreError, match="the dataset was changed while it was published"):
+            push(store, bucket)
+    assert not {"dataset.json", "train-00000-of-00008.h5"} & there(bucket).keys()
+    shutil.rmtree(store)
+    shutil.copytree(published, store)
+    push(store, bucket)
+    pull(bucket, progress=False)

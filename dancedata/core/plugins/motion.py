@@ -81,7 +81,7 @@ class Dataset(Plugin):
     def compared(self, source: Path) -> Sequence[Compared | str]:
         """Compare a source with the published files, for `check`; empty where no public list names them.
 
-        A text is about the lists of the source. Reads names and lists only.
+        A text is about the lists of the source. Reads names, sizes and lists only.
         """
         return ()
 

@@ -191,11 +191,12 @@ class AistPP(Dataset):
         copy = find_copy(Path(source), self.split, self.split_dir, self.ignore == "list", self.music_dir)
         if is_synthetic(copy):
             return ()
-        danced = {parts.music for name in copy.music.files if (parts := parse_name(name)) is not None}
+        music = copy.music.files.items()
+        danced = [(parts.music, path) for name, path in music if (parts := parse_name(name)) is not None]
         published = original(self.name)
         return (
-            published.compare("motions", copy.sequences, copy.ignored.names),
-            published.compare("songs", {*copy.music.files, *danced}),
+            published.compare("motions", copy.motions.files.items(), copy.ignored.names),
+            published.compare("songs", [*music, *danced]),
             published.lists_note(published_lists(copy, published.lists)),
         )
 

@@ -245,7 +245,7 @@ class FineDance(Dataset):
         folders, motions = LAYOUT.list_motions(Path(source))
         files = {"motions": motions, "songs": list_music(folders, self.music_dir), "labels": list_labels(folders)}
         ignored = facts().ignored(self.split) - self._kept()
-        return tuple(original(self.name).compare(kind, its.files, ignored) for kind, its in files.items())
+        return tuple(original(self.name).compare(kind, its.files.items(), ignored) for kind, its in files.items())
 
     @override
     def load(self, ref: ClipRef) -> Motion:

@@ -168,8 +168,8 @@ class PopDanceSet(Dataset):
         music = self._music(folders)
         published, where = original(self.name), folders.source / _Lists.find(folders).where
         return (
-            published.compare("motions", motions.files),
-            published.compare("songs", music.files),
+            published.compare("motions", motions.files.items()),
+            published.compare("songs", music.files.items()),
             published.lists_note({name: where / name for name in published.lists}),
         )
 
