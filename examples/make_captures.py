@@ -3,15 +3,15 @@
     python examples/make_captures.py captures
 
 Synthetic dances in three kinds of files: BVH with Mixamo's names in centimetres, AMASS's npz with +Z up, and a result
-of GVHMR; songs with other names than the takes, of which one begins before its dance. captures/README.txt says what
+of WHAM; songs with other names than the takes, of which one begins before its dance. captures/README.txt says what
 is what, for comparison with what dancedata finds.
 """
 
 import argparse
 from pathlib import Path
 
+import joblib
 import numpy as np
-import torch
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.audio_signal import wav_bytes
@@ -30,7 +30,7 @@ TAKES = (
     ("amass/anna_red_2_poses.npz", "gHO_sBM_cAll_d19_mHO3_ch02", "red"),
     ("amass/ben_white_1_poses.npz", "gLO_sBM_cAll_d13_mLO2_ch01", "white"),
     ("amass/ben_white_2_poses.npz", "gLO_sBM_cAll_d13_mLO2_ch02", "white"),
-    ("video/carla_pink.pt", "gPO_sBM_cAll_d10_mPO4_ch03", "pink"),
+    ("video/carla_pink.pkl", "gPO_sBM_cAll_d10_mPO4_ch03", "pink"),
 )
 #: File of each song, the synthetic song, and the seconds of silence before it: the dance begins after them.
 SONGS = {
@@ -62,10 +62,9 @@ def write_take(path: Path, motion: Motion) -> None:
         facts = {"betas": np.zeros(16), "gender": np.array("neutral"), "mocap_framerate": np.array(60.0)}
         np.savez(path, poses=poses.reshape(n, 156), trans=trans, **facts)
     else:
-        rows = torch.tensor(motion.rotations[::2, :22].reshape(-1, 66), dtype=torch.float32)  # of a video at 30
-        where = torch.tensor(motion.translation[::2], dtype=torch.float32)
-        world = {"global_orient": rows[:, :3], "body_pose": rows[:, 3:], "transl": where}
-        torch.save({"smpl_params_global": {**world, "betas": torch.zeros(len(rows), 10)}}, path)
+        pose = motion.rotations[::2].reshape(-1, 72).astype(np.float32)  # of a video at 30
+        person = {"pose_world": pose, "trans_world": motion.translation[::2].astype(np.float32)}
+        joblib.dump({0: {**person, "frame_ids": np.arange(len(pose))}}, path)
 
 
 def main() -> None:

@@ -58,7 +58,7 @@ def write_card(
         If the dataset is damaged, or the card cannot be written.
     """
     path = Path(to).expanduser()
-    target = Target.of(path, [Path(store)], max_mb=_MAX_MB, overwrite=overwrite)
+    target = Target.of(path, [Path(store)], "card", max_mb=_MAX_MB, overwrite=overwrite)
     if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
         raise UsageError(
             "refusing to overwrite a file that is not a card of dancedata", where=path, fix="choose another --to"

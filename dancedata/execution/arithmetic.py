@@ -85,8 +85,14 @@ def _changes() -> dict[str, str | None]:
     tunables = os.environ.get(_TUNABLES, "").split(":")
     changes[_TUNABLES] = ":".join(tunable for tunable in tunables if not tunable.startswith(_TUNES_CODE)) or None
     if has_reference():
-        changes |= {"OPENBLAS_CORETYPE": _KERNELS, **_numpy_choice()}
+        changes |= {"OPENBLAS_CORETYPE": _KERNELS, **_block_sizes(), **_numpy_choice()}
     return changes
+
+
+def _block_sizes() -> dict[str, str]:
+    # OpenBLAS 0.3.34, in numpy 2.5, gives its kernels for Haswell the blocks of Zen 4 where it finds an L2 cache of 1
+    # MiB. These are larger than the kernels' memory on the stack: products of 350 terms crash (OpenBLAS issue 6026).
+    return {} if _IS_ARM else {"OPENBLAS_L2_SIZE": "256"}  # KiB: Haswell's
 
 
 def _numpy_choice() -> dict[str, str]:

@@ -14,6 +14,8 @@ from dancedata.core.system import flush_folder, umask
 
 #: Prefix of the names of temporary files and folders.
 PREFIX = ".dancedata-"
+#: Endings of what always has one format.
+_ENDINGS = {"report": (".html", ".htm"), "page": (".html", ".htm"), "card": (".md",)}
 _TEMPORARY = re.compile(r"\.dancedata-[a-z0-9_]{8}\.tmp")
 
 
@@ -28,7 +30,8 @@ def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bo
     Raises
     ------
     UsageError
-        If it is inside one of the datasets, is a folder, its folder does not exist, or it exists and not `overwrite`.
+        If it is inside one of the datasets, is a folder, its folder does not exist, it has another ending, or it
+        exists and not `overwrite`.
     """
     path = path.expanduser()
     if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
@@ -40,6 +43,10 @@ def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bo
     if path.is_dir() or not path.absolute().parent.is_dir():
         problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
         raise UsageError(problem, where=path, fix="name a file in a folder that exists")
+    endings = _ENDINGS.get(what, ())
+    if endings and path.suffix.lower() not in endings:
+        problem, allowed = f"a {what} is not a file of this kind", f"a name that ends in {endings[0]}"
+        raise UsageError(problem, where=path, found=path.suffix or "no ending", allowed=allowed)
     if os.path.lexists(path) and not overwrite:
         raise UsageError("the file is already there", where=path, fix="choose another name, or add --overwrite")
     return path

@@ -308,20 +308,18 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         return reader, reader.scan(path)
     _require_folder(path)
     failures = []
-    for name in DATASETS.names():
-        cls = DATASETS.get(name)
-        # A generator would fill this folder; a reader for any files would take a copy of a supported dataset that
-        # the dataset's reader refuses.
-        if cls.generates:
-            continue
-        if cls.explicit_only:
-            failures.append(f"  - {name}: accepts any layout; select it with --dataset {name}")
+    # A generator would fill this folder. A reader for any files comes last, and only where the folder has a list for
+    # it: it would take a copy of a supported dataset that the dataset's reader refuses.
+    readers = [cls for cls in map(DATASETS.get, DATASETS.names()) if not cls.generates]
+    for cls in sorted(readers, key=lambda cls: cls.explicit_only):
+        if cls.explicit_only and not cls.has_listing(path):
+            failures.insert(0, f"  - {cls.name}: accepts any layout; select it with --dataset {cls.name}")
             continue
         reader = cls()
         try:
             return reader, reader.scan(path)
         except SourceError as error:
-            failures.append(f"  - {reader.name}: {error}")
+            failures.insert(0 if cls.explicit_only else len(failures), f"  - {reader.name}: {error}")
     raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
 
 

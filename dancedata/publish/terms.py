@@ -38,12 +38,19 @@ def require_permission(store: Store, *, to: object) -> None:
     """Raise UsageError with the clauses if a licence does not allow the dataset to be published."""
     forbidden = restrictions(store)
     if forbidden:
+        name = store.meta.get("dataset", "")
+        own = name in DATASETS.names() and DATASETS.get(name).explicit_only
+        state = (
+            "state the terms of your own clips in the column licence of the manifest, and build again. "
+            if own
+            else ""
+        )
         lines = "\n".join(f"  - {restriction}" for restriction in forbidden)
         raise UsageError(
             "the terms of the source do not allow this dataset to be passed on, or do not state it",
             where=str(store.path),
-            found=f"dataset {quoted(store.meta.get('dataset', ''))}, which holds\n{lines}\n",
-            fix=f"publish what rebuilds it from the user's own copy of the source: dancedata push {store.path} {to} "
+            found=f"dataset {quoted(name)}, which holds\n{lines}\n",
+            fix=f"{state}publish what rebuilds it from the user's own copy of the source: dancedata push {store.path} {to} "
             '--recipe-only. If you hold the right to publish the data, state it: --rights "..."',
         )
 

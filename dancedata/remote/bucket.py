@@ -28,7 +28,7 @@ class BucketSource:
     """A prefix of a bucket."""
 
     def __init__(self, address: Address) -> None:
-        require("remote", ("obstore",), what=f"addresses of {address.scheme}://")
+        require("remote", ("obstore",), what=f"an address of {address.scheme}://")
         from obstore.store import from_url
 
         global _first_used_in

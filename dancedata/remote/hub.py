@@ -22,7 +22,7 @@ class HubSource(HttpSource):
     """A repository; the token is that of huggingface_hub, and goes to the hub alone."""
 
     def __init__(self, address: Address) -> None:
-        require("remote", ("huggingface_hub",), what="addresses of the hub")
+        require("remote", ("huggingface_hub",), what="the address of a hub")
         from huggingface_hub import constants
 
         super().__init__(address)

@@ -305,8 +305,8 @@ class Target:
     max_mb: float
 
     @classmethod
-    def of(cls, to: Path, stores: Sequence[Path], *, max_mb: float, overwrite: bool) -> Self:
-        """Check the destination.
+    def of(cls, to: Path, stores: Sequence[Path], what: str = "report", *, max_mb: float, overwrite: bool) -> Self:
+        """Check the destination of a report or card.
 
         Raises
         ------
@@ -314,7 +314,7 @@ class Target:
             If the file exists and is not to be replaced, or is inside one of the datasets; if the folder holds files
             that no report of this name wrote, or that were changed since.
         """
-        target = cls(require_free(to, stores, "report", overwrite=overwrite), max_mb)
+        target = cls(require_free(to, stores, what, overwrite=overwrite), max_mb)
         if not overwrite and os.path.lexists(target.folder):
             fix = "choose another --to, or add --overwrite"
             raise UsageError("the file is already there", where=target.folder, fix=fix)

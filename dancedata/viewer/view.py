@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import socket
 import threading
@@ -122,7 +123,8 @@ def export_page(
         raise StoreError("the page cannot be written", where=to, found=str(error)) from error
     n = len(opened.scenes.items)
     if n > 1 and not request.clip:
-        say(f"  of {n} it shows {shown(opened.item.name)}; another: dancedata view X CLIP --export FILE.html")
+        again = f"dancedata view {shlex.quote(shown(request.path))} CLIP --export FILE.html"
+        say(f"  of {n} it shows {shown(opened.item.name)}; another: {again}")
     return to
 
 

@@ -54,7 +54,11 @@ SETTINGS = {
     "Sandybridge": {"OPENBLAS_CORETYPE": "Sandybridge"},
     "no AVX-512 in numpy": {"NPY_DISABLE_CPU_FEATURES": "X86_V4"},
     "no AVX2 in numpy": {"NPY_DISABLE_CPU_FEATURES": "X86_V3"},
-    "older processor": {"OPENBLAS_CORETYPE": "Sandybridge", "NPY_DISABLE_CPU_FEATURES": "X86_V3"},
+    "older processor": {
+        "OPENBLAS_CORETYPE": "Sandybridge",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V3",
+        "OPENBLAS_L2_SIZE": "1024",
+    },
 }
 MORE_SETTINGS = {
     **{kernel: {"OPENBLAS_CORETYPE": kernel} for kernel in ("Haswell", "Zen", "Nehalem", "SkylakeX", "Prescott")},
@@ -74,6 +78,29 @@ def run(*command: object, **settings: str) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+PRODUCT = """
+import numpy as np
+
+a, b = (np.random.default_rng(seed).standard_normal((540, 660)) for seed in (0, 1))
+assert np.abs(a @ b.T - np.einsum("ik,jk->ij", a, b)).max() < 1e-11  # sums of 660 terms of about 1 in another order
+"""
+
+
+@needs_reference
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="Haswell's kernels")
+@pytest.mark.parametrize("size", [None, "1024"])  # KiB: of this processor; Zen 4's and Skylake's
+def test_long_products_do_not_depend_on_the_cache_of_the_processor(
+    monkeypatch: pytest.MonkeyPatch, size: str | None
+) -> None:
+    # With OpenBLAS 0.3.34 (numpy 2.5) and the size of 1 MiB, Haswell's kernels overrun the stack.
+    monkeypatch.delenv("OPENBLAS_L2_SIZE", raising=False)
+    if size is not None:
+        monkeypatch.setenv("OPENBLAS_L2_SIZE", size)
+    chosen = arithmetic.environment()
+    assert chosen["OPENBLAS_L2_SIZE"] == "256"
+    run("-c", PRODUCT, **{name: value for name, value in chosen.items() if name.startswith(("OPENBLAS_", "NPY_"))})
 
 
 def hashes(out: Path) -> dict[str, str]:

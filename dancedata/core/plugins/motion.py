@@ -31,7 +31,7 @@ class Dataset(Plugin):
     generates
         Whether `scan` writes a source that does not exist.
     explicit_only
-        Whether it accepts many layouts, so that `check` takes it only by name.
+        Whether it accepts many layouts, so that `check` takes it only by name, or where the folder has a listing.
     has_audio
         Whether clips have music; False where it was published as features alone.
     may_share_audio
@@ -50,6 +50,11 @@ class Dataset(Plugin):
     may_share_motion: ClassVar[bool] = False
     generates: ClassVar[bool] = False
     explicit_only: ClassVar[bool] = False
+
+    @classmethod
+    def has_listing(cls, source: Path) -> bool:
+        """Whether the folder has a list of clips that is written for this reader."""
+        return False
 
     @property
     def official_split(self) -> bool:

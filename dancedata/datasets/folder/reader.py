@@ -155,6 +155,11 @@ class Folder(Dataset):
         else:
             object.__setattr__(self, "split", SplitRule.of(self.split).document())
 
+    @classmethod
+    @override
+    def has_listing(cls, source: Path) -> bool:
+        return any((source / name).is_file() for name in MANIFESTS)
+
     @override
     def scan(self, source: Path) -> Scan:
         """List the clips; reads the headers of motion files for the notes (pickles completely: they have no header).
