@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from dancedata.core.bodies import CROSSING, SKELETONS, SMPLX52, crosses
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
@@ -135,7 +135,7 @@ class MotionKeys:
                 dataset=loading,
                 representation={field.name: field.document()},
                 # Of an optional field an entry may have no rows, which others must not find.
-                **({"optional": True} if isinstance(field, MotionField) and field.optional else {}),
+                **({"optional": True} if field.optional else {}),
                 fps=str(field.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},
@@ -204,7 +204,7 @@ def _result(
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(info.n_source, recipe.grid)
     first = min(grid.rows_up(info.trim_start, of=recipe.grid), n_frames - 1)
-    absent = [f.name for f in recipe.motion if f.optional and not encoded[f.name].shape[0]]
+    absent = [f.name for f in recipe.clip_fields if f.optional and not encoded[f.name].shape[0]]
     without = {name: str(cache.json("clips", keys.fields[name])) for name in absent}
     return MotionResult(
         info.n_source, rate, n_frames, first, float(info.height_m), tuple(info.flags), encoded, without
@@ -287,8 +287,8 @@ def _published(
                 version = original if _unrepaired(f) else motion
                 _require_joints(f, version)
                 encoded[f.name] = _encode(recipe, f, version, floors.get(f.name))
-            except DataError as error:
-                if not (isinstance(f, MotionField) and f.optional):
+            except (DataError, UsageError) as error:  # the latter where a plug-in cannot take the skeleton
+                if not f.optional:
                     raise
                 encoded[f.name] = np.empty((0, f.columns.width), np.float32)
                 without[f.name] = str(error)
@@ -394,7 +394,7 @@ def _floor(motion_field: MotionField, group: Sequence[_Versions]) -> float:
         try:
             _require_joints(motion_field, version)
             floors.append(motion_field.representation.floor(version.resampled(motion_field.grid)))
-        except DataError:
+        except (DataError, UsageError):
             if not motion_field.optional:
                 raise
     return min(floors, default=0.0)
