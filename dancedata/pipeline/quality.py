@@ -263,7 +263,7 @@ def _of_store(store: Store, progress: Progress) -> Quality:
     with progress.stage("scoring clips", len(clips)) as advance:
         for clip in clips:
             stretches = list(clip_stretches(store, clip.id))
-            rate = stretches[0][1].grid.rate if stretches else store.fps
+            rate = (stretches[0][1] if stretches else store).grid.rate
             rows.append(ClipQuality(clip.id, rate, joined_scores([(k, score_motion(m)) for k, m in stretches])))
             advance(1)
     return Quality(str(store.path), tuple(rows))

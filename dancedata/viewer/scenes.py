@@ -140,6 +140,11 @@ class Scenes(SceneList):
         )  # fmt: skip
 
     @override
+    def sliding(self, item: Item) -> float | None:
+        figure, _ = self._figure(item, self._drawn(item), None)  # a whole scene would take four times as long
+        return None if figure is None else figure.sliding
+
+    @override
     def flag_count(self, item: Item) -> int:
         return sum(len(self._flags_of(dancer)) for dancer in item.members or (item,))
 
