@@ -289,6 +289,8 @@ def _published(
                 encoded[f.name] = _encode(recipe, f, version, floors.get(f.name))
             except (DataError, UsageError) as error:  # the latter where a plug-in cannot take the skeleton
                 if not f.optional:
+                    if isinstance(error, UsageError):  # ends the build, while a DataError is the clip's reject
+                        error.where = error.where or ref.motion_path
                     raise
                 encoded[f.name] = np.empty((0, f.columns.width), np.float32)
                 without[f.name] = str(error)

@@ -294,6 +294,20 @@ def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch
     assert all(numbers.key_motions for numbers in measure(ds).clips.values())
 
 
+def test_a_skeleton_that_a_field_refuses_is_an_error_of_its_file(captures: Path, tmp_path: Path) -> None:
+    dataset = {"folder": {"unit": "cm", "music": "optional"}}
+    recipe = {**RECIPE, "dataset": dataset, "motion": {"edge151": {}, "lda61": {"optional": True}}, "audio": {}}
+    dancedata.build(recipe, captures, tmp_path / "out", cache=tmp_path / "cache", jobs=1)
+    ds = open_store(tmp_path / "out")
+    assert not any(clip.has_field("lda61") for clip in ds)
+    assert "kept without lda61: lda61 needs the joints of Motorica" in ds.rejects[0]["detail"]
+    with pytest.raises(UsageError, match=r"a\.bvh: lda61 needs the joints of Motorica"):
+        dancedata.build(
+            {**recipe, "motion": {"edge151": {}, "lda61": {}}}, captures, tmp_path / "no",
+            cache=tmp_path / "cache", jobs=1,
+        )  # fmt: skip
+
+
 MISTAKES = [
     ({"motion": {"edge151": {"optional": True}}}, "all fields are optional"),
     ({"motion": {"edge151": {}, FIELD: {"optional": "yes"}}}, "optional: must be true or false; found 'yes'"),
