@@ -29,7 +29,6 @@ from dancedata.pipeline.rebuild import Published, Rebuilt
 from dancedata.pipeline.rejects import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
-from dancedata.recipes.fields import MotionField
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -200,7 +199,7 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
                 f.grid.rate,
                 f.dtype,
                 f.codebook,
-                optional=isinstance(f, MotionField) and f.optional,
+                optional=f.optional,
             )
             for f in recipe.fields
         ),

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from dancedata.core.bodies import SMPLX52
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.quality import Flag, quality_flags
@@ -104,7 +104,7 @@ def _result(
     grid = FrameGrid(rate)
     n_frames = grid.resampled_length(info.n_source, recipe.grid)
     first = min(grid.rows_up(info.trim_start, of=recipe.grid), n_frames - 1)
-    absent = [f.name for f in recipe.motion if f.optional and not encoded[f.name].shape[0]]
+    absent = [f.name for f in recipe.clip_fields if f.optional and not encoded[f.name].shape[0]]
     without = {name: str(cache.json("clips", keys.fields[name])) for name in absent}
     return MotionResult(
         info.n_source, rate, n_frames, first, float(info.height_m), tuple(info.flags), encoded, without
@@ -187,8 +187,10 @@ def _published(
                 version = original if isinstance(f, MotionField) and not f.repaired else motion
                 _require_joints(f, version)
                 encoded[f.name] = _encode(recipe, f, version, floors.get(f.name))
-            except DataError as error:
-                if not (isinstance(f, MotionField) and f.optional):
+            except (DataError, UsageError) as error:  # the latter where a plug-in cannot take the skeleton
+                if not f.optional:
+                    if isinstance(error, UsageError):  # ends the build, while a DataError is the clip's reject
+                        error.where = error.where or ref.motion_path
                     raise
                 encoded[f.name] = np.empty((0, f.columns.width), np.float32)
                 without[f.name] = str(error)
@@ -290,7 +292,7 @@ def _floor(motion_field: MotionField, group: Sequence[_Versions]) -> float:
         try:
             _require_joints(motion_field, version)
             floors.append(motion_field.representation.floor(version.resampled(motion_field.grid)))
-        except DataError:
+        except (DataError, UsageError):
             if not motion_field.optional:
                 raise
     return min(floors, default=0.0)

@@ -64,7 +64,7 @@ class MotionKeys:
                 dataset=loading,
                 representation={field.name: field.document()},
                 # Of an optional field an entry may have no rows, which others must not find.
-                **({"optional": True} if isinstance(field, MotionField) and field.optional else {}),
+                **({"optional": True} if field.optional else {}),
                 fps=str(field.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},

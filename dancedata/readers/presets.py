@@ -27,7 +27,8 @@ class PrimitiveSpec:
     field
         Motion field that they are rows of.
     key_motion
-        Key motion field that holds the clip's minima; None for variant "code", which uses only the window.
+        Key motion field that holds the clip's minima; None where they are not read: for variant "code", which uses
+        only the window, and for windows of n frames.
     n
         Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and
         soft cues.
@@ -81,13 +82,14 @@ def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, v
             fix="choose a primitive_n that divides the window's length",
         )
     names = [f.name for f in store.fields_with(kind="keymotion")]
-    if variant == "paper" and length != n and not names:
+    reads = variant == "paper" and length != n
+    if reads and not names:
         raise UsageError(
             "the store does not hold key motions",
             where=str(store.path),
             fix="build with keymotion: {lodge: {}}, or take primitive_variant='code'",
         )
-    return PrimitiveSpec(motion[0], names[0] if variant == "paper" and names else None, n, variant)
+    return PrimitiveSpec(motion[0], names[0] if reads else None, n, variant)
 
 
 #: Fields that are read by default.

@@ -134,10 +134,11 @@ class SplitDataset(EpochDataset):
         filter_: FilterLike,
         start_at: StartAt | None = None,
         where: Mapping[str, Any] | None = None,
+        also: str | None = None,
     ) -> Selection:
-        """Return the windows of the split."""
+        """Return the windows of the split that have all fields, and another one that is read beside them."""
         self._choice = Choice(
-            fields=self.fields,
+            fields=self.fields if also is None or also in self.fields else (*self.fields, also),
             windows=windows,
             trim=value_or_preset(trim, self._preset, "trim", False),
             ignore=tuple(value_or_preset(ignore, self._preset, "ignore", ())),

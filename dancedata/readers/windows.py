@@ -211,14 +211,16 @@ class WindowDataset(SplitDataset):
         requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
         filter_ = value_or_preset(filter, self._preset, "filter", None)
         start = require_start_at(start_at)
-        selection = self._select(preset_windows(self._preset, requested), trim, ignore, filter_, start, where)
-        self.windows, self.rejects = selection.windows, selection.rejects
-        if not self.windows:
-            raise no_window_error(self.store, self.split, self.rejects, start)
-        length = self.windows[0].length
+        windows = preset_windows(self._preset, requested)
+        length = self.store.window_grid(**windows).length
         self._primitives: PrimitiveSpec | None = None
         if self._with_primitives:
             self._primitives = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
+        also = self._primitives.key_motion if self._primitives is not None else None
+        selection = self._select(windows, trim, ignore, filter_, start, where, also=also)
+        self.windows, self.rejects = selection.windows, selection.rejects
+        if not self.windows:
+            raise no_window_error(self.store, self.split, self.rejects, start)
         changes = Changes(
             mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
             normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,

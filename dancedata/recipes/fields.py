@@ -1,7 +1,7 @@
 """The fields of a dataset: made once from the recipe, used by all later stages."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -61,12 +61,15 @@ class FieldSpec(ABC):
         The plug-in's name, or PLUGIN.NAME where a recipe has several of one plug-in.
     grid
         Grid of the rows.
+    optional
+        Whether clips whose motion the plug-in cannot take are kept, without rows of this field; never of music.
     """
 
     kind: ClassVar[Kind]
 
     name: str
     grid: FrameGrid
+    optional: bool = field(default=False, kw_only=True)
 
     @property
     @abstractmethod
@@ -106,8 +109,6 @@ class MotionField(FieldSpec):
     ----------
     repaired
         False for the motion as it was before the recipe's repairs.
-    optional
-        Whether clips whose motion the representation cannot take are kept, without rows of this field.
     """
 
     kind: ClassVar[Literal["motion"]] = "motion"
@@ -115,7 +116,6 @@ class MotionField(FieldSpec):
     representation: Representation
     contacts: ContactRule | None
     repaired: bool = True
-    optional: bool = False
 
     @property
     def columns(self) -> Columns:

@@ -48,7 +48,7 @@ SLOTS: dict[str, Registry[Any]] = {
     "augment": AUGMENTATIONS,
 }
 #: Keys of a slot in addition to the plug-in's.
-_SLOT_KEYS = {"motion": ("contacts", "optional"), "audio": ("fps",)}
+_SLOT_KEYS = {"motion": ("contacts", "optional"), "audio": ("fps",), "keymotion": ("optional",)}
 #: Motion is resampled to a recipe's rate however slowly it was captured: a billion per second would fill any memory.
 MAX_FPS = 1000
 _LABEL = re.compile(r"[A-Za-z0-9_-]+")
@@ -104,13 +104,14 @@ def make_slots(
     if windows is not None:
         chosen = _window_filter(document["windows"].get("filter"), columns, problems)
         windows = dataclasses.replace(windows, filter=chosen)
-        if chosen is not None and any(field.name == chosen.field and field.optional for field in motion):
+        may_lack = {field.name for field in (*motion, *keymotion) if field.optional}
+        if chosen is not None and chosen.field in may_lack:
             problems.append(
                 f"windows.filter.{chosen.name}: {chosen.field} is optional, and clips without it cannot be filtered; "
                 "fix: name a field that every clip has"
             )
     audio = _feature_jobs(document.get("audio"), any_grid, windows if by_window else None, problems)
-    problems += _optional_problems(motion, by_window=by_window)
+    problems += _optional_problems(motion, keymotion, by_window=by_window)
     if windows is not None:
         for field in (*motion, *audio):
             problems.catch(partial(field.require_whole, windows))
@@ -162,9 +163,7 @@ def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Moti
     for name, representation, keys in _instances(REPRESENTATIONS, "motion", slot, problems):
         if representation is None:
             continue
-        rule, optional = keys.get("contacts"), keys.get("optional", False)
-        if not isinstance(optional, bool):
-            problems.append(f"motion.{name}.optional: must be true or false; found {shown(repr(optional))}")
+        rule = keys.get("contacts")
         default = representation.default_contacts
         rule = default if rule is None else rule
         if rule is not None and default is None:
@@ -172,16 +171,26 @@ def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Moti
         contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
         rate = representation.rate
         of_rate = grid if rate is None else FrameGrid(rate)
-        fields.append(MotionField(name, of_rate, representation, contacts, optional=optional is True))
+        optional = _is_optional(f"motion.{name}", keys, problems)
+        fields.append(MotionField(name, of_rate, representation, contacts, optional=optional))
     return _by_name(fields)
 
 
-def _optional_problems(fields: Sequence[MotionField], *, by_window: bool) -> list[str]:
-    """Return why fields of motion cannot be optional."""
+def _is_optional(where: str, keys: Mapping[str, Any], problems: Problems) -> bool:
+    optional = keys.get("optional", False)
+    if not isinstance(optional, bool):
+        problems.append(f"{where}.optional: must be true or false; found {shown(repr(optional))}")
+    return optional is True
+
+
+def _optional_problems(
+    fields: Sequence[MotionField], keymotion: Sequence[KeyMotionField], *, by_window: bool
+) -> list[str]:
+    """Return why fields of motion and key motions cannot be optional."""
     optional = [field for field in fields if field.optional]
     problems = []
-    if optional and by_window:
-        problems.append(f"motion.{optional[0].name}.optional: clips without a field need scope: track")
+    for field in (*optional, *(field for field in keymotion if field.optional)) if by_window else ():
+        problems.append(f"{field.kind}.{field.name}.optional: clips without a field need scope: track")
     if optional and len(optional) == len(fields):
         problems.append("motion: all fields are optional; fix: one field has to be there for every clip")
     for field in optional:
@@ -203,8 +212,13 @@ def _feature_jobs(
 
 
 def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[KeyMotionField, ...]:
-    finders = _instances(KEYMOTIONS, "keymotion", slot, problems)
-    return _by_name([KeyMotionField(name, grid, finder) for name, finder, _ in finders if finder is not None])
+    return _by_name(
+        [
+            KeyMotionField(name, grid, finder, optional=_is_optional(f"keymotion.{name}", keys, problems))
+            for name, finder, keys in _instances(KEYMOTIONS, "keymotion", slot, problems)
+            if finder is not None
+        ]
+    )
 
 
 def _copy_specs(slot: Any, fields: Mapping[str, Columns], problems: Problems) -> tuple[CopySpec, ...]:

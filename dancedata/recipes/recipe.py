@@ -106,13 +106,9 @@ class Recipe:
             "fps": str(self.grid),
             "scope": self.scope,
             "windows": self.windows.document(),
-            "motion": {
-                field.name: {**field.document(), **({"optional": True} if field.optional else {})}
-                for field in self.motion
-                if field.repaired
-            },
+            "motion": {field.name: _with_optional(field) for field in self.motion if field.repaired},
             "audio": {field.name: field.document() for field in self.audio},
-            "keymotion": {field.name: field.document() for field in self.keymotion},
+            "keymotion": {field.name: _with_optional(field) for field in self.keymotion},
             "augment": augment_document(self.augment),
             "store": {"shard_mb": self.shard_mb},
             # Absent by default, so that the hashes of earlier recipes stay.
@@ -128,6 +124,11 @@ class Recipe:
         """Hash of all that shapes the result: not the name or description."""
         shaping = {k: v for k, v in self.document.items() if k not in ("name", "description")}
         return json_sha256(shaping)
+
+
+def _with_optional(field: MotionField | KeyMotionField) -> dict[str, Any]:
+    # Absent by default, so that hashes of earlier recipes hold.
+    return {**field.document(), **({"optional": True} if field.optional else {})}
 
 
 def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:

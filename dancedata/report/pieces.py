@@ -135,8 +135,9 @@ class ClipReader:
             return np.asarray(rows)
 
         figure = Figure.of_columns(rows(motion), reader)
-        if self.keymotion is not None and self.keymotion.grid == figure.grid:
-            key = KeyMotion.from_rows(rows(self.keymotion))
+        stored = self.keymotion
+        if stored is not None and stored.grid == figure.grid and clip.has_field(stored.name):
+            key = KeyMotion.from_rows(rows(stored))
         else:
             key = figure_key_motion(figure)
         beats, music_s = self._beats(clip, window)

@@ -292,7 +292,11 @@ def distances(poses: npt.NDArray[np.float32], others: npt.NDArray[np.float32], p
 
 def _squared(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> Float64Array:
     one, two = a.astype(np.float64), b.astype(np.float64)
-    return np.asarray((one**2).sum(axis=1)[:, None] + (two**2).sum(axis=1) - 2 * one @ two.T)
+    rows, columns = (one**2).sum(axis=1), (two**2).sum(axis=1)
+    squared = np.asarray(2 * one @ two.T)
+    for row, at in zip(rows, squared, strict=True):  # in place: the three of a block would be 200 MB
+        np.subtract(row + columns, at, out=at)
+    return squared
 
 
 def nearness(poses: npt.NDArray[np.float32], train: npt.NDArray[np.float32], joints: int) -> Nearness:

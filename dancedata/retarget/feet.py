@@ -6,7 +6,7 @@ import numpy.typing as npt
 from dancedata.core.motion import Motion, joint_positions, world_matrices
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec, rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import Skeleton
-from dancedata.core.tracks import runs
+from dancedata.core.tracks import lengths, runs
 
 #: A foot stands where its toe moves slower than this, metres per second, and is this near to its floor, metres.
 MAX_SPEED_M_S = 0.25
@@ -17,6 +17,8 @@ _FLOOR = 0.02
 _LEAST_S = 0.1
 #: Corrections fade out over this before and after a contact, seconds.
 _FADE_S = 0.2
+#: Above this, radians, the axis of a knee is that about which it is bent.
+_BENT = float(np.radians(20))
 #: A leg is straightened up to this fraction of its length, so that the knee keeps its direction.
 _REACH = 0.9995
 
@@ -95,9 +97,10 @@ def _corrections(toes: Float64Array, wanted: Float64Array, spans: list[tuple[int
             inside = (frames >= 0) & (frames < len(toes))
             share = np.arange(1, fade + 1)[inside] / (fade + 1)
             weight = 1 - share * share * (3 - 2 * share)
-            between[frames[inside]] += weight[:, None] * moves[edge]
-            total[frames[inside]] += weight
-    faded = between / np.maximum(total, 1.0)[:, None]
+            odds = weight / (1 - weight)
+            between[frames[inside]] += odds[:, None] * moves[edge]
+            total[frames[inside]] += odds
+    faded = between / (1 + total)[:, None]
     return np.asarray(np.where(exact[:, None], moves, faded))
 
 
@@ -108,20 +111,37 @@ def _bend(
     hip, knee, ankle = (joints[frames, joint] for joint in leg[:3])
     target = ankle + moves
     thigh, shin, line = knee - hip, ankle - knee, target - hip
-    a, b = np.linalg.norm(thigh, axis=1), np.linalg.norm(shin, axis=1)
-    straight = np.maximum(_REACH * (a + b), np.linalg.norm(ankle - hip, axis=1))
-    reach = np.clip(np.linalg.norm(line, axis=1), np.abs(a - b) + 1e-6, straight)
-    now = np.arctan2(np.linalg.norm(np.cross(thigh, shin), axis=1), (thigh * shin).sum(axis=1))
+    a, b = lengths(thigh), lengths(shin)
+    straight = np.maximum(_REACH * (a + b), lengths(ankle - hip))
+    reach = np.clip(lengths(line), np.abs(a - b) + 1e-6, straight)
     bend = np.arccos(np.clip((reach**2 - a**2 - b**2) / (2 * a * b), -1, 1))
-    axis = np.cross(thigh, shin)
-    length = np.linalg.norm(axis, axis=1, keepdims=True)
-    # A straight knee bends about the left of the thigh, as in SMPL.
-    axis = np.where(length > 1e-4 * (a * b)[:, None], axis / np.maximum(length, 1e-12), world[frames, leg[0], :, 0])
-    folded = matrix_from_rotvec(axis * (bend - now)[:, None])
-    end = thigh + np.einsum("tij,tj->ti", folded, shin)
-    swing = shortest_rotation(end, line)
+    along = thigh / a[:, None]
+    folded = matrix_from_rotvec(_knee(along, shin, world[frames, leg[0], :, 0], bend))
+    bent = np.einsum("tij,tj->ti", folded, along) * b[:, None]
+    swing = shortest_rotation(thigh + bent, line)
     world[frames, leg[0]] = swing @ world[frames, leg[0]]
-    world[frames, leg[1]] = swing @ folded @ world[frames, leg[1]]
+    world[frames, leg[1]] = swing @ shortest_rotation(shin, bent) @ world[frames, leg[1]]
+
+
+def _knee(thigh: Float64Array, shin: Float64Array, left: Float64Array, bend: Float64Array) -> Float64Array:
+    """Return the rotation vectors (T, 3) from the direction of a thigh to that of a shin, the knee bent by `bend`.
+
+    A bent knee keeps its axis. That of a straight one is noise, and reversed in a knee that is bent the wrong way by
+    a degree: from 20 degrees down to 0 it goes over to the left of the thigh, about which SMPL's knees bend. The
+    result is continuous in all arguments: it passes through the straight leg where the axis is reversed, and is less
+    than `bend` there.
+    """
+    axis = np.cross(thigh, shin)
+    sine = lengths(axis)
+    now = np.arctan2(sine, (thigh * shin).sum(axis=1))
+    axis /= np.maximum(sine, 1e-12)[:, None]
+    left = left - (left * thigh).sum(axis=1, keepdims=True) * thigh
+    left /= np.maximum(lengths(left), 1e-12)[:, None]
+    known = np.minimum(now / _BENT, 1.0)[:, None]
+    more = (known * axis + (1 - known) * left) * np.maximum(bend - now, 0)[:, None]
+    vector = axis * np.minimum(now, bend)[:, None] + more
+    size = lengths(vector)
+    return np.asarray(vector * (np.minimum(bend, 2 * size) / np.maximum(size, 1e-12))[:, None])
 
 
 def toes_of(places: Float64Array, joints: tuple[int, ...], skeleton: Skeleton, body: Float64Array) -> Float64Array:

@@ -16,7 +16,7 @@ from dancedata.retarget.feet import contact_spans, toes_of, with_planted_feet
 from dancedata.retarget.maps import Names
 
 #: Raised by hand when a motion gets other numbers.
-VERSION = 1
+VERSION = 2
 #: Residuals above this are flagged, metres: about the length of a hand.
 MAX_RESIDUAL_M = 0.15
 #: Joints whose places are compared: skeletons put the others (spine, neck, head, collars, hands) at different places.

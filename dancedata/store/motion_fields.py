@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,8 @@ from dancedata.store.schema import Field
 ORIGINAL = ".original"
 _POSITION = "position"
 _AS_STORED = Scaling()
+#: Windows hold the same motion if joints are this near in the frames that they share, metres; columns are float32.
+_SAME_M = 1e-4
 #: Keys of a motion field in a recipe that are not parameters of its representation.
 _NOT_OF_PLUGIN = ("contacts", "optional")
 
@@ -198,28 +200,78 @@ def clip_pose(store: Store, clip_id: str, field: str = "") -> Pose:
 
     UsageError as `stored_representation`, and for a dataset without such a field.
     """
-    if field:
-        reader = motion_reader(store, field)
-    else:
-        kept = {name: reader for name, reader in pose_readers(store).items() if store.has_field(clip_id, name)}
-        if not kept:
-            raise UsageError(
-                "the dataset has no field of motion that can be decoded", where=str(store.path),
-                found=", ".join(store.fields),
-            )  # fmt: skip
-        field, reader = min(kept.items(), key=lambda item: not item[1].representation.decodes)
+    field, reader = _reader_of_clip(store, clip_id, field)
     return reader.pose(store.read_clip(clip_id, field), where=clip_id)
+
+
+def _reader_of_clip(store: Store, clip_id: str, field: str) -> tuple[str, ColumnsReader]:
+    if field:
+        return field, motion_reader(store, field)
+    kept = {name: reader for name, reader in pose_readers(store).items() if store.has_field(clip_id, name)}
+    if not kept:
+        raise UsageError(
+            "the dataset has no field of motion that can be decoded", where=str(store.path),
+            found=", ".join(store.fields),
+        )  # fmt: skip
+    return min(kept.items(), key=lambda item: not item[1].representation.decodes)
 
 
 def clip_motion(store: Store, clip_id: str, field: str = "") -> Motion:
     """Return the motion of a whole clip; UsageError as `clip_pose`, and for a field without rotations."""
-    motion = clip_pose(store, clip_id, field).motion
-    if motion is None:
+    return _with_rotations(clip_pose(store, clip_id, field), store, field)
+
+
+def clip_stretches(store: Store, clip_id: str, field: str = "") -> Iterator[tuple[int, Motion]]:
+    """Yield the motion of a clip as far as it is stored without a gap: first frame, at the field's rate, and motion.
+
+    In track scope that is the whole clip. In window scope windows are joined where they hold the same motion in the
+    frames that they share; windows that share none, or whose rows are relative to the window, are yielded one by one.
+
+    Raises
+    ------
+    UsageError
+        As `clip_motion`.
+    """
+    if store.scope == "track":
+        yield 0, clip_motion(store, clip_id, field)
+        return
+    field, reader = _reader_of_clip(store, clip_id, field)
+    first, parts, last = 0, list[Motion](), None
+    for window in store.windows_of(clip_id):
+        motion = _with_rotations(reader.pose(store.read(window, field), where=clip_id), store, field)
+        start = store.grid.rows(window.start, of=reader.grid)
+        shared = first + sum(part.n_frames for part in parts) - start
+        if last is not None and _agree(last, motion, shared):
+            parts.append(motion.part(shared, motion.n_frames))
+        else:
+            if parts:
+                yield first, _joined(parts)
+            first, parts = start, [motion]
+        last = motion
+    if parts:
+        yield first, _joined(parts)
+
+
+def _agree(one: Motion, other: Motion, shared: int) -> bool:
+    """Return whether the last `shared` frames of a motion are the first of another one."""
+    if not 0 < shared < min(one.n_frames, other.n_frames):
+        return False
+    apart = one.part(one.n_frames - shared, one.n_frames).joints() - other.part(0, shared).joints()
+    return bool(np.abs(apart).max() < _SAME_M)
+
+
+def _joined(parts: Sequence[Motion]) -> Motion:
+    rotations = np.concatenate([part.rotations for part in parts])
+    return replace(parts[0], translation=np.concatenate([part.translation for part in parts]), rotations=rotations)
+
+
+def _with_rotations(pose: Pose, store: Store, field: str) -> Motion:
+    if pose.motion is None:
         raise UsageError(
             "the field has no rotations", where=str(store.path), found=field or "fields of positions alone",
             fix="take clip.joints()",
         )  # fmt: skip
-    return motion
+    return pose.motion
 
 
 def pose_readers(store: Store) -> dict[str, ColumnsReader]:

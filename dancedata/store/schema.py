@@ -64,7 +64,7 @@ class Field:
     codebook
         Of codes; None for real values.
     optional
-        Whether clips may have no rows of it, see `Tables.having`; of motion in track scope alone.
+        Whether clips may have no rows of it, see `Tables.having`; of motion and key motions in track scope alone.
     """
 
     name: str
@@ -217,8 +217,10 @@ class StoreHeader:
                 f.codebook.check(f.columns.width, f.dtype)
             except UsageError as error:
                 raise StoreError(f"the codebook of field {f.name} cannot be stored", found=str(error)) from error
-        if f.optional and (f.kind != "motion" or self.scope == "window"):
-            raise StoreError(f"field {f.name} cannot be optional", allowed="fields of motion in track scope")
+        if f.optional and (not f.per_clip or self.scope == "window"):
+            raise StoreError(
+                f"field {f.name} cannot be optional", allowed="fields of motion and key motions in track scope"
+            )
         if not self.grid.is_whole(self.length, of=f.grid):
             raise StoreError(
                 f"a window is not a whole number of rows of field {f.name}",

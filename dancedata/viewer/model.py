@@ -44,6 +44,10 @@ class ModelScenes(SceneList):
         return self.scenes.windows_of(item)
 
     @override
+    def sliding(self, item: Item) -> float | None:
+        return self.scenes.sliding(item)  # distances and speeds are those of the motion as it was read
+
+    @override
     def flag_count(self, item: Item) -> int:
         return self.scenes.flag_count(item)
 

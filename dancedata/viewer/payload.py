@@ -159,7 +159,8 @@ def _in_time(steps: npt.NDArray[np.int16]) -> str:
 def curve(values: Float64Array, rate: float, delay: float = 0.0) -> Json:
     """Return a curve of at least 0: 16 bits a value, and the largest value. NaN is 0."""
     finite = np.nan_to_num(np.maximum(values, 0.0), nan=0.0, posinf=0.0)
-    top = float(finite.max(initial=0.0))
+    # Rounded, as the last bit of a sum depends on where numpy's memory begins: equal clips have equal pages.
+    top = float(f"{finite.max(initial=0.0):.9g}")
     steps = np.round(finite / (top or 1.0) * _TOP).astype("<u2")
     return {"rate": rate, "delay": delay, "max": top, "data": packed(steps)}
 

@@ -287,6 +287,11 @@ class SceneList(ABC):
             Seconds of the dancers that are enough, from the first frame on. Default: all.
         """
 
+    def sliding(self, item: Item) -> float | None:
+        """Return how fast the feet of a dancer slide in contact, metres per second; None without a figure."""
+        figure = self.scene(item).figure
+        return None if figure is None else figure.sliding
+
     @abstractmethod
     def about(self) -> dict[str, Any]:
         """Return the head of the page: name, numbers and licence, as JSON data."""

@@ -140,6 +140,11 @@ class Scenes(SceneList):
         )  # fmt: skip
 
     @override
+    def sliding(self, item: Item) -> float | None:
+        figure, _ = self._figure(item, self._drawn(item), None)  # a whole scene would take four times as long
+        return None if figure is None else figure.sliding
+
+    @override
     def flag_count(self, item: Item) -> int:
         return sum(len(self._flags_of(dancer)) for dancer in item.members or (item,))
 
@@ -215,7 +220,8 @@ class Scenes(SceneList):
     def _movement(self, item: Item, figure: Figure | None, first_s: float | None) -> Movement | None:
         for name in self.store.fields:
             stored = self.store.field(name)
-            if stored.kind == "keymotion" and stored.columns.names == ("speed", "minimum", "prominence"):
+            is_lodge = stored.kind == "keymotion" and stored.columns.names == ("speed", "minimum", "prominence")
+            if is_lodge and self.store.has_field(item.clip.id, name):
                 return Movement.of(KeyMotion.from_rows(self._first(item, name, first_s)), stored.grid, name)
         return None if figure is None or figure.n_frames < 2 else figure.movement
 

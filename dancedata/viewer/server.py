@@ -313,9 +313,8 @@ class Site:
         values = self._sliding or []
         for item in self.scenes.items:
             try:
-                dancers = [self.scenes.scene(dancer).figure for dancer in item.members or (item,)]
-                sliding = [round(figure.sliding, 4) for figure in dancers if figure is not None]
-                values[item.number] = max(sliding, default=None)
+                sliding = [self.scenes.sliding(dancer) for dancer in item.members or (item,)]
+                values[item.number] = max((round(value, 4) for value in sliding if value is not None), default=None)
             except DanceDataError:
                 values[item.number] = None
             self._measured += 1

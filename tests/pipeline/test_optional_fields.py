@@ -13,7 +13,10 @@ import dancedata
 from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.clip import Window
 from dancedata.core.errors import RecipeError, StoreError, UsageError
+from dancedata.core.motion import Motion
 from dancedata.core.plugins import CopyAugmentation
+from dancedata.keymotion.lodge import Lodge
+from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.pipeline.check import check
 from dancedata.pipeline.copies import _CopiedArray
 from dancedata.pipeline.diff import diff
@@ -246,10 +249,81 @@ def test_augmentations_do_not_see_rows_that_are_not_there() -> None:
     assert np.asarray(copied).shape == copied.shape == empty.shape
 
 
+def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    analyse = Lodge.analyse
+
+    def of_hands(self: Lodge, motion: Motion) -> Any:
+        if motion.skeleton.n_joints < 52:
+            raise UsageError(f"a motion on skeleton {motion.skeleton.name} has no key motions")  # as `on_body`
+        return analyse(self, motion)
+
+    monkeypatch.setattr(Lodge, "analyse", of_hands)
+    recipe = {**RECIPE, "motion": {"edge151": {}}, "keymotion": {"lodge": {"optional": True}}, "audio": {}}
+    recipe["dataset"] = {"folder": {"unit": "cm", "music": "optional"}}
+    out = tmp_path / "out"
+    dancedata.build(recipe, captures, out, cache=tmp_path / "cache", jobs=1, strict=True)
+    assert not [p for p in verify_store(out) if p.severity == "error"]
+    ds = open_store(out)
+    assert ds.optional_fields == ("lodge",)
+    assert {clip.id for clip in ds if not clip.has_field("lodge")} == WITHOUT
+    details = {row["clip"]: row["detail"] for row in ds.rejects if row["reason"] == "no_field"}
+    assert set(details) == WITHOUT
+    assert details["bvh_1"].startswith("kept without lodge: a motion on skeleton smpl24:bvh-")
+    with pytest.raises(UsageError, match="no rows of field lodge"):
+        ds["bvh_1"]["lodge"]
+    # Primitives are of the clips that have the minima that they are chosen by; those that need none, of all.
+    options: dict[str, Any] = {"length_frames": 96, "normalize": False, "primitive_n": 48}
+    with_minima = WindowDataset(ds, "train", ["edge151", "primitives"], **options)
+    assert {window.clip for window in with_minima.windows} == {"hands_1"}
+    assert {(r.clip, r.reason, r.detail) for r in with_minima.rejects} == {
+        ("bvh_1", "no_field", "kept without lodge")
+    }
+    assert with_minima[0]["primitives"].shape == (7, 8, 151)  # 3 hard ones and 2 x 2 soft ones
+    borders = WindowDataset(ds, "train", ["edge151", "primitives"], **{**options, "primitive_n": 96})
+    assert {window.clip for window in borders.windows} == {"bvh_1", "hands_1"}
+    # Reports and pages find key motions by themselves where none are stored, as in a dataset without the field.
+    scenes = Scenes(ds)
+    for item in scenes.items:
+        movement, figure = scenes.scene(item).movement, scenes.scene(item).figure
+        assert movement is not None
+        assert figure is not None
+        stored = item.clip.id not in WITHOUT
+        assert movement.stored == ("lodge" if stored else "")
+        key = KeyMotion.from_rows(ds[item.clip.id]["lodge"]) if stored else key_motion(figure.joints, 5)
+        assert len(movement.key_times) == len(key.minima)
+    assert all(numbers.key_motions for numbers in measure(ds).clips.values())
+
+
+def test_a_skeleton_that_a_field_refuses_is_an_error_of_its_file(captures: Path, tmp_path: Path) -> None:
+    dataset = {"folder": {"unit": "cm", "music": "optional"}}
+    recipe = {**RECIPE, "dataset": dataset, "motion": {"edge151": {}, "lda61": {"optional": True}}, "audio": {}}
+    dancedata.build(recipe, captures, tmp_path / "out", cache=tmp_path / "cache", jobs=1)
+    ds = open_store(tmp_path / "out")
+    assert not any(clip.has_field("lda61") for clip in ds)
+    assert "kept without lda61: lda61 needs the joints of Motorica" in ds.rejects[0]["detail"]
+    with pytest.raises(UsageError, match=r"a\.bvh: lda61 needs the joints of Motorica"):
+        dancedata.build(
+            {**recipe, "motion": {"edge151": {}, "lda61": {}}}, captures, tmp_path / "no",
+            cache=tmp_path / "cache", jobs=1,
+        )  # fmt: skip
+
+
 MISTAKES = [
     ({"motion": {"edge151": {"optional": True}}}, "all fields are optional"),
     ({"motion": {"edge151": {}, FIELD: {"optional": "yes"}}}, "optional: must be true or false; found 'yes'"),
     ({"scope": "window"}, "clips without a field need scope: track"),
+    (
+        {"scope": "window", "motion": {"edge151": {}}, "keymotion": {"lodge": {"optional": True}}},
+        "keymotion.lodge.optional: clips without a field need scope: track",
+    ),
+    ({"keymotion": {"lodge": {"optional": 1}}}, "keymotion.lodge.optional: must be true or false; found 1"),
+    (
+        {
+            "keymotion": {"lodge": {"optional": True}},
+            "windows": {**RECIPE["windows"], "filter": {"movement": {"field": "lodge"}}},
+        },
+        "lodge is optional, and clips without it cannot be filtered",
+    ),
     ({"motion": {"edge151": {}, "root_place": {"optional": True}}}, "places of dancers cannot be left out"),
     (
         {
@@ -274,6 +348,10 @@ def test_the_key_is_in_the_hash_and_false_is_its_absence() -> None:
     assert optional.sha256 != plain.sha256
     assert parse_recipe(optional.document).sha256 == optional.sha256
     assert load_recipe(RECIPE, [f"motion.{FIELD}.optional=false"]).sha256 == plain.sha256
+    key_motions = {"keymotion": {"lodge": {"optional": True}}}
+    stored = parse_recipe({**RECIPE, **key_motions})
+    assert stored.sha256 == parse_recipe(stored.document).sha256 != optional.sha256
+    assert stored.document["keymotion"] == {"lodge": {"sigma_frames": 5.0, "optional": True}}
 
 
 def without_joints(clips: list[StoredClip], names: set[str]) -> list[StoredClip]:
