@@ -3,21 +3,25 @@
 
     .ci/versions.py                     # all of the matrix that this machine can make
     .ci/versions.py 3.11 lowest remote  # the rows whose name holds one of these words
+    .ci/versions.py --torch --to FILE   # rows with torch too; the table goes to FILE as well, after every row
 
 Each row is a new environment of uv, a few commands in it, and a line of the table that is printed at the end: name,
 Python, command, result, seconds. It needs Python 3.11 or later, git, and the network for packages. Interpreters are
 those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without an interpreter is "not run", and so are rows
-that need torch, unless --torch: its wheels with CUDA are gigabytes. What is tested is the last commit. The exit code
-is 1 if a row that ran has failed.
+that need torch, unless --torch: its wheels with CUDA are gigabytes. UV_FIND_LINKS=FOLDER takes wheels of a folder,
+such as torch's for the CPU. What is tested is the last commit. A row that takes longer than --limit is ended and has
+failed. Lines of an earlier FILE stay until their row is run again. The exit code is 1 if a row that ran has failed.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -36,13 +40,13 @@ BUILD = "dancedata build demo --quiet && dancedata check data/demo && dancedata 
 HERE = "dancedata build demo --quiet"
 EXTRAS = {
     "torch": "python -m pytest -q -o filterwarnings=default tests/readers/test_windows.py tests/frozen",
-    "jukebox": "python -c 'import torch, accelerate, safetensors'",
+    "jukebox": "python -m pytest -q -o filterwarnings=default tests/jukebox/test_feature.py",
     "hf": "python -m pytest -q -o filterwarnings=default tests/hf/test_loading.py",
     "beats": "python -m pytest -q -o filterwarnings=default tests/audio/test_beats.py",
-    "smpl": "python -c 'import smplx, torch'",
+    "smpl": "python -m pytest -q -o filterwarnings=default tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
     "dask": "dancedata build demo --backend dask --quiet && dancedata check data/demo",
-    "ray": "ray start --head --num-cpus 2 && dancedata build demo --scheduler ray://auto --quiet && "
-    "dancedata check data/demo && ray stop",
+    "ray": 'python -c \'import dancedata, ray; ray.init("local", num_cpus=2); '
+    'dancedata.build("demo", out="data/demo", scheduler="ray://auto")\' && dancedata check data/demo',
     "joblib": "dancedata build demo --scheduler joblib:loky --quiet && dancedata check data/demo",
     "spark": "dancedata build demo --scheduler joblib:spark --quiet && dancedata check data/demo",  # Java as well
     "parquet": f"{HERE} && dancedata export data/demo --to parquet --out parquet && "
@@ -116,8 +120,11 @@ def interpreter(version: str) -> str | None:
     return None
 
 
-def run(row: Row, work: Path, uv: Path, say: bool) -> tuple[str, float]:
-    """Make the environment of a row, run its command, and return the result and the seconds of both."""
+def run(row: Row, work: Path, uv: Path, say: bool, limit: float) -> tuple[str, float]:
+    """Make the environment of a row, run its command, and return the result and the seconds of both.
+
+    After ``limit`` seconds the command that runs is ended with its children, and the row has failed.
+    """
     python, start = interpreter(row.python), time.monotonic()
     if python is None:
         return f"not run: no Python {row.python}", 0.0
@@ -132,11 +139,18 @@ def run(row: Row, work: Path, uv: Path, say: bool) -> tuple[str, float]:
             "DANCEDATA_CACHE": str(work / "cache"),
         }
         settings.pop("PYTHONPATH", None)
-        done = subprocess.run(
+        with subprocess.Popen(
             command, shell=isinstance(command, str), cwd=folder, env=settings, stdin=subprocess.DEVNULL,
-            stdout=log, stderr=subprocess.STDOUT, check=False,
-        )  # fmt: skip
-        return done.returncode == 0
+            stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
+        ) as process:  # fmt: skip
+            try:
+                return process.wait(max(0, start + limit - time.monotonic())) == 0
+            except subprocess.TimeoutExpired:
+                log.write(f"\nended after {limit:.0f} s: {command}\n")
+                return False
+            finally:  # also on Ctrl-C; a command that has ended may have left children
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
 
     install: list[str] = [str(uv), "pip", "install", "--python", str(env / "bin" / "python"), *row.install]
     if not succeeds([str(uv), "venv", "-q", "--python", python, str(env)], work):
@@ -151,6 +165,8 @@ def run(row: Row, work: Path, uv: Path, say: bool) -> tuple[str, float]:
         result = "failed to install"
     else:
         result = "passed" if succeeds(row.command) else "failed"
+    if result.startswith("failed") and time.monotonic() - start > limit:
+        result += f": more than {limit:.0f} s"
     log.seek(0)
     text = log.read()
     log.close()
@@ -161,6 +177,14 @@ def run(row: Row, work: Path, uv: Path, say: bool) -> tuple[str, float]:
         f"{result}{'; ' if tests else ''}{'; '.join(line.removesuffix(' in ') for line in tests)}",
         time.monotonic() - start,
     )
+
+
+def add(path: Path, row: Row, line: str) -> None:
+    """Write the line of a row into a table, which is made where there is none; lines of other rows stay."""
+    head = "| environment | Python | command | result | seconds |\n|---|---|---|---|---|"
+    lines = path.read_text().splitlines() if path.exists() else head.splitlines()
+    number = next((n for n, old in enumerate(lines) if old.startswith(f"| {row.name} |")), len(lines))
+    path.write_text("\n".join([*lines[:number], line, *lines[number + 1 :], ""]))
 
 
 def shown(row: Row) -> str:
@@ -175,6 +199,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("words", nargs="*", help="rows whose name holds one of these; default: all")
     parser.add_argument("--torch", action="store_true", help="run rows that need torch too")
+    parser.add_argument("--to", type=Path, metavar="FILE", help="the table as a file, written after every row")
+    parser.add_argument("--limit", type=float, default=3600, help="seconds that a row may take; default: 3600")
     parser.add_argument("--list", action="store_true", help="print the rows and their commands")
     parser.add_argument("--verbose", action="store_true", help="print the output of every row")
     options = parser.parse_args()
@@ -182,8 +208,9 @@ def main() -> int:
     if options.list:
         print("\n".join(f"{r.name}: {shown(r)}" for r in chosen))
         return 0
-    table = []
+    failed = 0
     with tempfile.TemporaryDirectory() as folder:
+        table = options.to or Path(folder) / "table.md"
         tools = Path(folder) / "tools"
         subprocess.run([sys.executable, "-m", "venv", tools], check=True)
         subprocess.run([tools / "bin" / "pip", "install", "-q", "uv"], check=True)
@@ -193,14 +220,13 @@ def main() -> int:
             if row.torch and not options.torch:
                 result, seconds = "not run: needs torch (--torch)", 0.0
             else:
-                result, seconds = run(row, work, tools / "bin" / "uv", options.verbose)
-            table.append((row, result, seconds))
+                result, seconds = run(row, work, tools / "bin" / "uv", options.verbose, options.limit)
+            failed += result.startswith("failed")
+            add(table, row, f"| {row.name} | {row.python} | `{shown(row)}` | {result} | {seconds:.0f} |")
             print(f"{row.name}: {result}, {seconds:.0f} s", flush=True)
             shutil.rmtree(work)
-    print("\n| environment | Python | command | result | seconds |\n|---|---|---|---|---|")
-    for row, result, seconds in table:
-        print(f"| {row.name} | {row.python} | `{shown(row)}` | {result} | {seconds:.0f} |")
-    return int(any(result.startswith("failed") for _, result, _ in table))
+        print(f"\n{table.read_text()}", end="")
+    return int(failed > 0)
 
 
 if __name__ == "__main__":
