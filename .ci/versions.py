@@ -5,12 +5,13 @@
     .ci/versions.py 3.11 lowest remote  # the rows whose name holds one of these words
     .ci/versions.py --torch --to FILE   # rows with torch too; the table goes to FILE as well, after every row
 
-Each row is a new environment of uv, a few commands in it, and a line of the table that is printed at the end: name,
-Python, command, result, seconds. It needs Python 3.11 or later, git, and the network for packages. Interpreters are
-those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without an interpreter is "not run", and so are rows
-that need torch, unless --torch: its wheels with CUDA are gigabytes. UV_FIND_LINKS=FOLDER takes wheels of a folder,
-such as torch's for the CPU. What is tested is the last commit. A row that takes longer than --limit is ended and has
-failed. Lines of an earlier FILE stay until their row is run again. The exit code is 1 if a row that ran has failed.
+Each row is a new environment, a few commands in it, and a line of the table that is printed at the end: name, Python,
+command, result, seconds. It needs Python 3.11 or later, git, uv (else it is installed for the run), and the network
+for packages. Interpreters are those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without an interpreter is
+"not run", and so are rows that need torch, unless --torch: its wheels with CUDA are gigabytes. UV_FIND_LINKS=FOLDER
+takes wheels of a folder, such as torch's for the CPU. What is tested is the last commit. A row that takes longer than
+--limit is ended and has failed. Lines of an earlier FILE stay until their row is run again. The exit code is 1 if a
+row that ran has failed.
 """
 
 from __future__ import annotations
@@ -29,21 +30,25 @@ import time
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 TEST_TOOLS = ("pytest", "pytest-xdist", "hypothesis")
+PYTEST = "python -m pytest -q -p no:cacheprovider -o filterwarnings=default"
 #: The core of the suite: numbers, files, the store and its frozen datasets; no network, browser or torch.
-CORE = "python -m pytest -q -p no:cacheprovider -o filterwarnings=default tests/core tests/contacts tests/frozen"
+CORE = f"{PYTEST} tests/core tests/contacts tests/frozen"
+#: Packages whose versions are in the table: of a row without extras, else those of its extra.
+CORE_PACKAGES = ("h5py", "librosa", "numba", "numpy", "pydantic", "scipy", "typer")
 BUILD = "dancedata build demo --quiet && dancedata check data/demo && dancedata doctor"
 #: What shows that an extra works, in an environment with nothing else.
 HERE = "dancedata build demo --quiet"
 EXTRAS = {
-    "torch": "python -m pytest -q -o filterwarnings=default tests/readers/test_windows.py tests/frozen",
-    "jukebox": "python -m pytest -q -o filterwarnings=default tests/jukebox/test_feature.py",
-    "hf": "python -m pytest -q -o filterwarnings=default tests/hf/test_loading.py",
-    "beats": "python -m pytest -q -o filterwarnings=default tests/audio/test_beats.py",
-    "smpl": "python -m pytest -q -o filterwarnings=default tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
+    "torch": f"{PYTEST} tests/readers/test_windows.py tests/frozen",
+    "jukebox": f"{PYTEST} tests/jukebox/test_feature.py",
+    "hf": f"{PYTEST} tests/hf/test_loading.py",
+    "beats": f"{PYTEST} tests/audio/test_beats.py",
+    "smpl": f"{PYTEST} tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
     "dask": "dancedata build demo --backend dask --quiet && dancedata check data/demo",
     "ray": 'python -c \'import dancedata, ray; ray.init("local", num_cpus=2); '
     'dancedata.build("demo", out="data/demo", scheduler="ray://auto")\' && dancedata check data/demo',
@@ -51,9 +56,9 @@ EXTRAS = {
     "spark": "dancedata build demo --scheduler joblib:spark --quiet && dancedata check data/demo",  # Java as well
     "parquet": f"{HERE} && dancedata export data/demo --to parquet --out parquet && "
     "python -c 'import pyarrow.parquet as p; assert p.read_table(\"parquet/data\").num_rows == 756'",
-    "lightning": "python -m pytest -q -o filterwarnings=default tests/training",
+    "lightning": f"{PYTEST} tests/training",
     "report": f"{HERE} && dancedata report data/demo --to report.html && test -s report.html && "
-    "python -m pytest -q -o filterwarnings=default tests/plot/test_figures.py",
+    f"{PYTEST} tests/plot/test_figures.py",
     "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",
     "video": f"{HERE} && dancedata view data/demo --video clip.mp4 && test -s clip.mp4",
     "remote": f"python -c 'import huggingface_hub, obstore' && {HERE} && "
@@ -71,7 +76,13 @@ class Row:
     python: str
     install: tuple[str, ...]
     command: str
+    shows: tuple[str, ...] = CORE_PACKAGES
     torch: bool = False
+
+
+def package(requirement: str) -> str:
+    """Return the name of a requirement, as ``pip freeze`` does."""
+    return re.split(r"[^\w.-]", requirement)[0].lower().replace("_", "-")
 
 
 def rows() -> list[Row]:
@@ -86,19 +97,19 @@ def rows() -> list[Row]:
     table = [Row(f"{p} pinned", p, (*pinned, "-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
     table += [Row(f"{p} newest", p, ("-e", ".", *tools), f"{CORE} && {BUILD}") for p in PYTHONS]
     # The lowest versions that have wheels for the Python: those that are older than it cannot be built with it.
-    direct = [project["dependencies"], *extras.values()]
-    names = sorted({re.split(r"[^\w.-]", requirement)[0] for of_one in direct for requirement in of_one})
-    wheels = [word for name in names if name != "dancedata" for word in ("--only-binary", name)]
+    needs = {name: tuple(map(package, extras[name])) for name in EXTRAS}
+    names = sorted({*map(package, project["dependencies"]), *(name for of_one in needs.values() for name in of_one)})
+    wheels = [word for name in names for word in ("--only-binary", name)]
     lowest = ("--resolution", "lowest-direct", *wheels, "-e")
     table += [
         Row(f"{p} lowest", p, (*lowest, ".", "pytest>=8.3", "hypothesis>=6.112"), f"{CORE} && {BUILD}")
         for p in PYTHONS
     ]
     for name, command in EXTRAS.items():
-        torch = any(requirement.startswith(("torch", "smplx")) for requirement in extras[name])
-        table.append(Row(f"extra {name}", "3.11", (*pinned, "-e", f".[{name}]", *tools), command, torch))
+        torch = bool({"torch", "smplx"} & set(needs[name]))
         low = (*lowest, f".[{name}]", "pytest>=8.3", "hypothesis>=6.112")
-        table.append(Row(f"extra {name} lowest", "3.11", low, command, torch))
+        for named, install in ((name, (*pinned, "-e", f".[{name}]", *tools)), (f"{name} lowest", low)):
+            table.append(Row(f"extra {named}", "3.11", install, command, needs[name], torch))
     table.append(Row("wheel alone", "3.11", (), "dancedata build demo && dancedata check data/demo"))
     return table
 
@@ -120,10 +131,26 @@ def interpreter(version: str) -> str | None:
     return None
 
 
-def run(row: Row, work: Path, uv: Path, say: bool, limit: float) -> tuple[str, float]:
+def finishes(command: list[str] | str, folder: Path, settings: dict[str, str], log: IO[str], seconds: float) -> bool:
+    """Return whether a command exits with 0 in so many seconds. Children that it left are ended."""
+    with subprocess.Popen(
+        command, shell=isinstance(command, str), cwd=folder, env=settings, stdin=subprocess.DEVNULL,
+        stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
+    ) as process:  # fmt: skip
+        try:
+            return process.wait(max(0, seconds)) == 0
+        except subprocess.TimeoutExpired:
+            return False
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def run(row: Row, work: Path, uv: str, say: bool, limit: float) -> tuple[str, float]:
     """Make the environment of a row, run its command, and return the result and the seconds of both.
 
-    After ``limit`` seconds the command that runs is ended with its children, and the row has failed.
+    After ``limit`` seconds the command that runs is ended, and the row has failed. The result names the versions of
+    what the row is for.
     """
     python, start = interpreter(row.python), time.monotonic()
     if python is None:
@@ -139,25 +166,14 @@ def run(row: Row, work: Path, uv: Path, say: bool, limit: float) -> tuple[str, f
             "DANCEDATA_CACHE": str(work / "cache"),
         }
         settings.pop("PYTHONPATH", None)
-        with subprocess.Popen(
-            command, shell=isinstance(command, str), cwd=folder, env=settings, stdin=subprocess.DEVNULL,
-            stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
-        ) as process:  # fmt: skip
-            try:
-                return process.wait(max(0, start + limit - time.monotonic())) == 0
-            except subprocess.TimeoutExpired:
-                log.write(f"\nended after {limit:.0f} s: {command}\n")
-                return False
-            finally:  # also on Ctrl-C; a command that has ended may have left children
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)
+        return finishes(command, folder, settings, log, start + limit - time.monotonic())
 
-    install: list[str] = [str(uv), "pip", "install", "--python", str(env / "bin" / "python"), *row.install]
-    if not succeeds([str(uv), "venv", "-q", "--python", python, str(env)], work):
+    install: list[str] = [uv, "pip", "install", "--python", str(env / "bin" / "python"), *row.install]
+    if not succeeds([uv, "venv", "-q", "--python", python, str(env)], work):
         result = "failed to make the environment"
     elif not row.install:  # the wheel, in an empty folder
         (work / "empty").mkdir()
-        built = succeeds([str(uv), "build", "--wheel", "-q", "-o", str(work / "wheel")])
+        built = succeeds([uv, "build", "--wheel", "-q", "-o", str(work / "wheel")])
         wheels = [str(path) for path in (work / "wheel").glob("*.whl")]
         works = built and succeeds([*install, *wheels], work) and succeeds(row.command, work / "empty")
         result = "passed" if works else "failed"
@@ -167,6 +183,9 @@ def run(row: Row, work: Path, uv: Path, say: bool, limit: float) -> tuple[str, f
         result = "passed" if succeeds(row.command) else "failed"
     if result.startswith("failed") and time.monotonic() - start > limit:
         result += f": more than {limit:.0f} s"
+    frozen = [uv, "pip", "freeze", "--python", str(env / "bin" / "python")]
+    installed = subprocess.run(frozen, capture_output=True, text=True, check=False).stdout.splitlines()
+    versions = ", ".join(line.replace("==", " ") for line in installed if package(line) in row.shows)
     log.seek(0)
     text = log.read()
     log.close()
@@ -174,7 +193,7 @@ def run(row: Row, work: Path, uv: Path, say: bool, limit: float) -> tuple[str, f
         print(text[-4000:], flush=True)
     tests = re.findall(r"^(?:\d+ \w+, )*\d+ passed.*? in ", text, flags=re.MULTILINE)
     return (
-        f"{result}{'; ' if tests else ''}{'; '.join(line.removesuffix(' in ') for line in tests)}",
+        "; ".join([result, *(line.removesuffix(" in ") for line in tests), *filter(None, [versions])]),
         time.monotonic() - start,
     )
 
@@ -211,16 +230,19 @@ def main() -> int:
     failed = 0
     with tempfile.TemporaryDirectory() as folder:
         table = options.to or Path(folder) / "table.md"
-        tools = Path(folder) / "tools"
-        subprocess.run([sys.executable, "-m", "venv", tools], check=True)
-        subprocess.run([tools / "bin" / "pip", "install", "-q", "uv"], check=True)
+        uv = shutil.which("uv")
+        if uv is None:
+            tools = Path(folder) / "tools"
+            subprocess.run([sys.executable, "-m", "venv", tools], check=True)
+            subprocess.run([tools / "bin" / "pip", "install", "-q", "uv"], check=True)
+            uv = str(tools / "bin" / "uv")
         for number, row in enumerate(chosen):
             work = Path(folder) / str(number)
             work.mkdir()
             if row.torch and not options.torch:
                 result, seconds = "not run: needs torch (--torch)", 0.0
             else:
-                result, seconds = run(row, work, tools / "bin" / "uv", options.verbose, options.limit)
+                result, seconds = run(row, work, uv, options.verbose, options.limit)
             failed += result.startswith("failed")
             add(table, row, f"| {row.name} | {row.python} | `{shown(row)}` | {result} | {seconds:.0f} |")
             print(f"{row.name}: {result}, {seconds:.0f} s", flush=True)
