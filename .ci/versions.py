@@ -7,8 +7,8 @@
 
 Each row is a new environment, a few commands in it, and a line of the table that is printed at the end: name, Python,
 command, result, seconds. It needs Python 3.11 or later, git, uv (else it is installed for the run), and the network
-for packages. Interpreters are those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without an interpreter is
-"not run", and so are rows that need torch, unless --torch: its wheels with CUDA are gigabytes. UV_FIND_LINKS=FOLDER
+for packages. Interpreters are those of PATH and pyenv, or PYTHON_3_14=/path/to/python. A row without one is "not
+run", and so are rows that need torch, unless --torch: its wheels with CUDA are gigabytes. UV_FIND_LINKS=FOLDER
 takes wheels of a folder, such as torch's for the CPU. What is tested is the last commit. A row that takes longer than
 --limit is ended and has failed. Lines of an earlier FILE stay until their row is run again. The exit code is 1 if a
 row that ran has failed.
