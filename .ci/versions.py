@@ -105,6 +105,8 @@ def rows() -> list[Row]:
         Row(f"{p} lowest", p, (*lowest, ".", "pytest>=8.3", "hypothesis>=6.112"), f"{CORE} && {BUILD}")
         for p in PYTHONS
     ]
+    with_torch = (*pinned, "-e", ".[torch]", *tools)
+    table += [Row(f"{p} torch", p, with_torch, EXTRAS["torch"], ("torch",), torch=True) for p in PYTHONS[1:]]
     for name, command in EXTRAS.items():
         torch = bool({"torch", "smplx"} & set(needs[name]))
         low = (*lowest, f".[{name}]", "pytest>=8.3", "hypothesis>=6.112")
