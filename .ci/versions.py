@@ -99,6 +99,7 @@ def rows() -> list[Row]:
     # The lowest versions that have wheels for the Python: those that are older than it cannot be built with it.
     needs = {name: tuple(map(package, extras[name])) for name in EXTRAS}
     names = sorted({*map(package, project["dependencies"]), *(name for of_one in needs.values() for name in of_one)})
+    names.remove("pyspark")  # it has no wheels; its sdist is pure Python
     wheels = [word for name in names for word in ("--only-binary", name)]
     lowest = ("--resolution", "lowest-direct", *wheels, "-e")
     table += [
