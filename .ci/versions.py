@@ -50,8 +50,7 @@ EXTRAS = {
     "beats": f"{PYTEST} tests/audio/test_beats.py",
     "smpl": f"{PYTEST} tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
     "dask": "dancedata build demo --backend dask --quiet && dancedata check data/demo",
-    "ray": 'python -c \'import dancedata, ray; ray.init("local", num_cpus=2); '
-    'dancedata.build("demo", out="data/demo", scheduler="ray://auto")\' && dancedata check data/demo',
+    "ray": f"{PYTEST} tests/fault/test_clusters.py -k ray_gives_the_same_bytes",
     "joblib": "dancedata build demo --scheduler joblib:loky --quiet && dancedata check data/demo",
     "spark": "dancedata build demo --scheduler joblib:spark --quiet && dancedata check data/demo",  # Java as well
     "parquet": f"{HERE} && dancedata export data/demo --to parquet --out parquet && "
