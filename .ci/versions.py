@@ -60,9 +60,7 @@ EXTRAS = {
     f"{PYTEST} tests/plot/test_figures.py",
     "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",
     "video": f"{HERE} && dancedata view data/demo --video clip.mp4 && test -s clip.mp4",
-    "remote": f"python -c 'import huggingface_hub, obstore' && {HERE} && "
-    "(python -m http.server 8765 --bind 127.0.0.1 >/dev/null 2>&1 & p=$!; trap 'kill $p' EXIT; sleep 2; "
-    "dancedata pull http://127.0.0.1:8765/data/demo/ && dancedata info http://127.0.0.1:8765/data/demo/)",
+    "remote": f"{PYTEST} tests/remote/test_open.py tests/remote/test_push.py",
     "docs": "python docs/site/build.py site",
 }
 
