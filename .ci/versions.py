@@ -60,9 +60,12 @@ EXTRAS = {
     f"{PYTEST} tests/plot/test_figures.py",
     "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",
     "video": f"{HERE} && dancedata view data/demo --video clip.mp4 && test -s clip.mp4",
-    "remote": f"{PYTEST} tests/remote/test_open.py tests/remote/test_push.py",
+    "remote": f"{PYTEST} tests/remote/test_push.py tests/remote/test_push_buckets.py",
     "docs": "python docs/site/build.py site",
 }
+
+#: What tests of an extra need beside it: moto is the server of buckets.
+TOOLS_OF = {"remote": ("moto[s3,server]>=5.2",)}
 
 
 @dataclass(frozen=True)
@@ -107,8 +110,9 @@ def rows() -> list[Row]:
     table += [Row(f"{p} torch", p, with_torch, EXTRAS["torch"], ("torch",), torch=True) for p in PYTHONS[1:]]
     for name, command in EXTRAS.items():
         torch = bool({"torch", "smplx"} & set(needs[name]))
-        low = (*lowest, f".[{name}]", "pytest>=8.3", "hypothesis>=6.112")
-        for named, install in ((name, (*pinned, "-e", f".[{name}]", *tools)), (f"{name} lowest", low)):
+        more = TOOLS_OF.get(name, ())
+        low = (*lowest, f".[{name}]", "pytest>=8.3", "hypothesis>=6.112", *more)
+        for named, install in ((name, (*pinned, "-e", f".[{name}]", *tools, *more)), (f"{name} lowest", low)):
             table.append(Row(f"extra {named}", "3.11", install, command, needs[name], torch))
     table.append(Row("wheel alone", "3.11", (), "dancedata build demo && dancedata check data/demo"))
     return table
