@@ -1,6 +1,7 @@
 """Versions: what states them agrees, and the release script refuses what does not."""
 
 import importlib.util
+import os
 import shutil
 import subprocess
 import sys
@@ -109,6 +110,34 @@ def test_every_extra_has_a_row_of_the_versions() -> None:
         names
     )
     assert len(names) == len(set(names))
+
+
+def test_a_table_of_versions_keeps_other_rows(tmp_path: Path) -> None:
+    versions = load(ROOT / ".ci" / "versions.py")
+    table, (first, second, *_) = tmp_path / "table.md", versions.rows()
+    for row, result in ((first, "failed"), (second, "passed"), (first, "passed")):
+        versions.add(table, row, f"| {row.name} | {result} |")
+    assert table.read_text().splitlines()[2:] == [f"| {first.name} | passed |", f"| {second.name} | passed |"]
+
+
+@pytest.mark.parametrize(
+    ("command", "seconds", "finishes"),
+    [
+        ("exit 0", 600, True),
+        ("exit 3", 600, False),
+        ("sleep 9; echo late", 0.01, False),
+        ("(sleep 9; echo late) &", 600, True),
+    ],
+)
+def test_commands_of_versions_end_with_their_children(
+    command: str, seconds: float, finishes: bool, tmp_path: Path
+) -> None:
+    versions = load(ROOT / ".ci" / "versions.py")
+    reading, writing = os.pipe()
+    with open(reading) as output, open(writing, "w") as log:
+        assert versions.finishes(command, tmp_path, dict(os.environ), log, seconds) == finishes
+        log.close()
+        assert output.read() == ""  # the end of the pipe: nobody has it any more
 
 
 def test_the_site_is_of_the_checkouts_version(monkeypatch: pytest.MonkeyPatch) -> None:
