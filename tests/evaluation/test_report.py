@@ -62,6 +62,7 @@ def test_numbers_that_overflow_are_undefined_by_name(store: Store, bootstrap: in
 
 
 def test_scores_and_clips_as_tables_of_pandas(store: Store) -> None:
+    pytest.importorskip("pandas")
     report = dancedata.evaluate(store, metrics=["pfc", "skating"])
     scores = report.to_pandas().set_index("score")
     assert list(scores.index) == [score.name for score in report.scores]

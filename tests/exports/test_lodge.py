@@ -74,6 +74,7 @@ def test_the_normaliser_is_of_lodges_classes(export, built, over: str, tmp_path,
 
 
 def test_a_normaliser_of_train_needs_train(built, tmp_path) -> None:
+    pytest.importorskip("torch")  # its absence would be in the message
     made = built("finedance")
     source = tmp_path / "source"
     shutil.copytree(made.source, source)

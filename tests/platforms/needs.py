@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from tests.platforms.without.sitecustomize import IS_WINDOWS, MISSING
+from tests.platforms.without.sitecustomize import IS_WINDOWS, MISSING, SPAWNS
 
 #: What a test's text has, and what Windows has not.
 NEEDS = {
@@ -18,6 +18,8 @@ NEEDS = {
     r"pthread_sigmask": "a mask of signals, without which a Ctrl-C at that moment is lost",
     r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
 }
+#: Tests whose DataLoaders have workers that inherit what the test set or defined.
+INHERITS = re.compile(r"set_sharing_strategy\(|names\[\"OnTheFly\"\]")
 #: Tests of the promise that machines of a kind give the same bytes: without the processor's features none is made.
 FEATURES = re.compile(r"has_reference|x86-64-v3|needs_reference")
 
@@ -27,6 +29,8 @@ def skip_what_cannot_run(items: list[pytest.Item]) -> None:
     for item in items if MISSING else ():
         text = inspect.getsource(item.function) if isinstance(item, pytest.Function) else ""
         reasons = [reason for pattern, reason in NEEDS.items() if IS_WINDOWS and re.search(pattern, text)]
+        if SPAWNS and INHERITS.search(text):
+            reasons.append("workers that are forked")
         if "/proc" in MISSING and FEATURES.search(text):
             reasons.append("the processor's features")
         if reasons:

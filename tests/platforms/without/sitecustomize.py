@@ -2,9 +2,9 @@
 
 $DANCEDATA_TEST_WITHOUT names what is missing, separated by commas: names of `CALLS`, or of `MODES`; a name after "-"
 stays. dancedata's modules then get stand-ins of os, mmap, signal and fcntl without these names; other packages keep
-the real ones. The stand-in of Windows also has its rules: an open file cannot be removed, replaced or moved, nor can
-its folder; folders cannot be opened; `os.rename` replaces nothing; what is open for reading only cannot be flushed;
-the C library translates line ends of what is not opened as binary.
+the real ones. In a mode multiprocessing spawns processes. The stand-in of Windows also has its rules: what is open
+cannot be removed, replaced or moved, nor can its folder; folders cannot be opened; `os.rename` replaces nothing; what
+is open for reading only cannot be flushed; the C library translates line ends of what is not opened as binary.
 """
 
 import errno
@@ -41,6 +41,8 @@ MODES = {"macos": MACOS, "windows": tuple(CALLS)}
 _asked = [name for name in os.environ.get("DANCEDATA_TEST_WITHOUT", "").split(",") if name]
 MISSING = {call for name in _asked for call in MODES.get(name, (name,)) if f"-{call}" not in _asked and call in CALLS}
 IS_WINDOWS = "windows" in _asked
+#: Both systems start processes anew where Linux forks them, such as workers of a DataLoader.
+SPAWNS = IS_WINDOWS or "macos" in _asked
 #: Beyond all flags of Linux; removed before a file is opened.
 O_BINARY = 1 << 40
 
@@ -257,8 +259,12 @@ def stand_in_modules() -> dict[str, ModuleType | None]:
 if MISSING and __name__ == "sitecustomize":  # not where a test imports it for its lists
     # Modules that dancedata.core.system imports: they keep the real os.
     import ctypes  # noqa: F401
+    import multiprocessing
     import pathlib  # noqa: F401
     import platform  # noqa: F401
     import threading  # noqa: F401
+
+    if SPAWNS:
+        multiprocessing.set_start_method("spawn")
 
     sys.meta_path.insert(0, Finder())
