@@ -5,6 +5,7 @@ import gc
 import hashlib
 import json
 import lzma
+import multiprocessing
 import os
 import shutil
 import signal
@@ -25,8 +26,10 @@ from hypothesis import settings
 from dancedata.execution import arithmetic
 from dancedata.files.locks import open_locked, unlock
 from dancedata.files.regular_file import sha256_file
+from tests.browser import browser, webgl_browser  # noqa: F401 (fixtures)
 from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
 from tests.platforms.needs import skip_what_cannot_run
+from tests.remote.children import PACKAGES
 
 # Tests start hundreds of processes. Where bytecode is not kept (PYTHONDONTWRITEBYTECODE, which images of containers
 # set), each would compile the package again, and each of pytest's workers all tests: that is a third of the time.
@@ -45,6 +48,9 @@ if not os.environ.get("DANCEDATA_TEST_NATIVE"):
 # A shell without job control starts `pytest ... &` with SIGINT ignored, and processes that tests start inherit it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Processes that the server of forks starts have torch; by themselves each would import it, which takes two seconds.
+multiprocessing.set_forkserver_preload(["torch", "tests.remote.children", *PACKAGES])
 
 # pytest's workers share the cores: threads of torch that wait for each other would take most of their time.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -139,8 +145,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 #: Rooms whose tests fork, and rooms whose packages make processes large: a fork costs by the memory of its process.
 FIRST, LAST = ("readers", "augment"), ("hf", "jukebox")
-#: Rooms for which a process compiles librosa's kernels, or imports large parts of transformers.
-COSTLY = ("audio", "hf")
+#: Rooms for which a process compiles librosa's kernels, imports large parts of transformers, or starts two browsers.
+COSTLY = ("audio", "hf", "viewer")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -5,6 +5,7 @@ Run as a script, this module is that process; it reads one request a line.
 """
 
 import atexit
+import gc
 import json
 import os
 import select
@@ -16,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 
@@ -96,10 +98,17 @@ def _serve() -> None:
 
     adopt()
     import dancedata.audio.librosa35.feature
+    import dancedata.contacts.velocity
     import dancedata.datasets.aistpp
+    import dancedata.datasets.folder
+    import dancedata.evaluation.run
     import dancedata.execution.executors.loky
-    import dancedata.pipeline.commands  # noqa: F401
+    import dancedata.pipeline.commands
+    import dancedata.representations.edge151  # noqa: F401
 
+    for package in ("scipy.ndimage", "scipy.spatial.transform", "soundfile", "soxr"):
+        import_module(package)
+    gc.freeze()  # a collection in a fork would copy all of this
     for line in iter(sys.stdin.buffer.readline, b""):
         request = json.loads(line)
         between = os.fork()

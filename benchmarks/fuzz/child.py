@@ -8,6 +8,7 @@ anything run or written.
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import resource
@@ -83,8 +84,13 @@ def serve() -> None:
     import soxr  # noqa: F401
     import structures  # noqa: F401
 
+    import dancedata.datasets.folder.reader
+    import dancedata.recipes.parse
+    import dancedata.testing.stores  # noqa: F401
+
     for registry in REGISTRIES.values():
         registry.names()
+    gc.freeze()
     for line in sys.stdin:
         words, longest_s, *files = json.loads(line)
         forked = os.fork()
@@ -92,7 +98,10 @@ def serve() -> None:
             for number, path in enumerate(files, start=1):
                 os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
             signal.alarm(longest_s)
-            return main(words)
+            main(words)
+            # An interpreter that ends touches all its memory, which would be copied then.
+            sys.stdout.flush()
+            os._exit(0)
         print(os.waitstatus_to_exitcode(os.waitpid(forked, 0)[1]), flush=True)
 
 

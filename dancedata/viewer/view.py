@@ -26,6 +26,9 @@ from dancedata.viewer.scene_list import Item
 from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.server import Site, ViewServer
 
+#: How often the server looks whether it is to end.
+POLL_S = 0.1
+
 
 def serve(
     request: ViewRequest,
@@ -62,7 +65,7 @@ def serve(
         say(address)
         for line in _advice(server, opened):
             say(line)
-        thread = threading.Thread(target=server.serve_forever, name="server", daemon=True)
+        thread = threading.Thread(target=server.serve_forever, args=(POLL_S,), name="server", daemon=True)
         thread.start()
         # While a browser starts, the data of the first clip is loaded.
         first = (site, opened.item, request.field)

@@ -140,7 +140,7 @@ def _plugins(folder: Path) -> dict[str, tuple[str, str]]:
 def _build_and_check(environment: dict[str, str], folder: Path) -> None:
     """Build `_RECIPE` and look at what each plug-in made."""
     (folder / "recipe.yaml").write_text(_RECIPE, encoding="utf-8")
-    planned = json.loads(_dancedata(environment, folder, "plan", "recipe.yaml", "--out", "out", "--json", cold=True))
+    planned = json.loads(_dancedata(environment, folder, "plan", "recipe.yaml", "--out", "out", "--json"))
     _dancedata(environment, folder, "build", "recipe.yaml", "--out", "out", "--jobs", "2", cold=True)
     assert [problem for problem in verify_store(folder / "out") if problem.severity == "error"] == []
     with open_store(folder / "out") as store:

@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
+from tests import warm
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ("captures", "train", "samples", "plug-in")
@@ -59,8 +60,14 @@ def one_thread() -> Iterator[None]:
 
 
 def run(line: str, environment: dict[str, str], *, here: bool) -> None:
-    """Run a line of a shell block; commands of dancedata in this process if `here`, which saves their imports."""
-    if here and line.startswith("dancedata ") and ">" not in line:
+    """Run a line of a shell block; commands of dancedata in this process if `here`, or a fork: it saves imports."""
+    command, _, target = line.partition(" > ")
+    if line.startswith("dancedata ") and (target or not here):
+        forked = warm.run([sys.executable, "-m", *shlex.split(command)], environment)
+        assert forked.returncode == 0, f"{line}\n{forked.stdout}\n{forked.stderr}"
+        if target:
+            Path(target).write_text(forked.stdout, encoding="utf-8")
+    elif line.startswith("dancedata "):
         done = CliRunner().invoke(app, shlex.split(line)[1:])
         assert done.exit_code == 0, f"{line}\n{done.output}\n{done.exception}"
     else:

@@ -153,7 +153,7 @@ def test_the_command_line_gives_the_same_bytes_under_any_settings(
 
 
 @needs_reference
-@pytest.mark.parametrize("recipe", ["window", pytest.param("track", marks=pytest.mark.nightly)], indirect=True)
+@pytest.mark.parametrize("recipe", ["track", pytest.param("window", marks=pytest.mark.nightly)], indirect=True)
 @pytest.mark.parametrize(
     ("jobs", "name"), [pytest.param(1, "nothing", marks=pytest.mark.nightly), (2, "older processor")]
 )

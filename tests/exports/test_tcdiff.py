@@ -2,6 +2,7 @@
 
 import pickle
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ import pytest
 import soundfile
 
 import dancedata
+from dancedata.audio.bailando438.feature import Bailando438
 from dancedata.audio.signal import load_audio
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS, FEATURES
+from tests.features import bailando438_rows
 from tests.messages import raises_message
 
 RECIPE: dict[str, Any] = {
@@ -21,6 +24,13 @@ RECIPE: dict[str, Any] = {
     "motion": {"edge151": {}}, "audio": {"bailando438": {"fps": 60}},
 }  # fmt: skip
 DUET, FIVE = "-Ab_cdEf123_01_0_180", "Zz9_8-7_6Q1_02_300_481"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Bailando438, "extract", bailando438_rows)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -25,9 +25,7 @@ PLACES = [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytes
 @pytest.fixture(scope="module")
 def processes() -> Any:
     """Return processes that start at once: a server forks them that has the packages."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["tests.remote.children", *children.PACKAGES])
-    return context
+    return multiprocessing.get_context("forkserver")
 
 
 def ran(processes: Any, call: Callable[..., None], *args: Any, kill: Callable[[int], None] | None = None) -> bool:

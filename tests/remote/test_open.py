@@ -1,5 +1,6 @@
 """A dataset of an address reads as its copy on the disk does, and fetches only what is read."""
 
+import os
 import pickle
 import threading
 from pathlib import Path
@@ -46,7 +47,7 @@ def test_a_reader_begins_after_the_first_shard(server: Server) -> None:
     assert len(_shards(server.requests, "test")) == 1
 
 
-@pytest.mark.parametrize("context", ["fork", "spawn"])
+@pytest.mark.parametrize("context", ["fork", "forkserver"])
 def test_readers_and_workers(server: Server, published: Path, context: str) -> None:
     address = f"{server.url}/store"
     remote, local = (WindowDataset(where, "train", normalize=False) for where in (address, published))
@@ -191,7 +192,8 @@ def test_a_loader_begins_after_the_first_shard_and_two_come_ahead(server: Server
     assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
 
 
-def _rank(rank: int, world: int, address: str, file: str, stream: bool, results: Any) -> None:
+def _rank(rank: int, world: int, address: str, file: str, cache: str, stream: bool, results: Any) -> None:
+    os.environ["DANCEDATA_CACHE"] = cache  # the server that forks was started by another test
     torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
     ds = WindowDataset(address, "train", normalize=False, stream=stream)
     sampler = EpochSampler(ds, seed=2, block=64)
@@ -204,12 +206,12 @@ def _rank(rank: int, world: int, address: str, file: str, stream: bool, results:
 
 @pytest.mark.parametrize("stream", [False, True])
 def test_ranks_see_each_window_once_and_fetch_once(
-    server: Server, published: Path, tmp_path: Path, stream: bool
+    server: Server, published: Path, tmp_path: Path, own_cache: Path, stream: bool
 ) -> None:
     """Two processes of torch.distributed on one node."""
-    context = torch.multiprocessing.get_context("spawn")
+    context = torch.multiprocessing.get_context("forkserver")
     results = context.SimpleQueue()
-    arguments = (2, f"{server.url}/store", str(tmp_path / "rendezvous"), stream, results)
+    arguments = (2, f"{server.url}/store", str(tmp_path / "rendezvous"), str(own_cache), stream, results)
     ranks = [context.Process(target=_rank, args=(rank, *arguments)) for rank in range(2)]
     for process in ranks:
         process.start()

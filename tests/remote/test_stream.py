@@ -127,7 +127,7 @@ def test_readers(site: Server, address: str, large: Path, tmp_path: Path) -> Non
     assert _fetched_whole(f"{site.url}/groups") == []
 
 
-@pytest.mark.parametrize("context", ["fork", "spawn", "forkserver"])
+@pytest.mark.parametrize("context", ["fork", pytest.param("spawn", marks=pytest.mark.nightly), "forkserver"])
 def test_workers(address: str, large: Path, context: str) -> None:
     remote, local = WindowDataset(address, "train", stream=True), WindowDataset(large, "train")
     assert torch.equal(remote[5]["pose"], local[5]["pose"])  # threads and pieces of this process

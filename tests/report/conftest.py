@@ -15,7 +15,6 @@ from dancedata.store.schema import StoreHeader
 from dancedata.store.stored_clip import AudioBlock
 from dancedata.store.writer import write_store
 from tests.conftest import Once
-from tests.viewer.conftest import browser  # noqa: F401 (the browser of the viewer's tests)
 
 SMALL = {"dataset.synthetic": {"songs": 4, "clips_per_song": 2, "clip_s": 6}}
 #: Names that would be markup, script, addresses or misleading text.

@@ -5,9 +5,9 @@ from urllib.parse import quote, unquote
 
 import dancedata
 from dancedata.report import write_report
+from tests.browser import Browser
 from tests.report.conftest import HOSTILE
 from tests.viewer.conftest import duets  # noqa: F401 (the duets of the tests of the viewer)
-from tests.viewer.helpers import Browser
 
 LINKS = "[...document.querySelectorAll('#r-report .paths a')]"
 SHOWN = """
@@ -48,16 +48,14 @@ def test_a_link_opens_its_clip_at_once(browser: Browser, demo: Path, tmp_path: P
     report = write_report(demo, tmp_path / "demo.html", clips=3)
     page = (tmp_path / "demo.html").read_text()
     clip = [row["clip"] for row in report.document["clips"] if f"#clip={row['clip']}" in page][-1]
-    browser.driver.get("about:blank")
-    browser.driver.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
+    browser.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
     browser.wait(SHOWN, clip)
     assert abs(browser.driver.execute_script("return window.dancedataViewer.state.t") - 2.5) < 0.01
 
 
 def test_a_bar_leads_to_the_list_of_its_clips(browser: Browser, demo: Path, tmp_path: Path) -> None:
     write_report(demo, tmp_path / "demo.html", clips=8)
-    browser.driver.get("about:blank")
-    browser.driver.get((tmp_path / "demo.html").as_uri())
+    browser.get((tmp_path / "demo.html").as_uri())
     bars = "[...document.querySelectorAll('#r-windows_by_genre svg a')]"
     names = browser.js(f"return {bars}.map(a => a.querySelector('title').textContent)")
     assert len(names) == len({clip.genre for clip in dancedata.open(demo).clips})
@@ -91,8 +89,7 @@ def test_untrusted_names_of_groups_and_roles_run_nothing(browser: Browser, relab
     path = relabelled(lambda k: {"group": names[k % 6] + "-" * (k // 6), "member": 0, "role": names[k % 6]})
     write_report(path, tmp_path / "page.html", clips=8)
     for name in names:
-        browser.driver.get("about:blank")
-        browser.driver.get(f"{(tmp_path / 'page.html').as_uri()}#group={quote(name, safe='')}")
+        browser.get(f"{(tmp_path / 'page.html').as_uri()}#group={quote(name, safe='')}")
         browser.wait("return window.dancedataViewer?.state.clip?.group === arguments[0]", name)
         browser.key("d")
         assert browser.js("return dancedataViewer.state.dancer") == 0

@@ -4,6 +4,7 @@ import dataclasses
 import io
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,12 @@ def song(name: str, length_s: float = 12) -> Samples:
 
 def rows(samples: Samples, rate: int = RATE) -> npt.NDArray[np.float32]:
     return Librosa35().extract(AudioSignal(samples, rate), FrameGrid.of(30))
+
+
+@lru_cache(maxsize=6)
+def rows_of(name: str, length_s: float = 12, start_s: float = 0) -> npt.NDArray[np.float32]:
+    """Return the rows of a song from a time on."""
+    return rows(song(name, length_s)[int(start_s * RATE) :])
 
 
 def as_mp3(samples: Samples, folder: Path, rate: int = RATE) -> Samples:
@@ -141,9 +148,9 @@ def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(
 @pytest.mark.parametrize("scope", ["track", "window"])
 def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path: Path, scope: str) -> None:
     """An mp3, quieter, with its first second cut off and silence at its end; and a song that is only alike."""
-    first, second = (song(name) for name in CLOSE)
+    first = song(CLOSE[0])
     copy = as_mp3(np.concatenate([0.3 * first[RATE:], np.zeros(RATE // 2, "f4")]), tmp_path)
-    songs = {"train": {"first": rows(first)}, "test": {"second": rows(second), "copy": rows(copy)}}
+    songs = {"train": {"first": rows_of(CLOSE[0])}, "test": {"second": rows_of(CLOSE[1]), "copy": rows(copy)}}
     path = write(songs, scope=scope)
     (problem,) = verify_store(path)
     assert problem.severity == "error"
@@ -158,10 +165,10 @@ def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path:
 @pytest.mark.parametrize("stride", [200, 260])
 def test_windows_with_gaps_between_them(write: Callable[..., Path], stride: int) -> None:
     """A copy without the first 3.2 s has its gaps at other places; frames that no window covers do not count."""
-    first, second = (song(name, length_s=30) for name in CLOSE)
+    first, second = CLOSE
     songs = {
-        "train": {"first": rows(first)},
-        "test": {"second": rows(second), "copy": rows(first[int(3.2 * RATE) :])},
+        "train": {"first": rows_of(first, 30)},
+        "test": {"second": rows_of(second, 30), "copy": rows_of(first, 30, 3.2)},
     }
     path = write(songs, scope="window", n_frames=780, stride=stride)
     with open_store(path) as store:
@@ -174,7 +181,7 @@ def test_windows_with_gaps_between_them(write: Callable[..., Path], stride: int)
 @pytest.mark.parametrize(("long", "seed"), [("train", 2), ("test", 6)])
 def test_the_clip_with_the_most_windows_represents_a_song(write: Callable[..., Path], long: str, seed: int) -> None:
     """A song's copy is found by the song's long clip, the first or the last; its short clip has only noise."""
-    music, noise = rows(song(CLOSE[0])), np.random.default_rng(0).normal(size=(360, 35)).astype("f4")
+    music, noise = rows_of(CLOSE[0]), np.random.default_rng(0).normal(size=(360, 35)).astype("f4")
     songs = {split: {split: music if split in (long, "val") else noise} for split in ("train", "val", "test")}
     with open_store(write(songs, scope="window", shortest=240, n_frames=360, seed=seed)) as store:
         assert max(store.clips, key=lambda clip: clip.n_frames * (clip.split != "val")).split == long
@@ -184,7 +191,7 @@ def test_the_clip_with_the_most_windows_represents_a_song(write: Callable[..., P
 
 def test_gaps_alone_are_not_alike(write: Callable[..., Path]) -> None:
     """Different songs with their gaps at the same places."""
-    songs = {"train": {"first": rows(song(CLOSE[0], 30))}, "test": {"second": rows(song(CLOSE[1], 30))}}
+    songs = {"train": {"first": rows_of(CLOSE[0], 30)}, "test": {"second": rows_of(CLOSE[1], 30)}}
     assert verify_store(write(songs, scope="window", n_frames=780, stride=260)) == []
 
 

@@ -1,4 +1,3 @@
-"""The demo of the report's tests, and the browser of the viewer's."""
+"""The demo of the report's tests."""
 
 from tests.report.conftest import demo  # noqa: F401
-from tests.viewer.conftest import browser  # noqa: F401

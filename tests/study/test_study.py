@@ -16,9 +16,9 @@ from dancedata.study.page import COLUMNS, StudyRequest, write_study
 from dancedata.study.results import Answer, bradley_terry, read_results, results_of
 from dancedata.study.trials import STILL, Trial, make_trials
 from dancedata.viewer.request import ViewRequest
+from tests.browser import Browser
 from tests.commands import as_json, run
 from tests.messages import raises_message
-from tests.viewer.helpers import Browser
 
 CLIPS = {f"clip{k}": f"song{k % 4}" for k in range(10)}
 
@@ -216,8 +216,7 @@ def test_a_rater_answers_and_the_table_recomputes(
     tmp_path: Path,
 ) -> None:
     trials = write_study(request(demo, systems, songs=1, checks=1), tmp_path / "study.html")
-    browser.driver.get("about:blank")
-    browser.driver.get(f"file://{tmp_path / 'study.html'}")
+    browser.get(f"file://{tmp_path / 'study.html'}")
     browser.wait("return window.dancedataStudy")
     browser.js("document.querySelector('[data-st=who]').value = '=1+1, \"me\"'")
     browser.js("document.querySelector('[data-st=begin]').click()")

@@ -1,7 +1,5 @@
-"""A dataset with odd names and music in four formats, a server for it, and a browser."""
+"""A dataset with odd names and music in four formats, and a server for it."""
 
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,7 @@ from dancedata.synthetic import write_synthetic
 from dancedata.viewer import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.conftest import Once
-from tests.viewer.helpers import FORMATS, FPS, HOSTILE, Browser, clicks, jumping, serving
+from tests.viewer.helpers import FORMATS, FPS, HOSTILE, clicks, jumping, serving
 
 
 @pytest.fixture(scope="session")
@@ -55,54 +53,6 @@ def served(odd: Path, source: Path) -> Iterator[str]:
     """Address of the dataset with its music."""
     with serving(ViewRequest(odd, source=source)) as address:
         yield address
-
-
-def _missing() -> str:
-    try:
-        import selenium  # noqa: F401
-    except ImportError:
-        return "selenium is not installed"
-    return next((f"no {name}" for name in ("chromium", "chromedriver") if shutil.which(name) is None), "")
-
-
-@pytest.fixture(scope="session")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """One browser for all tests, without WebGL; skips where there is none."""
-    yield from _browser(tmp_path_factory, "disable-3d-apis")
-
-
-@pytest.fixture(scope="module")
-def webgl_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """A browser that draws WebGL by software."""
-    yield from _browser(tmp_path_factory, "enable-unsafe-swiftshader")
-
-
-def _browser(tmp_path_factory: pytest.TempPathFactory, *more: str) -> Iterator[Browser]:
-    """Start a browser; skip where there is none, unless DANCEDATA_REQUIRE_BROWSER is set."""
-    problem = _missing()
-    if problem and os.environ.get("DANCEDATA_REQUIRE_BROWSER"):
-        pytest.fail(f"DANCEDATA_REQUIRE_BROWSER is set, but {problem}")
-    if problem:
-        pytest.skip(f"browser tests: {problem}")
-    os.environ["SE_OFFLINE"] = "true"
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(shutil.which("chromium"))
-    flags = [
-        "headless", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking",
-        "disable-component-update", "disable-sync", "autoplay-policy=no-user-gesture-required",
-        "host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "window-size=1440,900",
-        f"user-data-dir={tmp_path_factory.mktemp('chromium')}", *more,
-    ]  # fmt: skip
-    for flag in [*flags, *(["no-sandbox"] if os.geteuid() == 0 else [])]:
-        options.add_argument(f"--{flag}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(str(shutil.which("chromedriver"))))
-    driver.set_script_timeout(120)
-    yield Browser(driver)
-    driver.quit()
 
 
 _BASE = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 2, "stride_s": 0.5}}

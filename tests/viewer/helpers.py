@@ -1,10 +1,9 @@
-"""Shared by the tests of the viewer: odd names, music of clicks, a server, and a browser."""
+"""Shared by the tests of the viewer: odd names, music of clicks, and a server."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import soundfile
@@ -74,48 +73,3 @@ def serving(request: ViewRequest) -> Iterator[str]:
     finally:
         over.set()
         thread.join(20)
-
-
-class Browser:
-    """Chromium without a display, and without any network except 127.0.0.1."""
-
-    def __init__(self, driver: Any) -> None:
-        self.driver = driver
-        self.js: Callable[..., Any] = driver.execute_script
-
-    def open(self, address: str) -> None:
-        """Open a page and wait for its clip."""
-        self.driver.get("about:blank")
-        self.driver.get(address)
-        self.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")
-
-    def wait(self, script: str, *arguments: Any) -> Any:
-        """Wait until a script returns something true."""
-        from selenium.webdriver.support.ui import WebDriverWait
-
-        return WebDriverWait(self.driver, 60, poll_frequency=0.05).until(
-            lambda d: d.execute_script(script, *arguments)
-        )
-
-    def later(self, script: str) -> Any:
-        """Return the result of a script of promises."""
-        code = (
-            "const done = arguments[arguments.length - 1]; (async () => {"
-            + script
-            + "})().then(done, e => done('' + e))"
-        )
-        return self.driver.execute_async_script(code)
-
-    def size(self, width: int, height: int) -> None:
-        """Set the size of the page, CSS pixels."""
-        about = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", about)
-
-    def key(self, text: str) -> None:
-        """Press a key."""
-        self.driver.switch_to.active_element.send_keys(text)
-
-    def log(self) -> list[str]:
-        """Messages of the console since the last call, without Chromium's advice on reading pixels."""
-        messages = [entry["message"] for entry in self.driver.get_log("browser")]
-        return [m for m in messages if "willReadFrequently" not in m and "GPU stall due to ReadPixels" not in m]

@@ -10,8 +10,9 @@ import dancedata
 from dancedata.viewer import Scenes
 from dancedata.viewer.page import clip_page
 from dancedata.viewer.view import ViewRequest
+from tests.browser import Browser
 from tests.report.test_colours import luminance
-from tests.viewer.helpers import Browser, serving
+from tests.viewer.helpers import serving
 from tests.viewer.test_browser import V, at
 
 #: Width and pixels of the stage: red, green, blue and opacity, in base64.

@@ -16,7 +16,8 @@ from dancedata.viewer import Scenes
 from dancedata.viewer.page import clip_page, page_data, whole_page
 from dancedata.viewer.payload import scene_payload
 from dancedata.viewer.view import ViewRequest
-from tests.viewer.helpers import CLICKS, FORMATS, FPS, HOSTILE, TURNED, Browser, serving
+from tests.browser import Browser
+from tests.viewer.helpers import CLICKS, FORMATS, FPS, HOSTILE, TURNED, serving
 
 V = "dancedataViewer"
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tests.viewer.helpers import HOSTILE, Browser
+from tests.browser import Browser
+from tests.viewer.helpers import HOSTILE
 from tests.viewer.test_body_browser import sides, stage
 from tests.viewer.test_browser import V, at
 from tests.viewer.test_layout_browser import box, pointer

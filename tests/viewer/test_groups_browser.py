@@ -11,7 +11,8 @@ import pytest
 import dancedata
 from dancedata.viewer import Scenes
 from dancedata.viewer.view import ViewRequest, export_page
-from tests.viewer.helpers import Browser, serving
+from tests.browser import Browser
+from tests.viewer.helpers import serving
 from tests.viewer.test_groups import SEVEN, TWO
 
 V = "dancedataViewer"

@@ -13,7 +13,8 @@ import dancedata
 from dancedata.viewer import Scenes, server
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
-from tests.viewer.helpers import FPS, SECONDS, Browser, serving
+from tests.browser import Browser
+from tests.viewer.helpers import FPS, SECONDS, serving
 from tests.viewer.test_browser import V, at
 
 BOX = "const b = document.querySelector(`[data-dd=${arguments[0]}]`).getBoundingClientRect(); return b.toJSON()"
@@ -112,8 +113,7 @@ def test_a_page_that_waits_for_its_clip(browser: Browser, served: str, monkeypat
         return plain(site, *more)
 
     monkeypatch.setattr(Site, "_clip", slow)
-    browser.driver.get("about:blank")
-    browser.driver.get(at(served, "flac"))
+    browser.get(at(served, "flac"))
     disabled = "return document.querySelector('[data-dd=play]').disabled"
     notes = "return document.querySelector('[data-dd=notes]').textContent"
     browser.wait(f"return {V}.state.clip === null && document.querySelector('[data-dd=play]').disabled")
@@ -258,8 +258,9 @@ def walls(odd: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[
         }
 
 
-@pytest.mark.parametrize("dancers", [9, 12])
-@pytest.mark.parametrize("size", [(1366, 625), (1280, 720), (800, 900), (420, 860)])
+@pytest.mark.parametrize(
+    ("dancers", "size"), [(12, (1366, 625)), (9, (1280, 720)), (9, (800, 900)), (12, (800, 900)), (12, (420, 860))]
+)
 def test_the_dancers_of_a_wall_have_most_of_the_page(
     browser: Browser, walls: dict[int, str], dancers: int, size: tuple[int, int]
 ) -> None:

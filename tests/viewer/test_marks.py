@@ -8,8 +8,9 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.readers import WindowDataset
+from tests.browser import Browser
 from tests.messages import raises_message
-from tests.viewer.helpers import FPS, Browser
+from tests.viewer.helpers import FPS
 from tests.viewer.test_browser import at
 
 V = "window.dancedataViewer"

@@ -14,7 +14,8 @@ from dancedata.plot.meshes import rasterised
 from dancedata.viewer import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.body_models import body_model
-from tests.viewer.helpers import Browser, serving
+from tests.browser import Browser
+from tests.viewer.helpers import serving
 from tests.viewer.test_body_browser import stage
 from tests.viewer.test_browser import V
 

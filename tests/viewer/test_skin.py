@@ -18,7 +18,7 @@ from dancedata.viewer import Scenes
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.page import clip_page
 from dancedata.viewer.payload import scene_payload, turns_payload
-from tests.viewer.helpers import Browser
+from tests.browser import Browser
 from tests.viewer.test_body_browser import DRAWN, stage
 from tests.viewer.test_browser import V
 
