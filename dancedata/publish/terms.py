@@ -50,8 +50,9 @@ def require_permission(store: Store, *, to: object) -> None:
             "the terms of the source do not allow this dataset to be passed on, or do not state it",
             where=str(store.path),
             found=f"dataset {quoted(name)}, which holds\n{lines}\n",
-            fix=f"{state}publish what rebuilds it from the user's own copy of the source: dancedata push {store.path} {to} "
-            '--recipe-only. If you hold the right to publish the data, state it: --rights "..."',
+            fix=f"{state}publish what rebuilds it from the user's own copy of the source: "
+            f"dancedata push {store.path} {to} --recipe-only. "
+            'If you hold the right to publish the data, state it: --rights "..."',
         )
 
 
