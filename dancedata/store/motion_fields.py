@@ -236,18 +236,17 @@ def clip_stretches(store: Store, clip_id: str, field: str = "") -> Iterator[tupl
         yield 0, clip_motion(store, clip_id, field)
         return
     field, reader = _reader_of_clip(store, clip_id, field)
-    first, parts, last = 0, list[Motion](), None
+    first, end, parts, last = 0, 0, list[Motion](), None
     for window in store.windows_of(clip_id):
         motion = _with_rotations(reader.pose(store.read(window, field), where=clip_id), store, field)
         start = store.grid.rows(window.start, of=reader.grid)
-        shared = first + sum(part.n_frames for part in parts) - start
-        if last is not None and _agree(last, motion, shared):
-            parts.append(motion.part(shared, motion.n_frames))
+        if last is not None and _agree(last, motion, end - start):
+            parts.append(motion.part(end - start, motion.n_frames))
         else:
             if parts:
                 yield first, _joined(parts)
             first, parts = start, [motion]
-        last = motion
+        last, end = motion, start + motion.n_frames
     if parts:
         yield first, _joined(parts)
 
