@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
-from dancedata.metrics.set_scores import SetScores
+from dancedata.metrics.set_statistics import SetScores
 
 from dancedata.core.rotations import Float64Array
 from dancedata.metrics.intervals import jackknife
