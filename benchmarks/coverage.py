@@ -14,10 +14,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
-from dancedata.metrics.set_scores import SetScores
 
 from dancedata.core.rotations import Float64Array
 from dancedata.metrics.intervals import jackknife
+from dancedata.metrics.set_statistics import SetScores
 
 SIZES = (3, 5, 10, 20, 40)
 Draw = Callable[[np.random.Generator, int], Float64Array]
