@@ -30,6 +30,10 @@ class Browser:
         self.get(address)
         self.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")
 
+    def rest(self) -> None:
+        """Leave the page, which would draw, or play, while tests of other modules run."""
+        self.driver.get("about:blank")
+
     def wait(self, script: str, *arguments: Any) -> Any:
         """Wait until a script returns something true."""
         from selenium.webdriver.support.ui import WebDriverWait
@@ -71,15 +75,27 @@ def _missing() -> str:
 
 
 @pytest.fixture(scope="session")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """One browser for all tests, without WebGL; skips where there is none."""
+def plain_chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     yield from _browser(tmp_path_factory, "disable-3d-apis")
 
 
 @pytest.fixture(scope="session")
-def webgl_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """A browser that draws WebGL by software."""
+def webgl_chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     yield from _browser(tmp_path_factory, "enable-unsafe-swiftshader")
+
+
+@pytest.fixture(scope="module")
+def browser(plain_chromium: Browser) -> Iterator[Browser]:
+    """One browser for all tests, without WebGL; skips where there is none."""
+    yield plain_chromium
+    plain_chromium.rest()
+
+
+@pytest.fixture(scope="module")
+def webgl_browser(webgl_chromium: Browser) -> Iterator[Browser]:
+    """A browser that draws WebGL by software."""
+    yield webgl_chromium
+    webgl_chromium.rest()
 
 
 def _browser(tmp_path_factory: pytest.TempPathFactory, *more: str) -> Iterator[Browser]:

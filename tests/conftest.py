@@ -26,7 +26,7 @@ from hypothesis import settings
 from dancedata.execution import arithmetic
 from dancedata.files.locks import open_locked, unlock
 from dancedata.files.regular_file import sha256_file
-from tests.browser import browser, webgl_browser  # noqa: F401 (fixtures)
+from tests.browser import browser, plain_chromium, webgl_browser, webgl_chromium  # noqa: F401 (fixtures)
 from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
 from tests.platforms.needs import skip_what_cannot_run
 from tests.remote.children import PACKAGES

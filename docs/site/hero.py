@@ -52,5 +52,5 @@ def write_clip(site: Path) -> None:
     """Build the demo and export one of its clips, with its music, to clip.html."""
     with tempfile.TemporaryDirectory() as folder:
         demo, source = Path(folder) / "demo", Path(folder) / "demo-source"
-        dancedata.build("demo", out=demo, cache=Path(folder) / "cache", progress=False)
+        dancedata.build("demo", out=demo, jobs=1, progress=False)
         export_page(ViewRequest(demo, clip=CLIP, source=source), site / "clip.html", audio=True, overwrite=True)

@@ -46,14 +46,6 @@ def test_a_template_passes_as_it_is(kind: str, name: str, tmp_path: Path, monkey
         del sys.modules[name]
 
 
-def test_the_test_that_is_written_passes(tmp_path: Path) -> None:
-    write_plugin("contact-rule", "toes", tmp_path)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_toes.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=os.environ, check=False)
-    assert done.returncode == 0, done.stdout
-    assert "1 passed" in done.stdout
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_next_steps(kind: str, tmp_path: Path) -> None:
     done = run("new", kind, "shake", "--out", tmp_path / "a folder")
@@ -119,6 +111,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 def test_a_package_holds_several_kinds(tmp_path: Path) -> None:
+    """Their tests pass, and so does that of a plug-in by itself."""
     done = run("new", "contact-rule", "toes", "--out", tmp_path, "--package", "my_dance")
     assert f"python -m pytest {tmp_path}/my_dance" in done.stdout
     run("new", "metric", "reach", "--out", tmp_path, "--package", "my_dance")
@@ -130,9 +123,11 @@ def test_a_package_holds_several_kinds(tmp_path: Path) -> None:
         "dancedata.contacts": {"toes": "my_dance.toes", "heels": "my_dance.heels"},
         "dancedata.metrics": {"reach": "my_dance.reach"},
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    done_tests = subprocess.run(command, cwd=root, capture_output=True, text=True, env=os.environ, check=False)
-    assert "3 passed" in done_tests.stdout, done_tests.stdout
+    alone = write_plugin("contact-rule", "sole", tmp_path / "alone").test
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", ".", str(alone)]
+    environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    done_tests = subprocess.run(command, cwd=root, capture_output=True, text=True, env=environment, check=False)
+    assert "4 passed" in done_tests.stdout, done_tests.stdout
 
 
 @pytest.mark.parametrize(("name", "package"), [("toes", "a-b"), ("toes", "numpy"), ("toes", "theirs")])

@@ -1,6 +1,6 @@
 """Small windows, waiting, and long clips in a real browser."""
 
-import time
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -106,10 +106,10 @@ def test_the_edge_above_the_lanes_is_moved(browser: Browser, served: str) -> Non
 
 
 def test_a_page_that_waits_for_its_clip(browser: Browser, served: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = Site._clip
+    plain, go_on = Site._clip, threading.Event()
 
     def slow(site: Site, *more: Any) -> server.Answer:
-        time.sleep(1.2)
+        go_on.wait(60)
         return plain(site, *more)
 
     monkeypatch.setattr(Site, "_clip", slow)
@@ -122,6 +122,7 @@ def test_a_page_that_waits_for_its_clip(browser: Browser, served: str, monkeypat
     browser.wait("return document.querySelector('[data-dd=notes]').textContent === 'loading flac…'")
     assert not browser.js("return document.querySelector('[data-dd=theme]').disabled")
     waiting = box(browser, "stage")["height"]
+    go_on.set()
     browser.wait(f"return {V}.state.clip")
     assert not browser.js(disabled)
     assert "loading" not in browser.js(notes)
@@ -135,12 +136,12 @@ def test_the_first_minute_of_a_long_clip_comes_first(
     monkeypatch.setattr(server, "FIRST_S", 2.0)
     monkeypatch.setattr(server, "LONG_S", 5.0)
     read: list[float | None] = []
-    plain = Scenes.scene
+    plain, go_on = Scenes.scene, threading.Event()
 
     def counted(scenes: Scenes, *more: Any, first_s: float | None = None) -> Any:
         read.append(first_s)
         if first_s is None:
-            time.sleep(0.8)
+            go_on.wait(60)
         return plain(scenes, *more, first_s=first_s)
 
     monkeypatch.setattr(Scenes, "scene", counted)
@@ -150,6 +151,7 @@ def test_the_first_minute_of_a_long_clip_comes_first(
         assert "the rest is loading" in browser.js("return document.querySelector('[data-dd=meta]').textContent")
         assert browser.js(f"return {V}.state.t") == pytest.approx(5)
         assert browser.js(f"return {V}.state.clip.windows.length") == 9  # of the whole clip
+        go_on.set()
         browser.wait(f"return {V}.state.clip.figure.frames === {SECONDS * FPS}")
         browser.later(DRAWN)
         assert browser.js(f"return [{V}.state.drawn, {V}.state.clip.speed.values.length]") == [
