@@ -126,12 +126,10 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
     except FileNotFoundError as error:
         raise StoreError("a shard is missing", where=str(path), fix="build the dataset again") from error
     except (OSError, KeyError, RuntimeError, TypeError, ValueError) as error:  # raised by h5py for a damaged file
-        raise StoreError(
-            "a shard cannot be read",
-            where=str(path),
-            found=shown(str(error), 600),
-            fix="run dancedata check on the dataset",
-        ) from error
+        fix = "run dancedata check on the dataset"
+        if "locking flag" in str(error):
+            fix = "this process has the file open with locks: close it, or open it with h5py.File(..., locking=False)"
+        raise StoreError("a shard cannot be read", where=str(path), found=shown(str(error), 600), fix=fix) from error
 
 
 def find_dataset(file: Any, name: str) -> Any:

@@ -9,6 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -50,6 +51,16 @@ def test_fps_that_is_not_a_whole_number(make_store: Any) -> None:
     assert store.fps == rate
     window = store.windows("train")[1]
     np.testing.assert_array_equal(store.read(window, "pose"), made.rows(window.clip, "pose", 15, 30))
+
+
+def test_a_file_that_h5py_holds_with_locks_is_named_as_one(make_store: Any) -> None:
+    store = open_store(make_store().path)
+    with (
+        h5py.File(store.path / "train-tables.h5", "r", locking=True),
+        pytest.raises(StoreError, match="process has the file open with locks"),
+    ):
+        store.windows("train")
+    assert store.windows("train")
 
 
 def test_opening_reads_no_table(make_store: Any) -> None:
