@@ -49,7 +49,7 @@ EXTRAS = {
     "hf": f"{PYTEST} tests/hf/test_loading.py",
     "beats": f"{PYTEST} tests/audio/test_beats.py",
     "smpl": f"{PYTEST} tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
-    "dask": "dancedata build demo --backend dask --quiet && dancedata check data/demo",
+    "dask": f"{PYTEST} tests/fault/test_workers.py -k dask_gives_the_same_bytes",
     "ray": f"{PYTEST} tests/fault/test_clusters.py -k ray_gives_the_same_bytes",
     "joblib": "dancedata build demo --scheduler joblib:loky --quiet && dancedata check data/demo",
     "spark": "dancedata build demo --scheduler joblib:spark --quiet && dancedata check data/demo",  # Java as well
@@ -65,7 +65,7 @@ EXTRAS = {
 }
 
 #: What tests of an extra need beside it: moto is the server of buckets.
-TOOLS_OF = {"remote": ("moto[s3,server]>=5.2",)}
+TOOLS_OF = {"remote": ("moto[s3,server]>=5.2.5",)}
 
 
 @dataclass(frozen=True)
