@@ -304,7 +304,7 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         _require_files(reader, path)
         return reader, reader.scan(path)
     _require_folder(path)
-    failures = []
+    failures: list[str] = []
     # A generator would fill this folder. A reader for any files comes last, and only where the folder has a list for
     # it: it would take a copy of a supported dataset that the dataset's reader refuses.
     readers = [cls for cls in map(DATASETS.get, DATASETS.names()) if not cls.generates]
