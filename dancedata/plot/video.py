@@ -336,7 +336,8 @@ def export_video(
     opened = Shown.of(replace(request, wall=request.wall or bool(request.compare)))
     if not request.clip and len(opened.scenes.items) > 1:
         raise UsageError(
-            "a video shows one clip, group or wall", fix="name it: dancedata view X CLIP --video FILE.mp4"
+            "a video shows one clip, group or wall",
+            fix="give its name after the dataset: dancedata view OUT CLIP --video FILE.mp4",
         )
     sound, credit = None, opened.credit
     if audio:

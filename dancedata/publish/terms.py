@@ -39,21 +39,21 @@ def require_permission(store: Store, *, to: object) -> None:
     forbidden = restrictions(store)
     if forbidden:
         name = store.meta.get("dataset", "")
-        own = name in DATASETS.names() and DATASETS.get(name).explicit_only
-        state = (
-            "state the terms of your own clips in the column licence of the manifest, and build again. "
-            if own
-            else ""
-        )
         lines = "\n".join(f"  - {restriction}" for restriction in forbidden)
         raise UsageError(
             "the terms of the source do not allow this dataset to be passed on, or do not state it",
             where=str(store.path),
             found=f"dataset {quoted(name)}, which holds\n{lines}\n",
-            fix=f"{state}publish what rebuilds it from the user's own copy of the source: "
-            f"dancedata push {store.path} {to} --recipe-only. "
-            'If you hold the right to publish the data, state it: --rights "..."',
+            fix=f"publish what rebuilds it from the user's own copy of the source: dancedata push {store.path} {to} "
+            f'--recipe-only. If you hold the right to publish the data, state it: --rights "..."{_in_manifest(name)}',
         )
+
+
+def _in_manifest(dataset: str) -> str:
+    """Return where the user states the terms of clips, for datasets that have a list of them; else ""."""
+    if dataset not in DATASETS.names() or not DATASETS.get(dataset).explicit_only:
+        return ""
+    return "; or state the licence of each clip in the manifest's column licence, and build again"
 
 
 def _of_dataset(store: Store) -> list[Restriction]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import signal
 import socket
 import threading
@@ -126,8 +125,7 @@ def export_page(
         raise StoreError("the page cannot be written", where=to, found=str(error)) from error
     n = len(opened.scenes.items)
     if n > 1 and not request.clip:
-        again = f"dancedata view {shlex.quote(shown(request.path))} CLIP --export FILE.html"
-        say(f"  of {n} it shows {shown(opened.item.name)}; another: {again}")
+        say(f"  of {n} it shows {shown(opened.item.name)}; for another, give its name after the dataset")
     return to
 
 

@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
+from dancedata.core.registry import DATASETS
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import COLUMNS, read_manifest
 from dancedata.formats.bvh.producers import producers
+from dancedata.pipeline.check import scan_folder
 from tests.messages import raises_message
 
 
@@ -63,6 +65,25 @@ FULL = """id,motion,audio,split,genre,music,dancer,tempo_bpm,fps,up,unit,layout
 two,takes/b.npz,songs/a.wav,test,waltz,,ben,,30000/1001,z,cm,smpl
 one,takes/a.npz,songs/b.wav,train,"waltz, slow",Blue,anna,92.5,60,y,m,
 """
+
+
+def test_a_folder_with_a_manifest_needs_no_name_of_the_dataset(source: Path) -> None:
+    with pytest.raises(
+        SourceError, match=r"neither a built dataset.*\n  - folder: accepts any layout; select it with"
+    ):
+        scan_folder(source)
+    manifest(source, FULL)
+    reader, scan = scan_folder(source)
+    assert (reader.name, len(scan.clips)) == ("folder", 2)
+    manifest(source, "motion,sonf\ntakes/a.npz,songs/a.wav\n")
+    with pytest.raises(SourceError, match=r"known one:\n  - folder: .*sonf"):  # first, as it was meant
+        scan_folder(source)
+
+
+def test_a_published_dataset_is_read_by_its_reader_despite_a_manifest(tmp_path: Path) -> None:
+    DATASETS.get("aist++")().make_example(tmp_path)
+    manifest(tmp_path, "motion\nmotions/a.npz\n")
+    assert scan_folder(tmp_path)[0].name == "aist++"
 
 
 def test_a_manifest(source: Path) -> None:

@@ -13,7 +13,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.hashing import canonical_json, json_sha256, sha256_bytes
 from dancedata.core.resources import resource, resources
 from dancedata.files import atomic
-from dancedata.files.atomic import atomic_file, write_bytes, write_json, write_text
+from dancedata.files.atomic import atomic_file, require_free, write_bytes, write_json, write_text
 from dancedata.files.regular_file import sha256_file
 from tests.messages import raises_message
 
@@ -90,6 +90,19 @@ def test_json_that_cannot_be_written_touches_nothing(tmp_path: Path) -> None:
 def test_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         write_bytes(tmp_path / "no" / "x", b"")
+
+
+@pytest.mark.parametrize(
+    ("what", "name"), [("report", "figures.pdf"), ("page", "page"), ("page", "p.mp4"), ("card", "card.html")]
+)
+def test_a_file_whose_ending_states_another_format(tmp_path: Path, what: str, name: str) -> None:
+    with pytest.raises(UsageError, match=r"is not a file of this kind; found .*; allowed: a name that ends in \."):
+        require_free(tmp_path / name, [], what, overwrite=True)
+
+
+def test_endings_in_capitals(tmp_path: Path) -> None:
+    for what, name in (("report", "A.HTML"), ("page", "a.htm"), ("card", "README.MD"), ("video", "a.mov")):
+        assert require_free(tmp_path / name, [], what, overwrite=False).name == name
 
 
 def test_resources() -> None:

@@ -173,6 +173,7 @@ def test_sources_that_forbid_it(
     with raises_message(UsageError) as caught:
         dancedata.push(store, WHERE, progress=False)
     assert DATASETS.get(name).licence in str(caught.value)
+    assert ("the manifest's column licence" in str(caught.value)) == (name == "folder")
     assert not uploads.log
     pushed = dancedata.push(store, WHERE, recipe_only=True, progress=False)
     assert pushed.recipe_only
