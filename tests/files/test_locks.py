@@ -81,7 +81,11 @@ def test_through_a_link_it_is_the_same_folder(tmp_path: Path) -> None:
 
 
 def test_a_lock_whose_holder_was_killed_is_free(tmp_path: Path) -> None:
-    with killed_afterwards(HOLDER, tmp_path / "out"), raises_message(StoreError), writing_lock(tmp_path / "out", "build"):
+    with (
+        killed_afterwards(HOLDER, tmp_path / "out"),
+        raises_message(StoreError),
+        writing_lock(tmp_path / "out", "build"),
+    ):
         pass
     assert (tmp_path / ".dancedata-out.lock").exists()
     with writing_lock(tmp_path / "out", "build"):
