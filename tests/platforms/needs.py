@@ -25,7 +25,8 @@ NEEDS_THERE = {
     r"in_processes\(": "processes that are forked",
     r"SIGKILL|SIGALRM|SIGHUP|SIGXFSZ|killpg|start_new_session": "signals and groups of processes",
     r"/proc/|/dev/": "paths of Linux",
-    r"\.chmod\(|geteuid": "permissions of files",
+    r"\.chmod\(|geteuid|S_IMODE": "permissions of files",
+    r"symlink_to": "links, which only administrators may make",
 }
 #: Tests of the promise that machines of a kind give the same bytes: without the processor's features none is made.
 FEATURES = re.compile(r"has_reference|x86-64-v3|needs_reference")

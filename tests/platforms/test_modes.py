@@ -121,6 +121,17 @@ def test_a_system_without_locks_says_so(descriptor: int, monkeypatch: pytest.Mon
     system.release(descriptor)
 
 
+def test_windows_has_no_tracker_of_semaphores(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise ModuleNotFoundError("No module named '_posixsubprocess'")  # as multiprocessing does there
+
+    monkeypatch.setattr("multiprocessing.resource_tracker.ensure_running", fail)
+    with pytest.raises(ModuleNotFoundError):
+        system.start_resource_tracker()
+    monkeypatch.setattr(system, "os", SimpleNamespace(name="nt"))
+    system.start_resource_tracker()
+
+
 def test_what_is_unknown_has_a_value(monkeypatch: pytest.MonkeyPatch) -> None:
     without = SimpleNamespace(cpu_count=lambda: None, sysconf=None)
     monkeypatch.setattr(system, "os", without)
