@@ -24,7 +24,7 @@ IS_THERE = system.SYSTEM == "win32"
 NEEDS_THERE = {
     r"in_processes\(": "processes that are forked",
     r"SIGKILL|SIGALRM|SIGHUP|SIGXFSZ|killpg|start_new_session": "signals and groups of processes",
-    r"/proc/|/dev/": "paths of Linux",
+    r"\"/proc/|\"/dev/": "paths of Linux",
     r"\.chmod\(|geteuid|S_IMODE": "permissions of files",
     r"symlink_to": "links, which only administrators may make",
 }

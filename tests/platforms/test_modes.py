@@ -117,6 +117,7 @@ def test_a_link_is_not_followed(tmp_path: Path, flag: int | None, monkeypatch: p
 
 def test_a_system_without_locks_says_so(descriptor: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(system, "_fcntl", None)
+    monkeypatch.setattr(system, "_msvcrt", None)
     assert system.lock(descriptor) is None
     system.release(descriptor)
 
