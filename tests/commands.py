@@ -1,6 +1,10 @@
-"""Commands, run in this process."""
+"""Commands, run in this process; and processes that are killed."""
 
 import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from typer.testing import CliRunner, Result
@@ -18,3 +22,16 @@ def run(*args: object, code: int = 0) -> Result:
 def as_json(*args: object, code: int = 0) -> Any:
     """Run a command with --json and return its document."""
     return json.loads(run(*args, "--json", code=code).stdout)
+
+
+@contextmanager
+def killed_afterwards(code: str, *arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Run code in a new process that prints a line when it is ready; the process is killed after the context."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.kill()

@@ -6,6 +6,7 @@ tests where all test modules load, if there is no such test.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -49,8 +50,10 @@ def normalised(text: str, folders: dict[str, str]) -> str:
     """
     for folder, name in folders.items():
         # A test's own temporary folder has a number, which depends on the order of the tests; a shared one has a key.
-        rest = r"(/popen-gw\d+|/once)?(/[\w.+-]+)?" if name == "TMP" else ""
+        rest = r"([/\\]popen-gw\d+|[/\\]once)?([/\\][\w.+-]+)?" if name == "TMP" else ""
         text = re.sub(re.escape(folder) + rest + r"(?![\w-])", name, text)
+        if os.sep != "/":
+            text = re.sub(rf"{name}[\w.+\\-]+", lambda path: path.group().replace(os.sep, "/"), text)
     text = text.replace(f"dancedata {__version__}", "dancedata VERSION")
     text = re.sub(r"\b[0-9a-f]{12}\.\.\.", "HASH...", text)
     return re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE).rstrip()

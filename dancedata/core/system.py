@@ -347,6 +347,14 @@ def _ignore_console_interrupts(ignore: bool) -> None:
         libraries.kernel32.SetConsoleCtrlHandler(None, ignore)
 
 
+def start_resource_tracker() -> None:
+    """Start multiprocessing's process that removes semaphores of dead ones; Windows removes them itself."""
+    if os.name != "nt":
+        from multiprocessing import resource_tracker
+
+        resource_tracker.ensure_running()
+
+
 def is_file_too_large(code: int) -> bool:
     """Return whether a process with this exit code ended because a file became larger than this user may write."""
     number = getattr(signal, "SIGXFSZ", None)

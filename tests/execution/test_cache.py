@@ -2,7 +2,7 @@
 
 import multiprocessing
 import os
-import signal
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -27,10 +27,19 @@ from dancedata.pipeline.plan_cached import Cached, cached_units
 from dancedata.pipeline.sources import identify
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
+from tests.commands import killed_afterwards
 from tests.messages import raises_message
 
-FORK = multiprocessing.get_context("fork")
+FORK = multiprocessing.get_context("fork") if hasattr(os, "fork") else None
 KEY = "ab" + "0" * 62
+HOLDER = """
+import pathlib, sys, time
+from dancedata.execution.cache import Cache
+
+with Cache(pathlib.Path(sys.argv[1])).lock("features", sys.argv[2]):
+    print("ready", flush=True)
+    time.sleep(600)
+"""
 
 
 @pytest.fixture
@@ -235,6 +244,7 @@ def test_a_changed_bit_is_found_when_it_is_read_and_the_entry_removed(own: Cache
 
 def in_processes(n: int, target: Any) -> list[Any]:
     """Run a function in processes that begin at the same time; returns what they put into the queue."""
+    assert FORK is not None
     queue, barrier = FORK.SimpleQueue(), FORK.Barrier(n)
 
     def run() -> None:
@@ -264,19 +274,9 @@ def test_many_processes_that_want_one_entry_compute_it_once(own: Cache, tmp_path
 
 
 def test_who_waits_for_a_process_that_is_killed_computes(own: Cache):
-    ready = FORK.Event()
-
-    def hold() -> None:
-        with own.lock("features", KEY):
-            ready.set()
-            time.sleep(600)
-
-    process = FORK.Process(target=hold)
-    process.start()
-    ready.wait()
-    os.kill(process.pid, signal.SIGKILL)
-    assert np.asarray(own.once("features", KEY, lambda: np.ones(2))).tolist() == [1, 1]
-    process.join()
+    with killed_afterwards(HOLDER, own.root, KEY) as process:
+        threading.Timer(0.2, process.kill).start()
+        assert np.asarray(own.once("features", KEY, lambda: np.ones(2))).tolist() == [1, 1]
 
 
 def test_two_that_publish_one_key_leave_a_whole_entry(own: Cache):

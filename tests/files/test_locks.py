@@ -3,7 +3,6 @@
 import errno
 import multiprocessing
 import os
-import signal
 import threading
 import time
 from pathlib import Path
@@ -15,9 +14,18 @@ from dancedata.core import system
 from dancedata.core.errors import StoreError
 from dancedata.files import locks
 from dancedata.files.locks import file_lock, open_locked, writing_lock
+from tests.commands import killed_afterwards
 from tests.messages import raises_message
 
-FORK = multiprocessing.get_context("fork")
+FORK = multiprocessing.get_context("fork") if hasattr(os, "fork") else None
+HOLDER = """
+import pathlib, sys, time
+from dancedata.files.locks import writing_lock
+
+with writing_lock(pathlib.Path(sys.argv[1]), "build"):
+    print("ready", flush=True)
+    time.sleep(600)
+"""
 
 
 def test_a_file_is_locked_by_one_and_gone_afterwards(tmp_path: Path) -> None:
@@ -73,20 +81,12 @@ def test_through_a_link_it_is_the_same_folder(tmp_path: Path) -> None:
 
 
 def test_a_lock_whose_holder_was_killed_is_free(tmp_path: Path) -> None:
-    ready = FORK.Event()
-
-    def hold() -> None:
-        with writing_lock(tmp_path / "out", "build"):
-            ready.set()
-            time.sleep(600)
-
-    process = FORK.Process(target=hold)
-    process.start()
-    ready.wait()
-    with raises_message(StoreError), writing_lock(tmp_path / "out", "build"):
+    with (
+        killed_afterwards(HOLDER, tmp_path / "out"),
+        raises_message(StoreError),
+        writing_lock(tmp_path / "out", "build"),
+    ):
         pass
-    os.kill(process.pid, signal.SIGKILL)
-    process.join()
     assert (tmp_path / ".dancedata-out.lock").exists()
     with writing_lock(tmp_path / "out", "build"):
         pass
@@ -204,6 +204,7 @@ def _hold_and_fork(folder: Path, ready: Any, go_on: Any, is_done: Any) -> None:
 @pytest.mark.parametrize("n_waiting", [1, 2])
 def test_a_process_forked_under_a_lock_does_not_keep_it(tmp_path: Path, n_waiting: int) -> None:
     """As a worker of a DataLoader that is started while a thread computes a feature."""
+    assert FORK is not None
     ready, go_on, is_done = FORK.Event(), FORK.Event(), FORK.Event()
     holder = FORK.Process(target=_hold_and_fork, args=(tmp_path, ready, go_on, is_done))
     holder.start()

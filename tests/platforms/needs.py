@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from dancedata.core import system
 from tests.platforms.without.sitecustomize import IS_WINDOWS, MISSING, SPAWNS
 
 #: What a test's text has, and what Windows has not.
@@ -20,18 +21,28 @@ NEEDS = {
 }
 #: Tests whose DataLoaders have workers that inherit what the test set or defined.
 INHERITS = re.compile(r"set_sharing_strategy\(|names\[\"OnTheFly\"\]")
+#: Windows itself lacks more than its mode, in which tests have the signals and permissions of Linux.
+IS_THERE = system.SYSTEM == "win32"
+NEEDS_THERE = {
+    r"in_processes\(": "processes that are forked",
+    r"SIGKILL|SIGALRM|SIGHUP|SIGXFSZ|killpg|start_new_session": "signals and groups of processes",
+    r"\"/proc/|\"/dev/": "paths of Linux",
+    r"\.chmod\(|geteuid|S_IMODE": "permissions of files",
+    r"symlink_to": "links, which only administrators may make",
+}
 #: Tests of the promise that machines of a kind give the same bytes: without the processor's features none is made.
 FEATURES = re.compile(r"has_reference|x86-64-v3|needs_reference")
 
 
 def skip_what_cannot_run(items: list[pytest.Item]) -> None:
     """Mark tests that need what the mode takes away."""
-    for item in items if MISSING else ():
+    needs = {**(NEEDS if IS_WINDOWS or IS_THERE else {}), **(NEEDS_THERE if IS_THERE else {})}
+    for item in items if MISSING or IS_THERE else ():
         text = inspect.getsource(item.function) if isinstance(item, pytest.Function) else ""
-        reasons = [reason for pattern, reason in NEEDS.items() if IS_WINDOWS and re.search(pattern, text)]
+        reasons = [reason for pattern, reason in needs.items() if re.search(pattern, text)]
         if SPAWNS and INHERITS.search(text):
             reasons.append("workers that are forked")
-        if "/proc" in MISSING and FEATURES.search(text):
+        if ("/proc" in MISSING or IS_THERE) and FEATURES.search(text):
             reasons.append("the processor's features")
         if reasons:
             item.add_marker(pytest.mark.skip(reason=f"needs {' and '.join(reasons)}"))

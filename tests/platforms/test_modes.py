@@ -117,8 +117,20 @@ def test_a_link_is_not_followed(tmp_path: Path, flag: int | None, monkeypatch: p
 
 def test_a_system_without_locks_says_so(descriptor: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(system, "_fcntl", None)
+    monkeypatch.setattr(system, "_msvcrt", None)
     assert system.lock(descriptor) is None
     system.release(descriptor)
+
+
+def test_windows_has_no_tracker_of_semaphores(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise ModuleNotFoundError("No module named '_posixsubprocess'")  # as multiprocessing does there
+
+    monkeypatch.setattr("multiprocessing.resource_tracker.ensure_running", fail)
+    with pytest.raises(ModuleNotFoundError):
+        system.start_resource_tracker()
+    monkeypatch.setattr(system, "os", SimpleNamespace(name="nt"))
+    system.start_resource_tracker()
 
 
 def test_what_is_unknown_has_a_value(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ ALLOWED = ("console.npy", "a.b", ".hidden", "com.npy", "ドンス.npy", "a b", "
 
 @pytest.mark.parametrize("name", [*REFUSED, *ALLOWED])
 def test_names_that_windows_has_not(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(system, "REMOVES_OPEN", True)
     assert system.why_no_file_name(name) == ""
     monkeypatch.setattr(system, "REMOVES_OPEN", False)
     assert bool(system.why_no_file_name(name)) == (name in REFUSED)
@@ -35,7 +36,8 @@ def test_names_that_differ_in_case_lose_no_file(tmp_path: Path) -> None:
     """As on macOS and Windows, where the second name finds the first file."""
     folder = ExportFolder(tmp_path, tmp_path)
     folder.write_text("Clip.txt", "first")
-    (tmp_path / "clip.txt").hardlink_to(tmp_path / "Clip.txt")
+    if not (tmp_path / "clip.txt").exists():  # a system that tells them apart
+        (tmp_path / "clip.txt").hardlink_to(tmp_path / "Clip.txt")
     with raises_message(UsageError):
         folder.write_text("clip.txt", "second")
     assert (tmp_path / "Clip.txt").read_text() == "first"

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 from weakref import WeakSet
 
+from dancedata.core.system import start_resource_tracker
 from dancedata.execution.arithmetic import adopted_by_children
 from dancedata.execution.executors.base import (
     Call,
@@ -57,7 +58,7 @@ class LokyExecutor(Executor):
         unfinished: list[int] = []
         # Workers that end, such as idle ones, are replaced at any time.
         with adopted_by_children():
-            _start_resource_tracker()
+            start_resource_tracker()  # started with the workers, it would unblock SIGINT for them
             try:
                 with shielded():  # an interrupt during the start is raised at its end
                     # In this folder, so that relative paths name the same files: a pool of another one is replaced.
@@ -106,10 +107,3 @@ def _raise_if_not_unpickled(death: BaseException, label: str) -> None:
     if "un-serialize" in str(death):
         # The cause is the traceback of the worker, as text between quotation marks.
         raise not_sendable(label, str(death.__cause__ or death).strip(' \n"').rsplit("\n", 1)[-1]) from death
-
-
-def _start_resource_tracker() -> None:
-    """Start the process that removes semaphores; started with the workers, it would unblock SIGINT for them."""
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()
