@@ -1,23 +1,14 @@
-"""The page on audio features: its code prints what it shows, its recipe gives both rates."""
+"""The page on audio features: its recipe gives both rates."""
 
 import re
 from pathlib import Path
 
-import pytest
 import yaml
 
 from dancedata.core.registry import FEATURES
 from dancedata.recipes.parse import load_recipe, parse_recipe
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "audio-features.md").read_text(encoding="utf-8")
-
-
-def test_its_code_prints_the_output_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    blocks = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", TEXT, flags=re.DOTALL | re.MULTILINE)
-    assert blocks
-    for code, output in blocks:
-        exec(compile(code, "audio-features.md", "exec"), {})
-        assert capsys.readouterr().out == output
 
 
 def test_its_recipe_has_both_rates() -> None:

@@ -34,7 +34,6 @@ KINDS: dict[str, dict[str, Any]] = {
     "yaw": {"augment": ["yaw"]},
     "root_offset": {"augment": ["root_offset"]},
 }
-STATED = "nothing states whether these columns are normalised.*normalized=True or normalized=False.*--not-normalized"
 
 
 def joints(rows: Any, store: Store, field: str = FIELD) -> Any:

@@ -210,12 +210,12 @@ def test_ranks_see_each_window_once_and_fetch_once(
 ) -> None:
     """Two processes of torch.distributed on one node."""
     context = torch.multiprocessing.get_context("forkserver")
-    results = context.SimpleQueue()
+    results = context.Queue()
     arguments = (2, f"{server.url}/store", str(tmp_path / "rendezvous"), str(own_cache), stream, results)
-    ranks = [context.Process(target=_rank, args=(rank, *arguments)) for rank in range(2)]
+    ranks = [context.Process(target=_rank, args=(rank, *arguments), daemon=True) for rank in range(2)]
     for process in ranks:
         process.start()
-    seen = [results.get()[1] for _ in ranks]
+    seen = [results.get(timeout=120)[1] for _ in ranks]  # a rank that dies leaves the other at the barrier
     for process in ranks:
         process.join(60)
         assert process.exitcode == 0

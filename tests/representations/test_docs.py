@@ -1,6 +1,5 @@
-"""The page on representations names all of them, and its code prints what it says."""
+"""The page on representations names all of them."""
 
-import re
 from pathlib import Path
 
 import pytest
@@ -22,10 +21,3 @@ def test_every_representation_has_a_row(name: str) -> None:
     assert contacts == (f"`{made.default_contacts}`" if made.default_contacts else "none")
     assert (decodes == "no") == (not made.decodes)
     assert ("6D" in columns) == (made.rotation_6d is not None)
-
-
-def test_the_code_prints_the_output_on_the_page(capsys: pytest.CaptureFixture[str]) -> None:
-    (code,) = re.findall(r"^```python\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
-    (output,) = re.findall(r"^```text\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
-    exec(compile(code, "representations.md", "exec"), {})
-    assert capsys.readouterr().out == output

@@ -93,14 +93,6 @@ def scenes(dances: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
 
 
 @pytest.fixture(scope="session")
-def folder_example(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The example of the dataset `folder`."""
-    folder = tmp_path_factory.mktemp("folder") / "source"
-    DATASETS.get("folder")().make_example(folder)
-    return folder
-
-
-@pytest.fixture(scope="session")
 def crowd_source(once: Once) -> Path:
     """Groups of 2, 3, 5 and 7."""
     return once("crowd-source", lambda folder: DATASETS.get("aioz-gdance")().make_example(folder))
