@@ -26,9 +26,10 @@ class Browser:
         self.driver.get(f"{page}{'&' if '?' in page else '?'}page={next(self._pages)}{sharp}{fragment}")
 
     def open(self, address: str) -> None:
-        """Load a page and wait for its clip."""
+        """Load a page and wait for its clip, and for two pictures: the first may have another layout."""
         self.get(address)
         self.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")
+        self.later("await new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
 
     def rest(self) -> None:
         """Leave the page, which would draw, or play, while tests of other modules run."""
