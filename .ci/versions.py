@@ -112,8 +112,8 @@ def rows() -> list[Row]:
         torch = bool({"torch", "smplx"} & set(needs[name]))
         more = TOOLS_OF.get(name, ())
         low = (*lowest, f".[{name}]", "pytest>=8.3", "hypothesis>=6.112", *more)
-        for named, install in ((name, (*pinned, "-e", f".[{name}]", *tools, *more)), (f"{name} lowest", low)):
-            table.append(Row(f"extra {named}", "3.11", install, command, needs[name], torch))
+        for title, install in ((name, (*pinned, "-e", f".[{name}]", *tools, *more)), (f"{name} lowest", low)):
+            table.append(Row(f"extra {title}", "3.11", install, command, needs[name], torch))
     table.append(Row("wheel alone", "3.11", (), "dancedata build demo && dancedata check data/demo"))
     return table
 

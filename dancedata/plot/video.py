@@ -119,7 +119,8 @@ def _write_wav(path: Path, sound: AudioSignal) -> None:
 
     data = io.BytesIO()  # soundfile reports a full disk as an error of another type
     soundfile.write(data, sound.samples, sound.sample_rate, subtype="PCM_16", format="WAV")
-    path.write_bytes(data.getbuffer())
+    with data.getbuffer() as content:
+        path.write_bytes(content)
 
 
 def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | None:

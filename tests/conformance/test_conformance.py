@@ -1,6 +1,7 @@
 """Every registered plug-in keeps its kind's contract. No plug-in is named here: registries say which there are."""
 
 import dataclasses
+import inspect
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,7 @@ def test_a_field_without_a_word_in_the_docstring_fails(monkeypatch: pytest.Monke
 
 def test_a_parameter_that_is_not_json_fails(monkeypatch: pytest.MonkeyPatch):
     base = CONTACTS.get(CONTACTS.names()[0])
-    doc = f"{base.__doc__}\n\n    when\n        A pair, which JSON makes a list.\n"
+    doc = f"{inspect.getdoc(base)}\n\nwhen\n    A pair, which JSON makes a list.\n"
     cls = _subclass(CONTACTS, __doc__=doc, __annotations__={"when": Any}, when=(1, 2))
     with pytest.raises(AssertionError, match="JSON"):
         conformance.check_contact_rule(_register(monkeypatch, CONTACTS, cls))

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +176,7 @@ def test_nan_in_one_dancer(source: Path) -> None:
         ("length_mismatch", {"smpl_poses": np.zeros((2, 180, 63)), "smpl_orients": np.zeros((2, 179, 3))}),
         ("missing_key", {"root_trans": None}),
         ("empty", {"smpl_poses": np.zeros((2, 0, 72)), "root_trans": np.zeros((2, 0, 3))}),
-        ("unsafe_pickle", {"meta": Path("x")}),
+        ("unsafe_pickle", {"meta": Fraction(1)}),
     ],
 )
 def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """The dataset reader dd100: pairs, roles, the split's rule, axes; joints against Duolando's."""
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,7 @@ def test_both_in_one_world_with_y_up(source: Path) -> None:
         ("contradiction", {"global_orient": np.ones((246, 3))}),
         ("nan", {"transl": np.full((246, 3), np.nan)}),
         ("missing_key", {"global_orient": None}),
-        ("unsafe_pickle", {"meta": Path("x")}),
+        ("unsafe_pickle", {"meta": Fraction(1)}),
     ],
 )
 def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str, Any]) -> None:

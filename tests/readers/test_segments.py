@@ -207,6 +207,14 @@ def overlay(path: Path, *rows: dict[str, Any]) -> Path:
     return path
 
 
+def test_segments_without_a_value_are_equal() -> None:
+    without, again, one = (Segment(MOVES, Fraction(0), Fraction(1), value=float(v)) for v in ("nan", "nan", "1"))
+    assert without == again
+    assert without != one
+    assert without != replace(again, label="turn")
+    assert without != "turn"
+
+
 def test_marks_and_corrections_are_laid_over(folder: Path, tmp_path: Path, store: Store) -> None:
     more = overlay(
         tmp_path / "more.jsonl",

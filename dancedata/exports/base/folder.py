@@ -80,13 +80,15 @@ class ExportFolder:
         """Write an array as .npy, in C order."""
         buffer = io.BytesIO()
         np.save(buffer, np.ascontiguousarray(array), allow_pickle=False)
-        self.write_bytes(name, buffer.getbuffer())
+        with buffer.getbuffer() as data:
+            self.write_bytes(name, data)
 
     def write_npz(self, name: str, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         """Write arrays as .npz, not compressed; equal arrays give equal bytes."""
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **arrays)
-        self.write_bytes(name, buffer.getbuffer())
+        with buffer.getbuffer() as data:
+            self.write_bytes(name, data)
 
     def write_json(self, name: str, obj: Any) -> None:
         """Write indented JSON."""
@@ -101,7 +103,8 @@ class ExportFolder:
         """Write a pickle of arrays and plain containers that every numpy of Python 3.4 and later loads."""
         buffer = io.BytesIO()
         _Pickler(buffer, protocol=4).dump(obj)
-        self.write_bytes(name, buffer.getbuffer())
+        with buffer.getbuffer() as data:
+            self.write_bytes(name, data)
 
     def copy_file(self, name: str, source: Path) -> None:
         """Copy a file, or make a hard link of it where links are requested and possible."""
