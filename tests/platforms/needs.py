@@ -16,13 +16,13 @@ NEEDS = {
     r"no_file_beside|nfs|lock\"\)\.symlink_to": "locks on folders",
     r'"st_ino", "st_size", "st_mtime_ns"': "ctime, by which alone such files differ",
     r"_fcntl": "flock, which the test replaces",
-    r"pthread_sigmask": "a mask of signals, without which a Ctrl-C at that moment is lost",
     r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
 }
 #: Windows itself lacks more than its mode, in which tests have the signals and permissions of Linux.
 IS_THERE = system.SYSTEM == "win32"
 NEEDS_THERE = {
     r"in_processes\(": "processes that are forked",
+    r"pthread_sigmask": "a mask of signals",
     r"SIGKILL|SIGALRM|SIGHUP|SIGXFSZ|killpg|start_new_session": "signals and groups of processes",
     r"\"/proc/|\"/dev/": "paths of Linux",
     r"\.chmod\(|geteuid|S_IMODE": "permissions of files",
