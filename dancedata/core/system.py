@@ -316,8 +316,8 @@ def at_fork(before: Callable[[], object], after: Callable[[], object]) -> None:
 def interrupts_blocked_in_children() -> Iterator[None]:
     """Start processes within the context so that they never receive SIGINT.
 
-    By the mask, which they inherit. Without it, by ignoring the signal, which they inherit too (a C library passes
-    that on; Windows has a switch of its own for it): a Ctrl-C within the context is then lost.
+    By the mask, which they inherit. Windows has a switch of its console for it: a signal within the context is raised
+    at its end there, too, but a Ctrl-C of the console is dropped.
     """
     set_mask = getattr(signal, "pthread_sigmask", None)
     if set_mask is not None:
@@ -328,7 +328,8 @@ def interrupts_blocked_in_children() -> Iterator[None]:
             set_mask(signal.SIG_SETMASK, mask)
         return
     in_main = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main else None
+    missed: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: missed.append(number)) if in_main else None
     _ignore_console_interrupts(True)
     try:
         yield
@@ -336,6 +337,8 @@ def interrupts_blocked_in_children() -> Iterator[None]:
         _ignore_console_interrupts(False)
         if handler is not None:
             signal.signal(signal.SIGINT, handler)
+            if missed:
+                signal.raise_signal(signal.SIGINT)
 
 
 def _ignore_console_interrupts(ignore: bool) -> None:

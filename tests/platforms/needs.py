@@ -16,7 +16,6 @@ NEEDS = {
     r"no_file_beside|nfs|lock\"\)\.symlink_to": "locks on folders",
     r'"st_ino", "st_size", "st_mtime_ns"': "ctime, by which alone such files differ",
     r"_fcntl": "flock, which the test replaces",
-    r"pthread_sigmask": "a mask of signals, without which a Ctrl-C at that moment is lost",
     r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
 }
 #: Tests whose DataLoaders have workers that inherit what the test set or defined.
@@ -25,6 +24,7 @@ INHERITS = re.compile(r"set_sharing_strategy\(|names\[\"OnTheFly\"\]")
 IS_THERE = system.SYSTEM == "win32"
 NEEDS_THERE = {
     r"in_processes\(": "processes that are forked",
+    r"pthread_sigmask": "a mask of signals",
     r"SIGKILL|SIGALRM|SIGHUP|SIGXFSZ|killpg|start_new_session": "signals and groups of processes",
     r"\"/proc/|\"/dev/": "paths of Linux",
     r"\.chmod\(|geteuid|S_IMODE": "permissions of files",

@@ -127,6 +127,7 @@ def test_windows_has_no_tracker_of_semaphores(monkeypatch: pytest.MonkeyPatch) -
         raise ModuleNotFoundError("No module named '_posixsubprocess'")  # as multiprocessing does there
 
     monkeypatch.setattr("multiprocessing.resource_tracker.ensure_running", fail)
+    monkeypatch.setattr(system, "os", SimpleNamespace(name="posix"))
     with pytest.raises(ModuleNotFoundError):
         system.start_resource_tracker()
     monkeypatch.setattr(system, "os", SimpleNamespace(name="nt"))

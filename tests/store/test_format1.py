@@ -10,7 +10,6 @@ from typing import Any
 import h5py
 import pytest
 
-from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store, verify_store
 
 FOLDER = Path(__file__).parent / "format1"
@@ -65,6 +64,9 @@ def test_hashes_of_sources_are_those_of_the_record() -> None:
 
 
 def test_a_trainer_reads_it() -> None:
+    pytest.importorskip("torch")
+    from dancedata.readers import WindowDataset
+
     dataset = WindowDataset(FOLDER / "track", "train", fields=("pose",), normalize=True)
     assert dataset[0]["pose"].shape == (20, 3)
 

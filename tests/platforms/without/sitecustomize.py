@@ -219,8 +219,19 @@ class Loader(importlib.abc.Loader):
                 sys.modules.pop(name)
                 if real is not None:
                     sys.modules[name] = real
+        if IS_WINDOWS:
+            module.__dict__["_ignore_console_interrupts"] = _switch_of_the_console
         if "/proc" in MISSING:
             module.__dict__["open"] = _open_elsewhere
+
+
+def _switch_of_the_console(ignore: bool) -> None:
+    """Keep Ctrl-C from processes that are started, as Windows does; here by a mask: it comes late, not never."""
+    import signal
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # Linux has it, and it would undo the mask
+    signal.pthread_sigmask(signal.SIG_BLOCK if ignore else signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _open_elsewhere(path: object, *args: object, **options: object) -> object:
