@@ -60,7 +60,7 @@ def test_damaged_data_end_with_1(demo: Path, tmp_path: Path) -> None:
 def test_a_video_needs_a_clip_and_a_source(demo: Path, tmp_path: Path) -> None:
     pytest.importorskip("PIL")
     video = ["--video", str(tmp_path / "a.mp4")]
-    assert "name it" in RUN.invoke(app, ["view", str(demo), *video]).stderr.lower()
+    assert "its name" in RUN.invoke(app, ["view", str(demo), *video]).stderr.lower()
     clip = write_report(demo).document["clips"][0]["clip"]
     assert "--source DIR" in RUN.invoke(app, ["view", str(demo), clip, *video, "--audio", "embed"]).stderr
     assert os.listdir(tmp_path) == []
