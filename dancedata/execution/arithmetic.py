@@ -17,6 +17,7 @@ have the measurements.
 
 import os
 import platform
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -46,12 +47,18 @@ _FOREIGN = (
     "MKL_ENABLE_INSTRUCTIONS",
     "BLIS_ARCH_TYPE",
 )
+#: The release 0.3.N of OpenBLAS since which kernels for Haswell may get the blocks of another processor: 31 has not.
+_CHOOSES_BLOCKS = 32
 #: Variable that chooses, among other things, between versions of the C library's functions.
 _TUNABLES, _TUNES_CODE = "GLIBC_TUNABLES", "glibc.cpu."
 #: Names in numpy's features of what is beyond the levels.
 _BEYOND = ("AVX512", "X86_V4", "ASIMDHP", "ASIMDDP", "ASIMDFHM", "SVE")
 # numpy 2.4 renamed its groups of features.
 _NUMPY_FEATURES = {(2, 4): "X86_V3", (0, 0): "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"}
+
+
+#: Whether `adopt` has changed this process.
+_is_adopted = False
 
 
 def environment() -> dict[str, str]:
@@ -62,8 +69,10 @@ def environment() -> dict[str, str]:
 
 def adopt() -> None:
     """Make this process and its children use the reference instructions, unless numpy is loaded already."""
+    global _is_adopted
     if "numpy" not in sys.modules:
         _set(_changes())
+        _is_adopted = True
 
 
 @contextmanager
@@ -93,6 +102,14 @@ def _block_sizes() -> dict[str, str]:
     # OpenBLAS 0.3.34, in numpy 2.5, gives its kernels for Haswell the blocks of Zen 4 where it finds an L2 cache of 1
     # MiB. These are larger than the kernels' memory on the stack: products of 350 terms crash (OpenBLAS issue 6026).
     return {} if _IS_ARM else {"OPENBLAS_L2_SIZE": "256"}  # KiB: Haswell's
+
+
+def _has_other_blocks() -> bool:
+    """Return whether OpenBLAS may have chosen its block sizes by this processor, see `_block_sizes`."""
+    if _is_adopted or {f"{name}={size}" for name, size in _block_sizes().items()} <= set(started_with()):
+        return False
+    versions = (re.match(r"0\.3\.(\d+)", str(pool.get("version"))) for pool in _blas_pools())
+    return any(known is None or int(known[1]) >= _CHOOSES_BLOCKS for known in versions)
 
 
 def _numpy_choice() -> dict[str, str]:
@@ -140,6 +157,7 @@ def _description(n_modules: int) -> str:
         and not any(_is_beyond(used) for used, _ in numpy_code)
         and not any(_is_left_out(used, available) for used, available in numpy_code)
         and not _set_at_start()
+        and not _has_other_blocks()
     )
     if is_reference:
         return REFERENCE
@@ -155,11 +173,15 @@ def _description(n_modules: int) -> str:
 
 def _blas() -> list[str]:
     """Return the loaded BLAS libraries, with the kernels that they chose."""
+    pools = _blas_pools()
+    return sorted({f"{pool['internal_api']} {pool.get('architecture', pool.get('version'))}" for pool in pools})
+
+
+def _blas_pools() -> list[dict[str, Any]]:
     import numpy as np  # noqa: F401  (loads one)
     from threadpoolctl import threadpool_info
 
-    pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
-    return sorted({f"{pool['internal_api']} {pool.get('architecture', pool.get('version'))}" for pool in pools})
+    return [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
 
 
 def _numpy_code() -> list[tuple[str, list[str]]]:

@@ -103,6 +103,33 @@ def test_long_products_do_not_depend_on_the_cache_of_the_processor(
     run("-c", PRODUCT, **{name: value for name, value in chosen.items() if name.startswith(("OPENBLAS_", "NPY_"))})
 
 
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="Haswell's kernels")
+@pytest.mark.parametrize(
+    ("version", "started", "is_reference"),
+    [
+        ("0.3.31.188.0", [], True),
+        ("0.3.34.237.2", [], False),
+        (None, [], False),
+        ("0.3.34.237.2", ["OPENBLAS_L2_SIZE=256"], True),
+        ("0.3.34.237.2", ["OPENBLAS_L2_SIZE=1024"], False),
+    ],
+)
+def test_blocks_by_the_processor_are_not_the_reference(
+    monkeypatch: pytest.MonkeyPatch, version: str | None, started: list[str], is_reference: bool
+) -> None:
+    monkeypatch.setattr(arithmetic, "has_reference", lambda: True)
+    monkeypatch.setattr(arithmetic, "started_with", lambda: started)
+    monkeypatch.setattr(arithmetic, "_is_adopted", False)
+    monkeypatch.setattr(arithmetic, "_numpy_code", lambda: [("X86_V3", ["X86_V3"])])
+    pool = {"internal_api": "openblas", "architecture": "Haswell", "version": version}
+    monkeypatch.setattr(arithmetic, "_blas_pools", lambda: [pool])
+    arithmetic._description.cache_clear()
+    try:
+        assert (arithmetic.here() == arithmetic.REFERENCE) == is_reference
+    finally:
+        arithmetic._description.cache_clear()
+
+
 def hashes(out: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(out.iterdir())}
 
