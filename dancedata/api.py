@@ -1,4 +1,4 @@
-"""Old addresses of public functions. Deprecated, for one release."""
+"""Old addresses of public functions. Deprecated since 0.2.0: import them from dancedata."""
 
 import sys
 from types import ModuleType

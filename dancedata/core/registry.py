@@ -249,5 +249,5 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "metrics": METRICS,
 }
 
-if not TYPE_CHECKING:  # deprecated: import it from its module
+if not TYPE_CHECKING:  # deprecated since 0.2.0: import it from its module
     __getattr__, __dir__ = lazy_names(__name__, {"EXPORTS": "dancedata.exports.base.job"})

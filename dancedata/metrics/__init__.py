@@ -69,7 +69,7 @@ else:  # type checkers take the imports above, and so find misspelt names
         __name__,
         {
             "Dance": "dancedata.core.dance",
-            "Evaluator": "dancedata.evaluation.evaluator",  # deprecated: dancedata.Evaluator
+            "Evaluator": "dancedata.evaluation.evaluator",  # deprecated since 0.2.0: dancedata.Evaluator
             "Interval": "dancedata.metrics.intervals",
             "MusicBeats": "dancedata.core.dance",
             "Undefined": "dancedata.core.dance",

@@ -97,7 +97,7 @@ def jackknife(
     return intervals
 
 
-#: Deprecated name.
+#: Deprecated since 0.2.0: `jackknife`.
 bootstrap = jackknife
 
 

@@ -32,5 +32,5 @@ __all__ = [
     "WindowFilter",
 ]
 
-if not TYPE_CHECKING:  # deprecated: import it from its module
+if not TYPE_CHECKING:  # deprecated since 0.2.0: import it from its module
     __getattr__, __dir__ = lazy_names(__name__, {"Export": "dancedata.exports.base.job"})

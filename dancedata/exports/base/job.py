@@ -190,5 +190,5 @@ class Export(Plugin):
 
 
 EXPORTS = Registry("export", "dancedata.exports", Export)
-#: Deprecated name of `Missing`.
+#: Deprecated since 0.2.0: `Missing`.
 Lack = Missing
