@@ -14,7 +14,7 @@ NEEDS = {
     r"\bFORK\b|get_context\(\"fork\"\)|os\.fork\(": "processes that are forked",
     r"setrlimit|RLIMIT": "limits of the system on a process",
     r"no_file_beside|nfs|lock\"\)\.symlink_to": "locks on folders",
-    r'"st_ino", "st_size", "st_mtime_ns"': "ctime, by which alone such files differ",
+    r'"st_ino", "st_size", "st_mtime_ns"|song\.stat\(\)\.st_ino': "ctime, by which alone such files differ",
     r"_fcntl": "flock, which the test replaces",
     r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
 }
