@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
+from dancedata.core import system
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.system import changed_ns, flush_folder
 from dancedata.core.text import listed
@@ -83,6 +84,8 @@ def writable(out: Path, problem: str, fix: str, error: type[DanceDataError] = St
     try:
         yield
     except OSError as cause:
+        if isinstance(cause, PermissionError) and not system.REMOVES_OPEN:
+            fix = f"close what has files of it open, such as a trainer; or {fix}"
         raise error(problem, where=out, found=str(cause), fix=fix) from cause
 
 

@@ -15,6 +15,7 @@ NEEDS = {
     r"setrlimit|RLIMIT": "limits of the system on a process",
     r"no_file_beside|nfs|lock\"\)\.symlink_to": "locks on folders",
     r'"st_ino", "st_size", "st_mtime_ns"|song\.stat\(\)\.st_ino': "ctime, by which alone such files differ",
+    r"_keeps_its_open_files_or_stops|_keep_the_files_mapped": "a dataset that is replaced while it is open",
     r"_fcntl": "flock, which the test replaces",
     r"SIGKILL\b.*signal [A-Z]|os\.kill, \(process\.call": "signals that end a process",
 }
