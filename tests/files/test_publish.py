@@ -134,9 +134,7 @@ def test_leftovers_of_a_writer_killed_while_creating_the_folder(tmp_path: Path) 
     assert content(tmp_path) == {name: name for name in NAMES}
 
 
-@pytest.mark.parametrize(
-    ("removes_open", "fix"), [(True, "Use another"), (False, "Close what has files of it open")]
-)
+@pytest.mark.parametrize(("removes_open", "fix"), [(True, "Use another"), (False, "Close what has files of it open")])
 def test_a_folder_that_is_read_is_named_where_the_system_protects_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, removes_open: bool, fix: str
 ) -> None:
