@@ -14,11 +14,11 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
+from dancedata.core.tracks import runs
 from dancedata.plot.bodies import draw_body, draw_shadow
 from dancedata.plot.meshes import draw_mesh
 from dancedata.viewer import Figure, Scene
 from dancedata.viewer.palette import Theme
-from dancedata.viewer.together import stretches
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -130,7 +130,7 @@ class Timeline:
         )
         for row, foot in enumerate(order):
             colour = sides[self.figure.sides[self.figure.contact_joints[foot]]]
-            spans = stretches(self.figure.contacts[:, foot])
+            spans = runs(self.figure.contacts[:, foot])
             self._spans(draw, spans, rate, top + row * height * 1.15, height * 0.8, colour)
 
     def _spans(

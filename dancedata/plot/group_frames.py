@@ -10,12 +10,12 @@ import numpy as np
 
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
+from dancedata.core.tracks import runs
 from dancedata.core.typing import override
 from dancedata.plot.frames import _DISTANCE, _RECENT_S, FINER, Camera, Frames, Timeline, draw_dancer, pen, text_font
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.palette import Theme, colours_of
 from dancedata.viewer.scene_list import Scene
-from dancedata.viewer.together import stretches
 from dancedata.viewer.wall import ROW
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class GroupTimeline(Timeline):
             return
         for row, side in enumerate((1, 2)):
             feet = [k for k, joint in enumerate(figure.contact_joints) if figure.sides[joint] == side]
-            spans = stretches(np.asarray(figure.contacts[:, feet].any(axis=1)))
+            spans = runs(np.asarray(figure.contacts[:, feet].any(axis=1)))
             y = top + (0.12 + 0.42 * row) * lane
             self._spans(draw, spans, float(figure.grid.rate), y, 0.3 * lane, colours[side])
 
@@ -74,7 +74,7 @@ class GroupTimeline(Timeline):
         least = np.min([pair.distance_m for pair in together.pairs], axis=0)
         self._name(draw, "apart", top + 0.8 * lane)
         self._curve(draw, least / max(float(least.max()), 1e-9), rate, 0.0, top + 1.6 * lane, 1.3 * lane, "ink")
-        meet = stretches(np.asarray(np.any([pair.collides for pair in together.pairs], axis=0)))
+        meet = runs(np.any([pair.collides for pair in together.pairs], axis=0))
         self._name(draw, "collide", top + 2.3 * lane)
         self._spans(draw, meet, rate, top + 2.1 * lane, 0.4 * lane, self.colours["path"])
 

@@ -49,7 +49,7 @@ class Pair:
     @property
     def collisions(self) -> tuple[tuple[int, int], ...]:
         """Stretches of frames in which the bodies intersect, half-open."""
-        return stretches(self.collides)
+        return tuple(runs(self.collides))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,3 @@ class Together:
             for a, b in combinations(range(len(joints)), 2)
         )  # fmt: skip
         return cls(figures[0].grid, min(figure.floor for figure in figures), pairs, touch)
-
-
-def stretches(on: npt.NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
-    """Return the stretches of True of a row, half-open."""
-    return tuple(runs(on))
