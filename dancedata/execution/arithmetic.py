@@ -200,10 +200,7 @@ def is_chosen_by_user() -> bool:
 
 def can_choose() -> bool:
     """Return whether numpy's BLAS is known to have kernels for many processors: OpenBLAS, as wheels have it."""
-    import numpy as np  # noqa: F401  (loads it)
-    from threadpoolctl import threadpool_info
-
-    return any(pool.get("prefix") == "libscipy_openblas" for pool in threadpool_info())
+    return any(pool.get("prefix") == "libscipy_openblas" for pool in _blas_pools())
 
 
 def _is_beyond(features: str) -> bool:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.hf.families.base import Family, NetworkSpec, Prepared, Samples, Timing, uniform
 from dancedata.core.typing import override
-
-if TYPE_CHECKING:
-    pass
 
 _MEL_HOP, _MEL_FIELD = 160, 400
 #: Kaldi's scale: 16-bit integers.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from dancedata.audio.hf.families.base import (
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
 from dancedata.core.typing import override
-
-if TYPE_CHECKING:
-    pass
 
 #: Heads and quantisers of training, which features do not need.
 _HEADS = (
