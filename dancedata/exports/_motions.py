@@ -73,6 +73,6 @@ class MotionExport(Export):
 
     @override
     def reads(self, job: ExportJob) -> tuple[str, ...]:
-        """Return the field that `decoded` reads; none where there is no such field."""
+        """Return the field that `decoded` reads; () if the dataset lacks it."""
         decodable = _decodable(job)
         return (self.field,) if self.field in decodable else tuple(decodable)[:1] if not self.field else ()

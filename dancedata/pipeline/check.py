@@ -307,20 +307,21 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         _require_files(reader, path)
         return reader, reader.scan(path)
     _require_folder(path)
-    failures: list[str] = []
+    failures: list[tuple[bool, str]] = []
     # A generator would fill this folder. A reader for any files comes last, and only where the folder has a list for
     # it: it would take a copy of a supported dataset that the dataset's reader refuses.
     readers = [cls for cls in map(DATASETS.get, DATASETS.names()) if not cls.generates]
     for cls in sorted(readers, key=lambda cls: cls.explicit_only):
-        if cls.explicit_only and not cls.has_listing(path):
-            failures.insert(0, f"  - {cls.name}: accepts any layout; select it with --dataset {cls.name}")
-            continue
-        reader = cls()
-        try:
-            return reader, reader.scan(path)
-        except SourceError as error:
-            failures.insert(0 if cls.explicit_only else len(failures), f"  - {reader.name}: {error}")
-    raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(failures))
+        reason = f"accepts any layout; select it with --dataset {cls.name}"
+        if not cls.explicit_only or cls.has_listing(path):
+            reader = cls()
+            try:
+                return reader, reader.scan(path)
+            except SourceError as error:
+                reason = str(error)
+        failures.append((not cls.explicit_only, f"  - {cls.name}: {reason}"))
+    lines = [line for _, line in sorted(failures, key=lambda failure: failure[0])]  # the user's own files first
+    raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(lines))
 
 
 def _require_folder(path: Path) -> None:

@@ -76,8 +76,8 @@ class BucketUpload:
             # That of a dataset stays to the end: a run that resumes here finds the files to remove in it.
             first = first if "dataset" in document else [name for name in first if name == DATASET_FILE]
         foreign = [file.name for file, state in states if state == "" and file.name not in before]
-        there = {file.name for file, state in states if state == file.sha256}
-        complete = [name for name in first if name not in there]
+        uploaded = {file.name for file, state in states if state == file.sha256}
+        complete = [name for name in first if name not in uploaded]
         if (complete or foreign) and not self.overwrite:
             problem = "there is another dataset" if complete else "there are files that dancedata did not publish"
             fix = "publish to another prefix, or replace what is there with --overwrite"
