@@ -11,7 +11,7 @@ the workers that it starts (`adopt`). In a notebook or a training job the librar
 computations that have to be exact run in a second process there (`dancedata.execution.reference_process`).
 
 Where this choice does not exist (no AVX2, another architecture or BLAS, another system than Linux), results depend on
-the machine, and their keys contain a description of it, so that they are never mixed. docs/decisions/0023 and 0072
+the machine, and their keys contain a description of it, so that they are never mixed. docs/decisions.md
 have the measurements.
 """
 

@@ -37,7 +37,5 @@ def add(root: Path, page: str, text: list[str]) -> None:
         text[0] += toctree([f"All pages <{INDEX.with_suffix('')}>"])
         for title, pages in groups(root).items():
             text[0] += toctree([f"{label} </{path}>" for label, path in pages], title)
-    elif page == "docs/decisions/README":
-        text[0] += toctree(re.findall(r"^\| \[\w+\]\(([^)]+)\.md\)", text[0], flags=re.MULTILINE))
     elif page == "docs/python":
         text[0] += toctree([f"api/{name}" for name in reference.modules(root)])

@@ -36,16 +36,6 @@ def test_every_page_is_in_one_group_of_the_navigation(module) -> None:
     assert "" not in groups  # a table above the first group
 
 
-def test_every_decision_is_in_the_list_of_decisions() -> None:
-    folder = ROOT / "docs" / "decisions"
-    listed = re.findall(r"^\| \[(\w+)\]\(([^)]+)\) \|", (folder / "README.md").read_text("utf-8"), flags=re.MULTILINE)
-    assert [page for _, page in listed] == sorted({path.name for path in folder.glob("*.md")} - {"README.md"})
-    *numbered, superseded = listed
-    assert [int(number) for number, _ in numbered] == list(range(1, len(numbered) + 1))
-    assert all(page.startswith(f"{number}-") for number, page in numbered)
-    assert superseded == ("superseded", "superseded.md")
-
-
 def test_pages_are_added_below_their_group(module) -> None:
     text = ["# dancedata\n"]
     module("navigation").add(ROOT, "README", text)

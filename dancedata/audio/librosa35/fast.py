@@ -1,6 +1,6 @@
 """The fast version of librosa35: what the windows of a song have in common is computed once.
 
-The numbers are those of `reference`, up to float32 rounding; docs/decisions/0010 explains why. Nothing here needs
+The numbers are those of `reference`, up to float32 rounding; docs/decisions.md explains why. Nothing here needs
 librosa or numba, whose import takes seconds in every process.
 """
 
