@@ -1,0 +1,106 @@
+"""Lines of Python, words of documentation and circles of imports, commit by commit.
+
+    python benchmarks/lines.py BASE [HEAD]
+
+Prints a row for each commit from BASE to HEAD (added and removed lines of the package, of the tests, and of the
+pages), then what the two ends hold: lines of the package and of the tests, words of docs/, the largest circle of
+imports (those of functions, of TYPE_CHECKING and by name counted), and the modules of the package that a command loads
+which builds the demo and reads a batch of it (of HEAD's working tree only).
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import subprocess
+import sys
+import tarfile
+import tempfile
+from pathlib import Path
+
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+GROUPS = ("dancedata", "tests", "docs")
+LOADED = """
+import sys, tempfile, dancedata
+from pathlib import Path
+with tempfile.TemporaryDirectory() as folder:
+    out = dancedata.build("demo", out=Path(folder) / "out", jobs=1, cache=Path(folder) / "cache", progress=False).path
+    count = lambda: sum(name.split(".")[0] == "dancedata" for name in sys.modules)
+    built = count()
+    from dancedata.readers import WindowDataset
+    WindowDataset(out)[0]
+    print(built, count() - built)
+"""
+
+
+def git(*words: str) -> bytes:
+    """Return what git prints."""
+    return subprocess.run(["git", *words], check=True, stdout=subprocess.PIPE).stdout
+
+
+def changes(commit: str) -> dict[str, list[int]]:
+    """Return lines added and removed by a commit: Python of the package and of the tests, pages of the docs."""
+    total = {group: [0, 0] for group in GROUPS}
+    for line in git("show", "--numstat", "--format=", "--no-renames", commit).decode().splitlines():
+        added, removed, name = line.split("\t")
+        group = name.split("/")[0]
+        if added != "-" and group in total and name.endswith(".md" if group == "docs" else ".py"):
+            total[group][0] += int(added)
+            total[group][1] += int(removed)
+    return total
+
+
+def largest_circle(package: Path) -> int:
+    """Return how many modules the largest circle of imports has; 0 without a circle."""
+    modules = {
+        ".".join(file.relative_to(package.parent).with_suffix("").parts): file for file in package.rglob("*.py")
+    }
+    number = {name.removesuffix(".__init__"): i for i, name in enumerate(modules)}
+    pairs: set[tuple[int, int]] = set()
+    for name, file in modules.items():
+        source = number[name.removesuffix(".__init__")]
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            found: list[str] = []
+            if isinstance(node, ast.ImportFrom) and node.module:
+                whole = [f"{node.module}.{alias.name}" for alias in node.names]
+                found = [target for target in whole if target in number] or [node.module]
+            elif isinstance(node, ast.Import):
+                found = [alias.name for alias in node.names]
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module") and node.args:
+                found = [str(ast.literal_eval(node.args[0]))] if isinstance(node.args[0], ast.Constant) else []
+            pairs |= {(source, number[target]) for target in found if number.get(target, source) != source}
+    rows, columns = zip(*pairs, strict=True)
+    graph = coo_array(([1] * len(pairs), (rows, columns)), shape=(len(number), len(number)))
+    labels = connected_components(graph, connection="strong")[1].tolist()
+    largest = max(labels.count(label) for label in set(labels))
+    return largest if largest > 1 else 0
+
+
+def held(commit: str) -> str:
+    """Return what the files of a commit hold."""
+    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(git("archive", commit))) as archive:
+        archive.extractall(folder, filter="data")
+        root = Path(folder)
+        python = {g: sum(len(f.read_bytes().splitlines()) for f in (root / g).rglob("*.py")) for g in GROUPS[:2]}
+        words = sum(len(f.read_text(encoding="utf-8").split()) for f in (root / "docs").rglob("*.md"))
+        circle = largest_circle(root / "dancedata")
+    return f"package {python['dancedata']}, tests {python['tests']}, words of docs {words}, largest circle {circle}"
+
+
+def main(base: str, head: str = "HEAD") -> None:
+    """Print the table."""
+    print("| commit | package | tests | docs | subject |\n|---|---|---|---|---|")
+    for row in git("log", "--reverse", "--no-merges", "--format=%h\t%s", f"{base}..{head}").decode().splitlines():
+        commit, subject = row.split("\t")
+        cells = [f"+{added} -{removed}" for added, removed in changes(commit).values()]
+        print(f"| {commit} | {' | '.join(cells)} | {subject} |", flush=True)
+    for end in (base, head):
+        print(f"{end}: {held(end)}")
+    loaded = subprocess.run([sys.executable, "-c", LOADED], check=True, stdout=subprocess.PIPE, text=True).stdout
+    print(f"modules loaded by a build, and by a first batch after it: {loaded.split()}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
