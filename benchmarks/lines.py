@@ -4,8 +4,8 @@
 
 Prints a row for each commit from BASE to HEAD (added and removed lines of the package, of the tests, and of the
 pages), then what the two ends hold: lines of the package and of the tests, words of docs/, the largest circle of
-imports (those of functions, of TYPE_CHECKING and by name counted), and the modules of the package that a command loads
-which builds the demo and reads a batch of it (of HEAD's working tree only).
+imports (those of functions, of TYPE_CHECKING and by name counted), and the modules of the package that a build of
+the demo loads, and reading a batch of it (of HEAD's working tree only).
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ EXAMPLES = {  # case: reader whose example is built, recipe, settings
     "dd100": ("dd100", "dd100", ()),
     "phantomdance": ("phantomdance", "phantomdance", ()),
     "i-dancers": ("i-dancers", "i-dancers", ()),
-    "infinitedance": ("infinitedance", "infinitedance", ()),
+    "infinitedance": ("infinitedance", "infinitedance", ("windows.length_s=4",)),
     "popdanceset": ("popdanceset", "popdanceset", ()),
 }
 SHARED = {  # case: function that makes the source, recipe, settings
