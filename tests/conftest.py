@@ -28,7 +28,6 @@ from dancedata.files.locks import open_locked, unlock
 from dancedata.files.regular_file import sha256_file
 from tests.browser import browser, plain_chromium, webgl_browser, webgl_chromium  # noqa: F401 (fixtures)
 from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
-from tests.platforms.needs import skip_what_cannot_run
 from tests.remote.children import PACKAGES
 
 # Tests start hundreds of processes. Where bytecode is not kept (PYTHONDONTWRITEBYTECODE, which images of containers
@@ -151,7 +150,6 @@ COSTLY = ("audio", "hf", "viewer")
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run tests that fork first, and those that import the largest packages last."""
-    skip_what_cannot_run(items)
 
     def place(item: pytest.Item) -> int:
         rooms = item.path.relative_to(ROOT).parts

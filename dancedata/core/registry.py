@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import os
 import pkgutil
 import threading
 from collections.abc import Callable, Iterable, Mapping
@@ -25,7 +26,6 @@ from dancedata.core.plugins import (
     Representation,
     WindowFilter,
 )
-from dancedata.core.system import at_fork
 
 P = TypeVar("P", bound=Plugin)
 C = TypeVar("C", bound=type[Plugin])
@@ -33,7 +33,7 @@ C = TypeVar("C", bound=type[Plugin])
 #: Held while plug-ins are loaded. One lock for all kinds: no two threads wait for each other.
 _loading = threading.RLock()
 # A process that is forked during that time would wait for a thread that it does not have.
-at_fork(_loading.acquire, _loading.release)
+os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
 
 
 class Registry(Generic[P]):

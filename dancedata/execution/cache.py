@@ -20,7 +20,7 @@ import numpy.typing as npt
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.packages import version
-from dancedata.core.system import changed_ns, open_file
+from dancedata.core.system import open_file
 from dancedata.execution import cache_files as files
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import sha256_file
@@ -274,7 +274,7 @@ class Cache:
             stat = path.stat()
         folder, name = os.path.split(path)
         real = f"{_real_folder(folder)}{os.sep}{name}"
-        identity = [real, stat.st_size, stat.st_mtime_ns, changed_ns(stat), stat.st_ino]
+        identity = [real, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         return Cache.key("files", what=what, file=identity)
 
     def _path(self, stage: str, key: str, suffix: str) -> Path:

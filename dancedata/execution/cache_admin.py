@@ -12,7 +12,6 @@ from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.system import disk_bytes
 from dancedata.core.text import listed
 from dancedata.execution import cache_files as files
 
@@ -118,7 +117,7 @@ def entries(root: Path) -> Iterator[Entry]:
                     continue
                 if not S_ISREG(stat.st_mode):
                     continue
-                size = disk_bytes(stat)
+                size = max(stat.st_size, stat.st_blocks * 512)  # bytes on the disk
                 yield Entry(Path(file.path), stage.name, size, stat.st_mtime, stat.st_mtime)
     yield from _fetched(root / files.DATASETS)
 
@@ -133,7 +132,7 @@ def _fetched(datasets: Path) -> Iterator[Entry]:
                 # dataset.json stays: with it the rest is fetched again when it is needed.
                 if S_ISREG(stat.st_mode) and file.name not in ("dataset.json", "publication.json"):
                     opened = os.stat(datasets / f"{match['sha256']}.json").st_mtime  # type: ignore[index]
-                    size = disk_bytes(stat)
+                    size = max(stat.st_size, stat.st_blocks * 512)  # bytes on the disk
                     yield Entry(Path(file.path), files.DATASETS, size, max(opened, stat.st_mtime), stat.st_mtime)
 
 

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
-from dancedata.core.system import REMOVES_OPEN, open_file, read_at
+from dancedata.core.system import open_file
 from dancedata.files.locks import (
     file_lock,
     is_abandoned,
@@ -56,8 +56,6 @@ _LOCK_NAME = re.compile(rf"({'|'.join((*STAGES, DATASETS))})-[0-9a-f]{{64}}|buil
 RUNNING = "build-"
 #: Most files read per stage to find out whether a folder without a marker is a cache.
 _INSPECTED = 16
-#: Number of times that an entry is written, where another build may remove its temporary file.
-_TRIES = 3
 #: Resolution of the time of last use: a use sooner after the last one writes nothing.
 USE_GRANULARITY_S = 3600.0
 _HEAD_BYTES = 512
@@ -84,7 +82,7 @@ def array_parts(array: npt.NDArray[Any]) -> list[bytes | memoryview]:
 
 def read_head(fd: int) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Return shape, dtype and offset of an entry's values; ValueError if its length does not match."""
-    head = read_at(fd, _HEAD_BYTES, 0)
+    head = os.pread(fd, _HEAD_BYTES, 0)
     # As `array_parts` writes it, and numpy since version 1: numpy's own reader takes longer than the rest of this.
     header = _HEAD.match(head)
     if header is None:
@@ -94,7 +92,7 @@ def read_head(fd: int) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     begin = 10 + int.from_bytes(header["length"], "little")
     end = begin + math.prod(shape) * dtype.itemsize
     size = os.fstat(fd).st_size
-    if size != end + _TRAILER.size or read_at(fd, len(_WORD), end) != _WORD:
+    if size != end + _TRAILER.size or os.pread(fd, len(_WORD), end) != _WORD:
         raise ValueError(f"{size} bytes, not {end + _TRAILER.size} with a checksum at the end")
     return shape, dtype, begin
 
@@ -125,7 +123,7 @@ def read_json(path: str | Path) -> tuple[Any, float]:
     fd = open_file(path, os.O_RDONLY)  # takes half the time of open()
     try:
         stat = os.fstat(fd)
-        entry = read_at(fd, stat.st_size, 0)
+        entry = os.pread(fd, stat.st_size, 0)
     finally:
         os.close(fd)
     head = _JSON_HEAD.match(entry)
@@ -154,32 +152,19 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
     With `durable` it is flushed to disk before it appears. Without it, a power failure may leave a damaged entry,
     which its checksum shows.
     """
-    for tries_left in reversed(range(_TRIES)):
-        try:
-            return _publish(root, path, parts, durable)
-        except FileNotFoundError:
-            # Swept by another build in the moment between the release of its lock and its renaming.
-            if REMOVES_OPEN or not tries_left:
-                raise
-
-
-def _publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], durable: bool) -> None:
     fd, temporary = _open_temporary(root)
-    with ExitStack() as locked:
-        locked.callback(unlock, fd)
-        try:
-            for part in parts:
-                _write_all(fd, part)
-            if durable:
-                os.fsync(fd)
-            if not REMOVES_OPEN:
-                locked.close()
-            _put_in_place(temporary, path)
-        except BaseException:
-            locked.close()
-            with suppress(OSError):
-                temporary.unlink()
-            raise
+    try:
+        for part in parts:
+            _write_all(fd, part)
+        if durable:
+            os.fsync(fd)
+        _put_in_place(temporary, path)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink()
+        raise
+    finally:
+        unlock(fd)
 
 
 def _put_in_place(temporary: Path, path: Path) -> None:
@@ -188,11 +173,6 @@ def _put_in_place(temporary: Path, path: Path) -> None:
     except FileNotFoundError:
         path.parent.mkdir(parents=True, exist_ok=True)
         os.replace(temporary, path)
-    except PermissionError:
-        # Where a file that is read cannot be replaced: another process has published the same bytes, which are read.
-        if REMOVES_OPEN or not path.exists():
-            raise
-        temporary.unlink()
 
 
 def _write_all(fd: int, part: bytes | memoryview) -> None:
@@ -265,14 +245,8 @@ def remove_unused(path: Path, used: float) -> bool:
     if in_use:
         unlock(fd)
         return False
-    try:
+    with suppress(FileNotFoundError):
         remove_locked(path, fd)
-    except FileNotFoundError:
-        return True
-    except PermissionError:
-        if REMOVES_OPEN:
-            raise
-        return False  # a process has it open
     return True
 
 

@@ -28,7 +28,7 @@ from typing import IO, Any, TypeVar, cast
 import cloudpickle
 
 from dancedata.core.errors import DanceDataError
-from dancedata.core.system import interrupts_blocked_in_children, open_file
+from dancedata.core.system import open_file
 from dancedata.core.text import printable
 from dancedata.execution import arithmetic
 
@@ -229,10 +229,11 @@ def shielded() -> Iterator[None]:
     before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if in_main and signal.getsignal(n)}
     for number in before:
         signal.signal(number, lambda number, _: received.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which children inherit
     try:
-        with interrupts_blocked_in_children():
-            yield
+        yield
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for number, handler in before.items():
             signal.signal(number, handler)
         if received:

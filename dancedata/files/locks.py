@@ -1,11 +1,11 @@
 """Locks on files, for all of dancedata. The system releases them when their holder dies, however it dies.
 
 So a file that no process has locked is a leftover of a killed one, on every machine that shares the folder, without
-clocks or process numbers. Where the system refuses to remove an open file (Windows), a file is removed when its lock
-has been released; no other process can have it open then, or it is that process that removes it.
+clocks or process numbers.
 """
 
 import errno
+import fcntl
 import os
 import time
 from collections.abc import Iterator
@@ -13,12 +13,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
 
-from dancedata.core import system
 from dancedata.core.errors import StoreError
+from dancedata.core.system import open_file
 from dancedata.files.atomic import PREFIX
 
 #: On file systems without locks: a file that was not changed for this long was left by a killed process.
 ABANDONED_S = 24 * 3600.0
+#: Errors of file systems without locks.
+_NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 
 
 def lock_file(fd: int, *, shared: bool = False, wait: bool = True, unsure: bool | None = False) -> bool | None:
@@ -27,11 +29,16 @@ def lock_file(fd: int, *, shared: bool = False, wait: bool = True, unsure: bool 
     NFS cannot tell whether another process holds a file, or a folder, that is open for reading only: `unsure` then.
     """
     try:
-        return system.lock(fd, shared=shared, wait=wait)
+        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
     except OSError as error:
+        if error.errno in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
+            return False
+        if error.errno in _NO_LOCKS:
+            return None
         if error.errno == errno.EBADF:
             return unsure
         raise
+    return True
 
 
 def unlock(fd: int) -> None:
@@ -41,7 +48,7 @@ def unlock(fd: int) -> None:
     """
     try:
         with suppress(OSError):
-            system.release(fd)
+            fcntl.flock(fd, fcntl.LOCK_UN)
     finally:
         os.close(fd)
 
@@ -49,12 +56,8 @@ def unlock(fd: int) -> None:
 def remove_locked(path: Path, fd: int) -> None:
     """Remove a file that is locked, and release it; OSError if it cannot be removed.
 
-    While it is locked: a process that waits for it notices and makes a new one. Else right after that.
+    While it is locked: a process that waits for it notices and makes a new one.
     """
-    if not system.REMOVES_OPEN:
-        unlock(fd)
-        path.unlink()
-        return
     try:
         path.unlink()
     finally:
@@ -68,7 +71,7 @@ def open_locked(path: Path, *, wait: bool = True) -> int | None:
     every process gets it.
     """
     while True:
-        fd = system.open_file(path, os.O_CREAT | os.O_RDWR, follow=False)
+        fd = open_file(path, os.O_CREAT | os.O_RDWR, follow=False)
         try:
             locked = lock_file(fd, wait=wait)
             # The holder before may have removed it: a lock on a file without a name excludes no process.
@@ -100,7 +103,7 @@ def file_lock(path: Path, *, wait: bool = True) -> Iterator[bool]:
 def is_abandoned(path: Path) -> bool:
     """Return whether a file exists that no living process has locked."""
     try:
-        fd = system.open_file(path, os.O_RDWR, follow=False)
+        fd = open_file(path, os.O_RDWR, follow=False)
     except OSError:
         return False
     try:
@@ -151,7 +154,7 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
 
 def _open_regular(path: Path) -> int:
     """Open a file, made if it is missing; OSError if something else has its name."""
-    fd = system.open_file(path, os.O_CREAT | os.O_RDWR, follow=False)
+    fd = open_file(path, os.O_CREAT | os.O_RDWR, follow=False)
     if not S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
         raise OSError(errno.EINVAL, "not a regular file", str(path))
@@ -166,9 +169,9 @@ def _open_lock(folder: Path, what: str, *, wait: bool) -> tuple[int, Path | None
         try:
             fd = _open_regular(beside)
         except OSError:
-            if not (system.OPENS_FOLDERS and real.is_dir()):
+            if not real.is_dir():
                 raise
-            fd, path = system.open_folder(real), None
+            fd, path = os.open(real, os.O_RDONLY | os.O_DIRECTORY), None
         try:
             if lock_file(fd, wait=wait, unsure=None if path is None else False) is False:
                 raise StoreError(

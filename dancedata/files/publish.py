@@ -26,9 +26,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
-from dancedata.core import system
 from dancedata.core.errors import DanceDataError, StoreError
-from dancedata.core.system import changed_ns, flush_folder
+from dancedata.core.system import flush_folder
 from dancedata.core.text import listed
 from dancedata.files.atomic import PREFIX, is_temporary, write_bytes
 
@@ -84,8 +83,6 @@ def writable(out: Path, problem: str, fix: str, error: type[DanceDataError] = St
     try:
         yield
     except OSError as cause:
-        if isinstance(cause, PermissionError) and not system.REMOVES_OPEN:
-            fix = f"close what has files of it open, such as a trainer; or {fix}"
         raise error(problem, where=out, found=str(cause), fix=fix) from cause
 
 
@@ -184,7 +181,7 @@ def recover(out: Path, layout: Layout) -> None:
         if layout.is_complete(folder / layout.last) and not is_claimed(folder)
     ]
     if complete:
-        os.rename(max(complete, key=lambda folder: changed_ns(folder.stat())), out.resolve())
+        os.rename(max(complete, key=lambda folder: folder.stat().st_ctime_ns), out.resolve())
 
 
 def tidy(out: Path, layout: Layout) -> None:

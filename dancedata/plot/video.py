@@ -5,6 +5,7 @@ import io
 import math
 import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
@@ -21,7 +22,6 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import install, load, require
 from dancedata.core.rotations import Float64Array
-from dancedata.core.system import is_file_too_large
 from dancedata.core.text import shown
 from dancedata.execution.reference_process import shielded
 from dancedata.files import atomic
@@ -138,7 +138,7 @@ def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | N
         return None
     text = messages.read_bytes().decode(errors="replace").strip()
     full = [number for number in _FULL if os.strerror(number) in text]
-    if full or is_file_too_large(process.returncode):
+    if full or process.returncode == -signal.SIGXFSZ:
         number = full[0] if full else errno.EFBIG
         raise OSError(number, os.strerror(number))
     return text

@@ -175,7 +175,7 @@ def _fetch(source: Source, where: str, file: RemoteFile, path: Path, target: Pat
         persist(partial(_append, source, where, file, part, report), where, lambda: part.have)
         found = part.sha256
         if found == file.sha256:
-            with open(path, "rb+") as written:  # Windows flushes only what is open for writing
+            with open(path, "rb") as written:
                 os.fsync(written.fileno())
             os.replace(path, target)
             flush_folder(target.parent)

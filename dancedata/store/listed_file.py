@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_bytes
-from dancedata.core.system import changed_ns, open_file
+from dancedata.core.system import open_file
 from dancedata.core.text import shown
 from dancedata.execution.cache_files import mark_in_use
 from dancedata.files.regular_file import read_regular, sha256_file
@@ -118,7 +118,7 @@ class FileId:
     @classmethod
     def of(cls, status: os.stat_result) -> FileId:
         """Make it from the result of os.stat."""
-        return cls(status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, changed_ns(status))
+        return cls(status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
 
     def same_file(self, other: FileId) -> bool:
         """Whether both are the same file, changed or not."""

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
-from dancedata.core.system import memory_bytes, read_ahead, read_into
+from dancedata.core.system import read_ahead
 from dancedata.remote import RangedFile
 from dancedata.store import hdf5
 from dancedata.store.dataset_json import ShardEntry
@@ -62,7 +62,7 @@ class WindowRows:
             self._map(number)
         # A field that fits into memory is read from the disk once, a larger one again and again.
         n_bytes = sum(layout.n_rows * layout.row_bytes for layout in layouts)
-        self._fits = n_bytes < memory_bytes() // 2
+        self._fits = n_bytes < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
         self._seen = np.zeros(len(shard), dtype=np.bool_)
 
     def _check_bounds(self, shard_rows: Sequence[int]) -> None:
@@ -261,7 +261,7 @@ class _File:
     def read_into(self, view: memoryview, position: int) -> None:
         """Fill `view` with the bytes from `position` on."""
         while view.nbytes:
-            n = read_into(self._descriptor, view, position)
+            n = os.preadv(self._descriptor, [view], position)
             if n == 0:
                 raise _too_short(self.path, view.nbytes, position)
             view, position = view[n:], position + n

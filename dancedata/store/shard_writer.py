@@ -1,5 +1,6 @@
 """Writes one shard, clip by clip; a thread loads the next array while one is checked and written."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -13,7 +14,6 @@ import numpy.typing as npt
 
 from dancedata.core.codebook import Codebook
 from dancedata.core.errors import StoreError
-from dancedata.core.system import write_at
 from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.hdf5 import SparseFile
@@ -140,7 +140,7 @@ def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple
 
 def _write_at(file: int, data: memoryview, offset: int) -> None:
     while data:
-        n = write_at(file, data, offset)
+        n = os.pwrite(file, data, offset)
         data, offset = data[n:], offset + n
 
 

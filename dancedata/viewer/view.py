@@ -69,7 +69,7 @@ def serve(
         # While a browser starts, the data of the first clip is loaded.
         first = (site, opened.item, request.field)
         threading.Thread(target=_warm_up, args=first, name="warm-up", daemon=True).start()
-        if browser and _has_display():
+        if browser and not os.environ.get("SSH_CONNECTION") and has_display():
             webbrowser.open(address)
         end.wait()
         server.shutdown()
@@ -145,12 +145,6 @@ def _advice(server: ViewServer, shown: Shown) -> list[str]:
         music = music if isinstance(shown.scenes, Scenes) else "--music PATH names a file, or a folder with files"
         lines.append(f"No music: {music}. C clicks on the beats.")
     return [*lines, "Ctrl-C ends it."]
-
-
-def _has_display() -> bool:
-    if os.environ.get("SSH_CONNECTION"):
-        return False
-    return has_display()
 
 
 def _interrupt() -> threading.Event:

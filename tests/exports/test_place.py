@@ -257,6 +257,17 @@ def test_links_are_of_equal_bytes_only(tmp_path: Path) -> None:
     assert folder.linked == 1
 
 
+def test_names_that_differ_in_case_lose_no_file(tmp_path: Path) -> None:
+    """As on macOS, where the second name finds the first file."""
+    folder = ExportFolder(tmp_path, tmp_path)
+    folder.write_text("Clip.txt", "first")
+    if not (tmp_path / "clip.txt").exists():  # a system that tells them apart
+        (tmp_path / "clip.txt").hardlink_to(tmp_path / "Clip.txt")
+    with pytest.raises(UsageError, match="upper from lower case"):
+        folder.write_text("clip.txt", "second")
+    assert (tmp_path / "Clip.txt").read_text() == "first"
+
+
 def test_the_command(built, tmp_path: Path) -> None:
     made = built("edge")
     run = CliRunner().invoke

@@ -11,13 +11,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dancedata.core import system
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.execution import cache_files
@@ -341,9 +339,7 @@ def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
     def none(fd: int, operation: int) -> None:
         raise OSError(errno.ENOSYS, "no locks")
 
-    fcntl = system._fcntl
-    without = SimpleNamespace(flock=none, LOCK_EX=fcntl.LOCK_EX, LOCK_NB=fcntl.LOCK_NB, LOCK_UN=fcntl.LOCK_UN)
-    monkeypatch.setattr(system, "_fcntl", without)
+    monkeypatch.setattr("fcntl.flock", none)
     run()
     assert hashes(out) == whole
     stray = tmp_path / "cache" / "tmp" / f"dancedata-{0:032x}.tmp"

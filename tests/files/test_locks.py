@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from dancedata.core import system
 from dancedata.core.errors import StoreError
 from dancedata.files import locks
 from dancedata.files.locks import file_lock, open_locked, writing_lock
@@ -169,7 +168,7 @@ def test_lock_errors_of_file_systems(monkeypatch: pytest.MonkeyPatch, code: int,
     def flock(fd: int, operation: int) -> None:
         raise OSError(code, os.strerror(code))
 
-    monkeypatch.setattr(system._fcntl, "flock", flock)
+    monkeypatch.setattr(locks.fcntl, "flock", flock)
     assert locks.lock_file(0) is held
 
 
@@ -180,7 +179,7 @@ def test_nfs_has_no_locks_on_folders(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def flock(fd: int, operation: int) -> None:
         raise OSError(errno.EBADF, "Bad file descriptor")
 
-    monkeypatch.setattr(system._fcntl, "flock", flock)
+    monkeypatch.setattr(locks.fcntl, "flock", flock)
     with writing_lock(tmp_path / "out", "build"), writing_lock(tmp_path / "out", "build"):
         pass
 

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.core import system
 from dancedata.core.errors import StoreError
 from dancedata.files import publish
-from dancedata.files.publish import MARKER, STAGING, Layout, staged, tidy, writable
+from dancedata.files.publish import MARKER, STAGING, Layout, staged, tidy
 from tests.messages import raises_message
 
 NAMES = ["a.bin", "b.bin", "last.json"]
@@ -132,13 +131,3 @@ def test_leftovers_of_a_writer_killed_while_creating_the_folder(tmp_path: Path) 
     (tmp_path / STAGING / ".dancedata-abcd_123.tmp").write_text("")
     write(tmp_path)
     assert content(tmp_path) == {name: name for name in NAMES}
-
-
-@pytest.mark.parametrize(("removes_open", "fix"), [(True, "Use another"), (False, "Close what has files of it open")])
-def test_a_folder_that_is_read_is_named_where_the_system_protects_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, removes_open: bool, fix: str
-) -> None:
-    monkeypatch.setattr(system, "REMOVES_OPEN", removes_open)
-    with pytest.raises(StoreError) as caught, writable(tmp_path, "it cannot be written", "use another"):
-        raise PermissionError(13, "in use")
-    assert str(caught.value).partition(" in use. ")[2].startswith(fix)

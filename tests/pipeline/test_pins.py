@@ -2,7 +2,7 @@
 
 Users have caches and datasets that were made with them. A change on purpose raises a version, is listed in
 CHANGELOG.md, and is written down here by ``python -m tests.pipeline.test_pins``, for the kind of machine that it runs
-on; ``... compare FOLDER`` compares the demo in a folder. `.ci/arm64` does that for ARM64.
+on; ``... compare FOLDER`` compares the demo in a folder.
 """
 
 import json

@@ -159,7 +159,7 @@ def _fetched(
     shutil.rmtree(part / _CLIENT, ignore_errors=True)
     _require_new(out)
     with suppress(FileNotFoundError):
-        out.rmdir()  # an empty folder, which Windows does not replace
+        out.rmdir()  # an empty folder
     part.rename(out)
     flush_folder(out.parent)
     return model

@@ -9,10 +9,10 @@ import multiprocessing
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Any
 from weakref import WeakSet
 
-from dancedata.core.system import start_resource_tracker
 from dancedata.execution.arithmetic import adopted_by_children
 from dancedata.execution.executors.base import (
     Call,
@@ -58,7 +58,7 @@ class LokyExecutor(Executor):
         unfinished: list[int] = []
         # Workers that end, such as idle ones, are replaced at any time.
         with adopted_by_children():
-            start_resource_tracker()  # started with the workers, it would unblock SIGINT for them
+            resource_tracker.ensure_running()  # started with the workers, it would unblock SIGINT for them
             try:
                 with shielded():  # an interrupt during the start is raised at its end
                     # In this folder, so that relative paths name the same files: a pool of another one is replaced.

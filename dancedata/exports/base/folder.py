@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.hashing import sha256_bytes
-from dancedata.core.system import why_no_file_name
 from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
 
@@ -119,8 +118,6 @@ class ExportFolder:
             raise UsageError("not a path below the folder of an export", found=shown(name))
         if name in self.files:
             raise UsageError("two files of an export have the same name", found=shown(name))
-        if reason := next(filter(None, map(why_no_file_name, parts)), ""):
-            raise UsageError("a file cannot have this name on this system", found=shown(name), allowed=reason)
         place = self.path.joinpath(*parts)
         if is_file and os.path.lexists(place):
             raise UsageError(
