@@ -1,5 +1,6 @@
 """BVH skeletons on SMPL's joints: names, positions and rotations that survive, on synthetic and on real files."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.formats.bvh.joint_names import map_joints
 from dancedata.formats.bvh.kinematics import world
-from dancedata.formats.bvh.parse import read_bvh
+from dancedata.formats.bvh.parse import read_bvh, read_bvh_header
 from dancedata.formats.bvh.producers import REQUIRED
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.synthetic import synthesise_motion
@@ -173,7 +174,7 @@ def test_names_of_many_makers(tmp_path: Path, danced: Motion, names: str, produc
 
 
 def test_spines_of_any_number() -> None:
-    from dancedata.formats.bvh.hierarchy import BvhJoint
+    from dancedata.formats.bvh.hierarchy import POSITIONS, ROTATIONS, BvhJoint
 
     for n, expected in [(0, []), (1, [1]), (2, [1, 2]), (3, [1, 2, 3]), (4, [1, 3, 4]), (5, [1, 3, 5])]:
         names, parents = ["Hips"] + [f"s{k}" for k in range(1, n + 1)], [-1, *range(n)]
@@ -183,7 +184,8 @@ def test_spines_of_any_number() -> None:
                     parents.append(root if k == 0 else len(names) - 1)
                     names.append(side + part)
         names, parents = [*names, "Head"], [*parents, n]
-        joints = [BvhJoint(a, p, (0, 1, 0), (), 0, 1) for a, p in zip(names, parents, strict=True)]
+        six = (*POSITIONS, *ROTATIONS)
+        joints = [BvhJoint(a, p, (0, 1, 0), () if p >= 0 else six, 0, 1) for a, p in zip(names, parents, strict=True)]
         of = map_joints(Path("x"), joints, None).of
         spines = [of[s] for s in (3, 6, 9) if s in of]
         assert spines == expected
@@ -399,14 +401,163 @@ def test_optional_joints_may_be_missing(tmp_path: Path, danced: Motion) -> None:
     assert np.allclose(np.linalg.norm(toes, axis=1), np.linalg.norm(SMPL24.offsets[10]), rtol=0.05)
 
 
-def test_invalid_skeletons_in_files(own: Path) -> None:
-    lines = own.read_text().splitlines()
-    at = next(k for k, line in enumerate(lines) if "LeftFoot" in line) + 2
-    lines[at] = "OFFSET 0 0 0"
-    own.write_text("\n".join(lines))
-    with raises_message(DataError) as error:
+def with_bones(**lengths: float) -> Skeleton:
+    """SMPL's bones; those to some joints have other lengths, as factors."""
+    offsets = np.array(SMPL24.offsets)
+    for joint, factor in lengths.items():
+        offsets[SMPL24.index(joint)] *= factor
+    return Skeleton("odd", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+
+
+@pytest.mark.parametrize(
+    "lengths",
+    [
+        {"left_knee": 0},
+        {"right_ankle": 0},
+        {"left_elbow": 0, "left_wrist": 0, "right_elbow": 0, "right_wrist": 0},
+        {"left_elbow": 0, "left_wrist": 0},
+        {"right_elbow": 1e-7},
+        {"left_wrist": 0},
+        {"left_hip": 0, "right_hip": 0},
+        {f"{side}_{joint}": 0 for side in ("left", "right") for joint in ("collar", "shoulder")},
+        {"spine1": 0, "spine2": 0, "spine3": 0, "neck": 0},
+    ],
+    ids=lambda lengths: "-".join(lengths),
+)
+def test_bones_without_length_are_refused(tmp_path: Path, danced: Motion, lengths: dict[str, float]) -> None:
+    write_as(tmp_path / "a.bvh", danced, with_bones(**lengths), Rotation.identity(24))
+    with pytest.raises(DataError) as error:
+        load(tmp_path / "a.bvh", unit="cm")
+    assert error.value.reason == "bad_skeleton"
+
+
+@pytest.mark.parametrize(
+    ("lengths", "noted"),
+    [
+        ({"left_elbow": 2}, "upper arm (left 5"),
+        ({"right_knee": 1.3}, "thigh (left 38"),
+        ({"left_hip": 0}, "hip (left 0, right 1"),
+        ({"right_ankle": 0.85, "left_wrist": 1.2}, "shin"),
+        ({"left_elbow": 1.05, "neck": 2}, ""),
+    ],
+)
+def test_sides_of_unequal_length_are_a_note(
+    tmp_path: Path, danced: Motion, lengths: dict[str, float], noted: str
+) -> None:
+    wanted = write_as(tmp_path / "a.bvh", danced, with_bones(**lengths), Rotation.identity(24))
+    assert np.abs(load(tmp_path / "a.bvh", unit="cm").joints() - wanted).max() < 1e-5
+    clip = Folder(unit="cm", music="optional").scan(tmp_path).clips[0]
+    notes = [note for note in clip.notes if note.startswith("BVH bones of unequal length: ")]
+    assert [noted in note for note in notes] == [True] * bool(noted)
+
+
+def with_positions(path: Path, bones: Floats) -> None:
+    """Give all joints of a file position channels with the given bones (24, 3), in the file's unit."""
+    text = path.read_text().replace("CHANNELS 3 Z", "CHANNELS 6 Xposition Yposition Zposition Z")
+    order = [SMPL24.joints.index(MIXAMO_JOINT[name]) for name in read_bvh(path).names[1:]]
+    head, _, tail = text.partition("Frame Time: 0.0166667\n")
+    rows = []
+    for line in tail.splitlines():
+        words = line.split()
+        joints = [words[k : k + 3] for k in range(6, len(words), 3)]
+        placed = [[*map(str, bones[j]), *turn] for j, turn in zip(order, joints, strict=True)]
+        rows.append(" ".join([*words[:6], *(word for joint in placed for word in joint)]))
+    path.write_text(f"{head}Frame Time: 0.0166667\n" + "\n".join(rows) + "\n")
+
+
+MIXAMO_JOINT = dict(zip(MIXAMO.split(), SMPL24.joints, strict=True))
+ARMS = [SMPL24.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3, -1e-4])
+@pytest.mark.parametrize("of", ["arms", "all"])
+def test_position_channels_of_rounding_errors_are_not_bones(own: Path, noise: float, of: str) -> None:
+    """Whether exactly 0 or nearly: the OFFSETs count. Where those are 0 too, the file is refused."""
+    expected = load(own, unit="cm").joints()
+    bones = np.array(SMPL24.offsets) * 100
+    bones[ARMS if of == "arms" else slice(None)] = noise
+    with_positions(own, bones)
+    assert np.abs(load(own, unit="cm").joints() - expected).max() < 1e-7
+    own.write_text(re.sub("OFFSET .*", "OFFSET 0 0 0", own.read_text()))
+    with pytest.raises(DataError) as error:
         load(own, unit="cm")
     assert error.value.reason == "bad_skeleton"
+
+
+def test_bones_in_position_channels_are_those_of_the_notes(own: Path) -> None:
+    bones = np.array(SMPL24.offsets) * 100
+    bones[18] *= 1.5
+    with_positions(own, bones)
+    own.write_text(re.sub("OFFSET .*", "OFFSET 0 0 0", own.read_text()))
+    notes = Folder(unit="cm", music="optional").scan(own.parent).clips[0].notes
+    assert any("upper arm" in note for note in notes)
+    assert not any("not usable" in note for note in notes)
+
+
+#: Channels of a joint above the hips, of the hips, and the values of the first.
+ROOTS = {
+    "no channels above six": ("0", "6 Xposition Yposition Zposition Z", ()),
+    "rotations above six": ("3 Zrotation Xrotation Yrotation", "6 Xposition Yposition Zposition Z", (0, 0, 0)),
+    "turned above six": ("3 Zrotation Xrotation Yrotation", "6 Xposition Yposition Zposition Z", (0, 0, 90)),
+    "a hinge above six": ("1 Yrotation", "6 Xposition Yposition Zposition Z", (90,)),
+    "positions above six": ("3 Xposition Yposition Zposition", "6 Xposition Yposition Zposition Z", (50, 0, -20)),
+    "positions above rotations": ("3 Xposition Yposition Zposition", "3 Z", None),
+}
+
+
+@pytest.mark.parametrize("kind", ROOTS)
+def test_joints_above_the_hips(tmp_path: Path, danced: Motion, kind: str) -> None:
+    """Blender's root of several bones, a reference: what moves the hips may be in any of them."""
+    wanted = write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24))
+    channels, of_hips, values = ROOTS[kind]
+    head, _, tail = (tmp_path / "a.bvh").read_text().partition("Frame Time: 0.0166667\n")
+    head = head.replace("ROOT", "JOINT").replace("CHANNELS 6 Xposition Yposition Zposition Z", f"CHANNELS {of_hips}")
+    # Another bone without a parent, as a prop: two of its joints have one name.
+    prop = "\nOFFSET 9 9 9\nCHANNELS 0\nEnd Site\n{\nOFFSET 0 0 1\n}\n}\n"
+    props = f"JOINT Prop\n{{{prop}JOINT Nub\n{{{prop}JOINT Nub\n{{{prop}"
+    head = head.replace("HIERARCHY\n", f"HIERARCHY\nROOT __0\n{{\nOFFSET 0 0 0\nCHANNELS {channels}\n{props}")
+    head = head.replace("MOTION", "}\nMOTION")
+    if values is not None:
+        tail = "".join(f"{' '.join(map(str, values))} {line}\n" for line in tail.splitlines())
+    (tmp_path / "a.bvh").write_text(f"{head}Frame Time: 0.0166667\n{tail}")
+    turn = Rotation.from_euler("y", 90 if values and 90 in values else 0, degrees=True).as_matrix()
+    shift = np.array(values) / 100 if "positions above six" in kind else np.zeros(3)
+    motion = load(tmp_path / "a.bvh", unit="cm")
+    np.testing.assert_allclose(motion.joints(), wanted @ turn.T + shift, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("root", "hips"),
+    [
+        (None, "CHANNELS 3 Z"),
+        (None, "CHANNELS 5 Xposition Zposition Z"),
+        ("CHANNELS 0", "CHANNELS 3 Z"),
+        ("CHANNELS 3 Zrotation Yrotation Xrotation", "CHANNELS 3 Z"),
+    ],
+)
+def test_hips_that_nothing_moves_are_refused(own: Path, root: str | None, hips: str) -> None:
+    text = own.read_text().replace("CHANNELS 6 Xposition Yposition Zposition Z", hips)
+    if root is not None:
+        text = text.replace("ROOT", f"ROOT top\n{{\nOFFSET 0 0 0\n{root}\nJOINT").replace("MOTION", "}\nMOTION")
+    own.write_text(text)
+    with pytest.raises(DataError) as error:
+        map_joints(own, read_bvh_header(own).joints, None)
+    assert error.value.reason == "missing_channels"
+
+
+def test_names_that_occur_twice(own: Path) -> None:
+    """No matter where they are not used; refused where one of them is a joint of the body, however it is mapped."""
+    text = own.read_text()
+    own.write_text(text.replace("mixamorig:LeftToeBase", "Nub").replace("mixamorig:RightToeBase", "Nub"))
+    assert load(own, unit="cm").n_frames == 150
+    for joint_map in (None, {"left_foot": "Nub"}):
+        if joint_map is None:
+            own.write_text(text.replace("RightForeArm", "LeftForeArm"))
+        else:
+            own.write_text(text.replace("mixamorig:LeftToeBase", "Nub").replace("mixamorig:RightToeBase", "Nub"))
+        with pytest.raises(DataError) as error:
+            load(own, unit="cm", joint_map=joint_map)
+        assert error.value.reason == "ambiguous_joint_map"
 
 
 def test_bones_that_change_their_length(own: Path) -> None:
@@ -447,13 +598,10 @@ def test_equal_bones_have_one_name(tmp_path: Path, danced: Motion, own: Path) ->
     assert names[0].startswith("smpl24:bvh-")
 
 
-@pytest.mark.parametrize("joint", ["left_wrist", "right_wrist", "left_shoulder", "spine2", "spine3"])
+@pytest.mark.parametrize("joint", ["left_shoulder", "right_shoulder", "spine2", "spine3"])
 def test_a_bone_without_length_has_the_direction_of_the_next(tmp_path: Path, danced: Motion, joint: str) -> None:
-    """An elbow and a wrist at one place: the elbow points to the hand, and bends as it did."""
-    offsets = np.array(SMPL24.offsets)
-    offsets[SMPL24.index(joint)] = 0
-    bones = Skeleton("odd", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
-    for name, skeleton in (("zero", bones), ("whole", odd_bones(1))):
+    """A collar and a shoulder at one place: the collar points to the elbow."""
+    for name, skeleton in (("zero", with_bones(**{joint: 0})), ("whole", odd_bones(1))):
         wanted = write_as(tmp_path / f"{name}.bvh", danced, skeleton, Rotation.identity(24))
         (tmp_path / f"{name}.wav").touch()
         assert np.abs(load(tmp_path / f"{name}.bvh", unit="cm").joints() - wanted).max() < 1e-5

@@ -49,6 +49,7 @@ from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.bvh.producers import producers
+from dancedata.formats.bvh.retarget import uneven_bones
 
 #: Most kinds of files that the notes distinguish.
 _MAX_KINDS = 12
@@ -120,7 +121,7 @@ class Folder(Dataset):
     language: str = field(default="", metadata={"scan": True, "added": True})
 
     explicit_only: ClassVar[bool] = True
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
     licence: ClassVar[str] = "Your own data: state their terms yourself."
     citation: ClassVar[str] = "Your own data: cite their origin."
 
@@ -368,7 +369,9 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
         text = f"BVH: {facts}; joint names {rig.joints.producer or 'as given in joint_map'}"
         beyond = [f"{SMPL24.joints[s]} (of {SMPL24.joints[below]})" for s, below in rig.beyond.items()]
         without = (f"{_NO_LENGTH}: the direction of {', '.join(beyond)}",) if beyond else ()
-        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *without, *_drift(facts))
+        uneven = uneven_bones(rig)
+        sides = (f"BVH bones of unequal length: {', '.join(uneven)}",) if uneven else ()
+        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *without, *sides, *_drift(facts))
         return notes, SMPL24.name, facts.rate.value
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)

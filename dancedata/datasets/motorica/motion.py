@@ -94,7 +94,8 @@ def _joints(bvh: Bvh, fingers: bool) -> list[int]:
     names = bvh.names
     missing = [name for name in MOTORICA21.joints if name not in names]
     kept = [k for k, name in enumerate(names) if fingers or name in MOTORICA21.joints]
-    problem = f"no joint {listed(missing)}" if missing else ""
+    twins = sorted({names[k] for k in kept if names.count(names[k]) > 1})
+    problem = f"no joint {listed(missing)}" if missing else f"several joints named {listed(twins)}" if twins else ""
     for name, parent in zip(MOTORICA21.joints, MOTORICA21.parents, strict=True):
         if not problem:
             above = bvh.joints[names.index(name)].parent

@@ -27,7 +27,7 @@ class BvhJoint:
     Attributes
     ----------
     parent
-        Index among the joints, -1 for the root. Parents come first.
+        Index among the joints, -1 for the root. Parents come first. Names need not be unique.
     offset
         (3,) from the parent, in the file's unit.
     channels
@@ -128,7 +128,6 @@ class _Hierarchy:
         self.joints: list[_Draft] = []
         self._open: list[_Draft] = []
         self._next: _Draft | None = None
-        self._lines: dict[str, int] = {}
         self._line = 0
         self._bad = partial(bvh_error, path, 0)
 
@@ -186,11 +185,8 @@ class _Hierarchy:
             raise self._bad(f"a {kind} has no name")
         if len(name) > MAX_NAME:
             raise self._bad(f"the name of a {kind} is too long", shown(name, 60), f"at most {MAX_NAME} characters")
-        if name in self._lines:
-            raise self._bad(f"two joints are named {name!r}", f"lines {self._lines[name]} and {self._line}")
         if len(self.joints) >= MAX_JOINTS:
             raise self._bad("too many joints", f"more than {MAX_JOINTS}", f"at most {MAX_JOINTS:,}")
-        self._lines[name] = self._line
         self._next = _Draft(name, above, self._line, index=len(self.joints))
         self.joints.append(self._next)
 
@@ -262,14 +258,3 @@ class _Hierarchy:
             raise self._bad(f"the block of {self._open[-1].name} (line {self._open[-1].line}) never ends")
         if not self.joints:
             raise self._bad("the hierarchy has no joints", allowed="ROOT and its joints")
-        root = self.joints[0]
-        missing = [c for c in (*POSITIONS, *ROTATIONS) if c not in (root.channels or ())]
-        if missing:
-            raise bvh_error(
-                self.path,
-                root.line,
-                f"the root {root.name} has no {' and no '.join(missing)}",
-                f"CHANNELS {' '.join(root.channels or ())}",
-                "three positions and three rotations",
-                reason="missing_channels",
-            )

@@ -8,8 +8,8 @@ from pathlib import Path
 from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, shown
-from dancedata.formats.bvh.hierarchy import BvhJoint
-from dancedata.formats.bvh.producers import REQUIRED, Detected, detect
+from dancedata.formats.bvh.hierarchy import POSITIONS, ROTATIONS, BvhJoint, bvh_error
+from dancedata.formats.bvh.producers import REQUIRED, Detected, detect, refuse_twins
 
 #: Characters of a name that are compared, and the least likeness of one that is suggested.
 _COMPARED, _CLOSE = 60, 0.8
@@ -50,7 +50,8 @@ def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, st
     ------
     DataError
         ``unknown_joints`` if required ones are missing or a declared name is not in the file; as `detect`;
-        ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip.
+        ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip;
+        ``missing_channels`` if neither the pelvis nor a joint above it moves or turns the body.
     """
     chosen, declared = (declared, {}) if isinstance(declared, str) else ("", declared or {})
     of = _declared(path, joints, declared)
@@ -63,6 +64,7 @@ def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, st
         raise _unknown(path, joints, of, detected, missing)
     _add_spine(joints, of, declared)
     _check_tree(path, joints, of)
+    _check_channels(path, joints, of[0])
     return JointMap(str(detected), dict(sorted(of.items())))
 
 
@@ -81,6 +83,7 @@ def _declared(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str
                 fix=(f"did you mean {close[0]!r}? " if close else "")
                 + "correct joint_map, or move files with other skeletons to a separate folder",
             )
+        refuse_twins(path, names, joint, [k for k, other in enumerate(names) if name and other == name])
     return {SMPL24.index(joint): names.index(name) for joint, name in declared.items() if name}
 
 
@@ -131,6 +134,22 @@ def _check_tree(path: Path, joints: Sequence[BvhJoint], of: Mapping[int, int]) -
                 found,
                 "a tree like SMPL's, with further joints in between",
             )
+
+
+def _check_channels(path: Path, joints: Sequence[BvhJoint], pelvis: int) -> None:
+    """Raise DataError unless the pelvis and the joints above it have all six channels among them."""
+    above = [pelvis, *ancestors(joints, pelvis)]
+    missing = [c for c in (*POSITIONS, *ROTATIONS) if not any(c in joints[k].channels for k in above)]
+    if missing:
+        raise bvh_error(
+            path,
+            joints[pelvis].line,
+            f"the pelvis {joints[pelvis].name} has no {' and no '.join(missing)}"
+            + (", nor has a joint above it" if len(above) > 1 else ""),
+            "; ".join(f"{joints[k].name}: CHANNELS {' '.join(joints[k].channels) or 0}" for k in above),
+            "three positions and three rotations among them",
+            reason="missing_channels",
+        )
 
 
 def _bad_map(path: Path, problem: str, found: str, allowed: str) -> DataError:

@@ -14,14 +14,12 @@ Floats = NDArray[np.float64]
 def bone_offsets(bvh: Bvh) -> Floats:
     """Return (J, 3) offsets from the parents, in the file's unit.
 
-    Position channels of a joint below the root replace its OFFSET; its bone is their median. Channels that are
-    always 0 are not used.
+    Position channels of a joint below the root replace its OFFSET (`Bvh.placed`); its bone is their median.
     """
     offsets = np.array([joint.offset for joint in bvh.joints], dtype=np.float64)
-    for k, joint in enumerate(bvh.joints):
-        if joint.parent != -1 and _moves(bvh, joint):
-            for axis, column in joint.position_columns.items():
-                offsets[k, axis] = np.median(bvh.values[:, column])
+    for k in bvh.placed:
+        for axis, column in bvh.joints[k].position_columns.items():
+            offsets[k, axis] = np.median(bvh.values[:, column])
     return offsets
 
 
@@ -37,7 +35,7 @@ def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
     """
     needed = set(_with_ancestors(bvh.joints, indices)) - set(_with_ancestors(bvh.joints, [root]))
     bones = bone_offsets(bvh)
-    apart = [np.linalg.norm(_offset(bvh, bvh.joints[k], bvh.values) - bones[k], axis=1).max() for k in needed]
+    apart = [np.linalg.norm(_offset(bvh, k, bvh.values) - bones[k], axis=1).max() for k in needed]
     return float(max(apart, default=0.0))
 
 
@@ -64,7 +62,7 @@ def world(bvh: Bvh, indices: Sequence[int], rows: slice) -> tuple[Floats, Floats
     positions: dict[int, Floats] = {}
     for k in _with_ancestors(bvh.joints, indices):
         joint = bvh.joints[k]
-        local, offset = _rotation(joint, values), _offset(bvh, joint, values)
+        local, offset = _rotation(joint, values), _offset(bvh, k, values)
         if joint.parent == -1:
             rotations[k], positions[k] = local, offset
         else:
@@ -93,14 +91,10 @@ def _rotation(joint: BvhJoint, values: Floats) -> Floats:
     return np.asarray(Rotation.from_euler(joint.order, angles, degrees=True).as_matrix(), dtype=np.float64)
 
 
-def _offset(bvh: Bvh, joint: BvhJoint, values: Floats) -> Floats:
+def _offset(bvh: Bvh, k: int, values: Floats) -> Floats:
+    joint = bvh.joints[k]
     offset = np.tile(np.array(joint.offset, dtype=np.float64), (len(values), 1))
-    if joint.parent == -1 or _moves(bvh, joint):
+    if joint.parent == -1 or k in bvh.placed:
         for axis, column in joint.position_columns.items():
             offset[:, axis] = values[:, column]
     return offset
-
-
-def _moves(bvh: Bvh, joint: BvhJoint) -> bool:
-    columns = list(joint.position_columns.values())
-    return bool(columns) and bool(np.any(bvh.values[:, columns]))

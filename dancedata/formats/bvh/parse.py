@@ -9,7 +9,8 @@ import os
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,13 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.bvh.hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, not_a_number, parse_hierarchy
+from dancedata.retarget.rest import POINT
 
 #: About an hour of 60 joints at 120 FPS.
 MAX_FILE_BYTES = 1 << 30
 #: The hierarchy must end within this many bytes.
 MAX_HEADER_BYTES = 1 << 22
+
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +39,7 @@ class Bvh:
     frame_time
         Seconds as written; a decimal number above 0.
     values
-        (T, C) channels as in the file; (0, C) if only the header was read.
+        (T, C) channels as in the file; its first frame at most if only the header was read.
     """
 
     path: Path
@@ -54,6 +57,17 @@ class Bvh:
     def names(self) -> tuple[str, ...]:
         """Names of the joints."""
         return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def placed(self) -> frozenset[int]:
+        """The joints below the root whose position channels replace their OFFSET.
+
+        Not those whose channels are always 0, up to rounding: a bone that is a point beside the largest one.
+        """
+        columns = {k: list(joint.position_columns.values()) for k, joint in enumerate(self.joints) if k}
+        reach = {k: float(np.abs(self.values[:, c]).max(initial=0.0)) for k, c in columns.items() if c}
+        largest = max([0.0, *reach.values(), *(math.hypot(*joint.offset) for joint in self.joints[1:])])
+        return frozenset(k for k, value in reach.items() if value > POINT * largest)
 
 
 def read_bvh(path: Path) -> Bvh:
@@ -74,9 +88,19 @@ def read_bvh(path: Path) -> Bvh:
 
 
 def read_bvh_header(path: Path) -> Bvh:
-    """Read hierarchy, number of frames and frame time; `values` is (0, C). Raises as `read_bvh` does."""
-    data = _read(path, MAX_FILE_BYTES, MAX_HEADER_BYTES)
-    return _header(path, _lines(path, data))[0]
+    """Read hierarchy, number of frames, frame time and the first frame. Raises as `read_bvh` does.
+
+    `values` is (1, C), or (0, C) where the first frame cannot be read, which `read_bvh` reports.
+    """
+    lines = _lines(path, _read(path, MAX_FILE_BYTES, MAX_HEADER_BYTES))
+    header, first = _header(path, lines)
+    row = next(((k + 1, line) for k, line in enumerate(lines[first:], start=first) if line.strip()), None)
+    if row is None or len(row[1].split()) != header.n_channels:
+        return header
+    try:
+        return replace(header, values=_values(header, [row]))
+    except DataError:
+        return header
 
 
 def _read(path: Path, limit: int, part: int = -1) -> bytes:

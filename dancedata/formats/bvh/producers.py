@@ -187,16 +187,22 @@ def _require_one(
 
 
 def _require_unique(path: Path, names: Sequence[str], of: Mapping[int, int]) -> None:
-    """Raise DataError if a joint that is mapped has a namesake in another namespace, such as a second person."""
+    """Raise DataError if a joint that is mapped has a namesake, as in another namespace, such as a second person."""
     for s, k in of.items():
-        twins = [name for name in names if plain(name) == plain(names[k])]
-        if len(twins) > 1:
-            joint = SMPL24.joints[s]
-            raise DataError(
-                f"several joints of this file may be {joint}",
-                reason="ambiguous_joint_map",
-                where=str(path),
-                found=listed(twins),
-                allowed="one of them",
-                fix=f"declare the joint: joint_map {{{joint}: {twins[0]}}}, and others like it",
-            )
+        refuse_twins(path, names, SMPL24.joints[s], [i for i, n in enumerate(names) if plain(n) == plain(names[k])])
+
+
+def refuse_twins(path: Path, names: Sequence[str], joint: str, twins: Sequence[int]) -> None:
+    """Raise DataError if several joints of a file, given by their indices, may be a joint of SMPL."""
+    found = [names[k] for k in twins]
+    if len(found) > 1:
+        raise DataError(
+            f"several joints of this file may be {joint}",
+            reason="ambiguous_joint_map",
+            where=str(path),
+            found=listed(found),
+            allowed="one of them",
+            fix=f"declare the joint: joint_map {{{joint}: {found[0]}}}, and others like it"
+            if len(set(found)) > 1
+            else "give joints of one name different names in the file",
+        )

@@ -36,11 +36,16 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.formats.bvh.joint_names import JointMap, ancestors
 from dancedata.formats.bvh.kinematics import bone_offsets, world
 from dancedata.formats.bvh.parse import Bvh
-from dancedata.retarget.rest import PELVIS, POINT, SMPL_REST, Aligner, anchor, norm, rest_positions
+from dancedata.retarget.rest import HEAD, NECK, PELVIS, POINT, SMPL_REST, Aligner, anchor, norm, rest_positions
 
 Floats = NDArray[np.float64]
 
 _LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
+_ARMS = ((16, 18), (18, 20), (17, 19), (19, 21))
+#: No thigh, shin, upper arm, forearm or trunk is shorter than this fraction of the body.
+_LEAST_BONE = 0.01
+#: Largest difference of a left and a right bone that needs no note, as a fraction of the longer one.
+_UNEVEN = 0.1
 _SAMPLES = 300
 #: Largest movement by position channels, as a fraction of the body.
 _STRETCH = 0.05
@@ -80,7 +85,7 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     Parameters
     ----------
     bvh
-        With frames, or only the header: then the rest pose is assumed to be a pose of a body, which affects
+        With all frames, or as a header: then the rest pose is assumed to be a pose of a body, which affects
         rotations but not lengths.
     up
         (3,) the file's up axis.
@@ -88,7 +93,7 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     Raises
     ------
     DataError
-        ``bad_skeleton`` for legs or hips of length 0 and for bones that change their length.
+        ``bad_skeleton`` for limbs, a trunk, hips or shoulders of length 0 and for bones that change their length.
     """
     rest = rest_positions([joint.parent for joint in bvh.joints], bone_offsets(bvh))
     places = {s: rest[b] for s, b in joints.of.items()}
@@ -99,6 +104,17 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     align = maker.run()
     child_of = {s: c for s, c in maker.child_of.items() if _bends(bvh, joints, s, c)}
     return Rig(joints, align, child_of, _bones(places, align, joints), maker.beyond)
+
+
+def uneven_bones(rig: Rig) -> list[str]:
+    """Return the bones of limbs whose left and right lengths differ by more than 10 %, with both lengths."""
+    names = {1: "hip", 4: "thigh", 7: "shin", 16: "shoulder", 18: "upper arm", 20: "forearm"}
+    uneven = []
+    for left, right in (pair for pair in SMPL24.pairs if pair[0] in names):
+        a, b = norm(rig.offsets[left]), norm(rig.offsets[right])
+        if abs(a - b) > _UNEVEN * max(a, b):
+            uneven.append(f"{names[left]} (left {a:.4g}, right {b:.4g})")
+    return uneven
 
 
 def skeleton_of(rig: Rig, metres: float) -> Skeleton:
@@ -171,11 +187,20 @@ def _body_rotations(rig: Rig, mapped: list[int], turns: Floats, places: Floats) 
 
 def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size: float) -> None:
     where, fix = str(bvh.path), "export the file again with the skeleton of the capture"
-    for a, b in (*_LEGS, (1, 2)):
-        if not norm(places[a] - places[b]) > size * POINT:
+    trunk = (PELVIS, NECK if NECK in places else HEAD)
+    least = {pair: _LEAST_BONE for pair in (*_LEGS, *_ARMS, trunk)} | {(1, 2): POINT, (16, 17): POINT}
+    for (a, b), fraction in least.items():
+        length = norm(places[a] - places[b])
+        if not length > size * fraction:
             names = " and ".join(bvh.joints[joints.of[s]].name for s in (a, b))
-            problem = f"{names} are at the same position"
-            raise DataError(problem, reason="bad_skeleton", where=where, allowed="a distance above 0", fix=fix)
+            raise DataError(
+                f"{names} are at the same position",
+                reason="bad_skeleton",
+                where=where,
+                found=f"a distance of {length:.4g} in a body of {size:.4g}",
+                allowed=f"more than {size * fraction:.4g}",
+                fix=fix,
+            )
     for k, joint in enumerate(bvh.joints):
         columns = list(joint.position_columns.values())
         if columns and len(bvh.values) and joints.of[PELVIS] in ancestors(bvh.joints, k):
@@ -207,8 +232,8 @@ def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Flo
 
 
 def _sampled(bvh: Bvh, joints: JointMap) -> dict[int, Floats]:
-    """Return world rotations (n, 3, 3) of the mapped joints in up to 300 frames; empty without frames."""
-    if not len(bvh.values):
+    """Return world rotations (n, 3, 3) of the mapped joints in up to 300 frames; empty without all frames."""
+    if len(bvh.values) < bvh.n_frames:
         return {}
     step = -(-len(bvh.values) // _SAMPLES)
     turns, _ = world(bvh, list(joints.of.values()), slice(None, None, step))
