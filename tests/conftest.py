@@ -27,7 +27,6 @@ from dancedata.execution import arithmetic
 from dancedata.files.locks import open_locked, unlock
 from dancedata.files.regular_file import sha256_file
 from tests.browser import browser, plain_chromium, webgl_browser, webgl_chromium  # noqa: F401 (fixtures)
-from tests.messages import Messages, pytest_addoption  # noqa: F401 (a hook)
 from tests.remote.children import PACKAGES
 
 # Tests start hundreds of processes. Where bytecode is not kept (PYTHONDONTWRITEBYTECODE, which images of containers
@@ -100,7 +99,6 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Importing it compiles some kernels already, at the top of test modules, where no lock can be held.
     """
-    config.pluginmanager.register(Messages(config, {"SHARED": SHARED, "ROOT": ROOT}))
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         kept = getattr(config, "cache", None)
         place = Path(str(find_spec("librosa").origin))

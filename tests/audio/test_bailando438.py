@@ -132,7 +132,7 @@ def test_short_and_silent_audio_gives_no_warning() -> None:
 @pytest.mark.parametrize(("fps", "n_samples"), [("60", 1023), ("7.5", 1023), ("60", 1)])
 def test_audio_of_fewer_than_three_rows_is_refused(fps: str, n_samples: int) -> None:
     signal = AudioSignal(np.ones(n_samples, dtype=np.float32), int(512 * float(fps)))
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "derivative") as caught:
         FEATURE.extract(signal, FrameGrid.of(fps))
     assert caught.value.reason == "short_audio"
     assert "at least 3 rows" in str(caught.value)
@@ -140,7 +140,7 @@ def test_audio_of_fewer_than_three_rows_is_refused(fps: str, n_samples: int) -> 
 
 @pytest.mark.parametrize("fps", ["7", "30000/1001", "7.3"])
 def test_unsupported_rates(clicks: AudioSignal, fps: str) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "Bailando"):
         FEATURE.extract(clicks, FrameGrid.of(fps))
 
 
@@ -154,7 +154,7 @@ def test_a_window_of_5_s_is_not_a_whole_number_of_rows_at_7_5() -> None:
         "motion": {"bailando72": {}},
         "audio": {"bailando438": {"fps": 7.5}},
     }
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "multiples", where="recipe"):
         parse_recipe(document)
 
 

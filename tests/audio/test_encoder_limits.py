@@ -35,7 +35,7 @@ def settings(folder: Path, config: dict[str, Any], extractor: dict[str, Any]) ->
     ],
 )
 def test_too_many_frames(tmp_path: Path, config: dict[str, Any], extractor: dict[str, Any], found: str) -> None:
-    with raises_message(SourceError) as caught:
+    with raises_message(SourceError, "hop_length", where="model") as caught:
         settings(tmp_path / "model", config, extractor)
     assert found in str(caught.value)
     assert "at most 500 per second, and 30,000 in a window" in str(caught.value)

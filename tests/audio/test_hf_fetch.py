@@ -161,7 +161,7 @@ def test_pickles_are_fetched_on_request_if_nothing_else_exists(hub: Hub, tmp_pat
     found = fetch_model(NAME, COMMIT, tmp_path / "one", pickles=True, endpoint=hub.url)
     assert "pytorch_model.bin" not in found.files
     del hub.announced["model.safetensors"]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "safetensors", where="someone/tiny-model"):
         fetch_model(NAME, COMMIT, tmp_path / "two", endpoint=hub.url)
     found = fetch_model(NAME, COMMIT, tmp_path / "two", pickles=True, endpoint=hub.url)
     assert "pytorch_model.bin" in found.files
@@ -170,14 +170,14 @@ def test_pickles_are_fetched_on_request_if_nothing_else_exists(hub: Hub, tmp_pat
 
 @pytest.mark.parametrize("revision", [None, "main", "v1", COMMIT[:12]])
 def test_a_revision_is_a_commit(hub: Hub, tmp_path: Path, revision: str | None) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "a1a1a1a1a1a1a1a1a1a1a1a1a1a1a1a1a1a1a1a1", where="someone/tiny-model"):
         fetch_model(NAME, revision, tmp_path / "tiny", endpoint=hub.url)
     assert not (tmp_path / "tiny").exists()
 
 
 @pytest.mark.parametrize("name", ["model", "../../model", "a/b/c", "a/", "-x/b", "a/b?c", "http://a/b"])
 def test_an_id_is_owner_and_name(name: str, tmp_path: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "OWNER"):
         fetch_model(name, COMMIT, tmp_path / "tiny")
 
 
@@ -185,12 +185,12 @@ def test_an_existing_folder_is_left_alone(hub: Hub, tmp_path: Path) -> None:
     out = tmp_path / "tiny"
     out.mkdir()
     (out / "mine").write_text("mine")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "output", where="tiny"):
         fetch_model(NAME, COMMIT, out, endpoint=hub.url)
     assert names(out) == {"mine"}
     (out / "mine").unlink()
     fetch_model(NAME, COMMIT, out, endpoint=hub.url)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "output", where="tiny"):
         fetch_model(NAME, COMMIT, out, endpoint=hub.url)
 
 
@@ -210,7 +210,7 @@ def test_other_files_in_the_unfinished_folder_do_not_become_the_model(hub: Hub, 
     part = tmp_path / f".dancedata-tiny-{COMMIT[:12]}"
     part.mkdir()
     (part / "modeling.py").write_text("raise SystemExit")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "unfinished", where=".dancedata-tiny-a1a1a1a1a1a1"):
         fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
     assert (part / "modeling.py").exists()
 
@@ -218,7 +218,7 @@ def test_other_files_in_the_unfinished_folder_do_not_become_the_model(hub: Hub, 
 @pytest.mark.parametrize("name", ["model.safetensors", "config.json"])
 def test_a_file_that_differs_from_its_announced_hash_is_removed(hub: Hub, tmp_path: Path, name: str) -> None:
     hub.announced[name] = hub.announced[name][::-1]
-    with raises_message(SourceError):
+    with raises_message(SourceError, "announced"):
         fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
     assert not (tmp_path / "tiny").exists()
     assert not list(tmp_path.rglob(name))
@@ -226,12 +226,12 @@ def test_a_file_that_differs_from_its_announced_hash_is_removed(hub: Hub, tmp_pa
 
 def test_a_repository_without_a_model(hub: Hub, tmp_path: Path) -> None:
     del hub.announced["config.json"]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "pytorch_model", where="someone/tiny-model"):
         fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint=hub.url)
 
 
 def test_a_hub_with_another_commit(hub: Hub, tmp_path: Path) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "answers", where="someone/tiny-model"):
         fetch_model(NAME, "b" * 40, tmp_path / "tiny", endpoint=hub.url)
 
 

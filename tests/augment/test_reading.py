@@ -82,7 +82,7 @@ def test_mirror_among_augmentations_is_mirroring(store_path: Path) -> None:
     one, other = dataset(store_path, mirror=1.0), dataset(store_path, [MirrorImage()])
     for k in range(len(one)):
         assert digest(one[k]) == digest(other[k])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "twice"):
         dataset(store_path, ["mirror"], mirror=0.5)
     half = dataset(store_path, {"mirror": 0.5})
     flags = {half[k]["mirrored"] for k in range(len(half))}
@@ -179,7 +179,7 @@ def test_crops_of_any_length_begin_at_whole_rows_after_the_trim(tmp_path: Path) 
     assert starts[-1] + 14 <= store.clip(clip).n_frames < starts[-1] + 16
     assert all(data[k]["start"] % 2 == 0 for k in range(len(data)))
     write_random_store(tmp_path / "windows", scope="window")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "stored", where="windows"):
         WindowDataset(tmp_path / "windows", augment=["crop"])
 
 
@@ -235,13 +235,13 @@ def test_relative_roots_are_relative_after_augmenting(store_path: Path) -> None:
     ],
 )
 def test_refused_combinations_say_why(store_path: Path, augment: Any, fields: Any) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "augment|augmentation|drop"):
         dataset(store_path, augment, fields=fields)
 
 
 def test_columns_of_an_unknown_representation_are_refused(tmp_path: Path) -> None:
     write_random_store(tmp_path / "out")  # a field of the name edge151, with columns of another kind
-    with raises_message(UsageError):
+    with raises_message(UsageError, "installation", where="out"):
         WindowDataset(tmp_path / "out", augment=["yaw"])
     mirrored = WindowDataset(tmp_path / "out", augment=["mirror"])
     assert mirrored[0]["mirrored"]
@@ -254,5 +254,5 @@ def test_two_of_one_augmentation_draw_different_numbers(store_path: Path) -> Non
     named = Augmenter.of(store, ("edge151",), {"yaw.a": {"max_degrees": 1}, "yaw.b": {}}, seed=0)
     assert [step.name for step in named.steps] == ["yaw.a", "yaw.b"]
     assert replace(named, seed=1) != named
-    with raises_message(UsageError):
+    with raises_message(UsageError, "chooses"):
         Augmenter.of(store, ("edge151",), ["crop"], seed=0, allow_crop=False)

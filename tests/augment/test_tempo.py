@@ -86,7 +86,7 @@ def test_stretching_short_and_silent_signals() -> None:
             assert stretched(signal, speed).n_samples == stretched_length(n, speed)
     same = AudioSignal(np.ones(10, np.float32), 16000)
     assert stretched(same, Fraction(1)) is same
-    with raises_message(DataError):
+    with raises_message(DataError, "stretched", reason="short_audio"):
         stretched(AudioSignal(np.zeros(1, np.float32), 16000), Fraction(4))
 
 
@@ -219,7 +219,7 @@ def test_copies_too_short_for_a_window_are_rejects(source: Path, cache: Path, tm
 
 
 def test_an_augmentation_of_samples_makes_no_copy() -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "max_degrees", where="recipe"):
         parse_recipe(
             document(augment={"crop": True, "drop": {}, "tempo": {"speeds": []}, "yaw": {"max_degrees": 400}})
         )

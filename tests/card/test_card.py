@@ -77,14 +77,14 @@ def test_two_runs_are_equal_and_other_files_are_kept(card: Path, demo: Path, tmp
     assert path.read_bytes() == card.read_bytes()
     for name in ("poses.png", "map.png", "beats.png"):
         assert (tmp_path / "README_files" / name).read_bytes() == (card.parent / "README_files" / name).read_bytes()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "already", where="README.md"):
         write_card(demo, path)
     write_card(demo, path, overwrite=True)
     path.write_text("# mine\n")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "refusing", where="README.md"):
         write_card(demo, path, overwrite=True)
     assert path.read_text() == "# mine\n"
-    with raises_message(UsageError):
+    with raises_message(UsageError, "listed", where="demo/README.md"):
         write_card(demo, demo / "README.md", overwrite=True)
 
 

@@ -23,7 +23,6 @@ from dancedata.core.registry import DATASETS
 from dancedata.pipeline.rejects import BY_CHOICE, left_out_lines
 from dancedata.store import Store
 from tests.commands import run
-from tests.messages import same_text
 
 
 @pytest.fixture
@@ -115,7 +114,8 @@ def test_audio_features_of_clips_without_music(larger: Path, out: Path):
     shutil.rmtree(larger / "wavs")
     without = [*ALL, "--set", "dataset.aist++.music=optional"]
     for args in (["plan"], ["build", "--out", out]):
-        same_text(run(args[0], "aist++", "--source", larger, *args[1:], *without, "--quiet", code=1).stderr)
+        output = run(args[0], "aist++", "--source", larger, *args[1:], *without, "--quiet", code=1).stderr
+        assert "--set 'audio={}'; or leave these clips out: --set dataset.aist++.music=required" in output
     run("build", "aist++", "--source", larger, "--out", out, *without, "--set", "audio={}")
 
 
@@ -141,11 +141,11 @@ def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: py
 
 def test_values_that_are_not_recipes(tmp_path: Path, out: Path):
     (tmp_path / "captures").mkdir()
-    for name in ("folder", tmp_path / "captures"):
-        same_text(run("build", name, "--source", tmp_path, "--out", out, code=2).stderr)
+    for name, word in (("folder", "it is a dataset"), (tmp_path / "captures", "--source")):
+        assert word in run("build", name, "--source", tmp_path, "--out", out, code=2).stderr
     song = tmp_path / "song.wav"
     soundfile.write(song, np.zeros(22_050), 22_050)
-    same_text(run("features", song, "--like", tmp_path / "dmeo", "--out", out, code=2).stderr)
+    assert "dmeo" in run("features", song, "--like", tmp_path / "dmeo", "--out", out, code=2).stderr
 
 
 def test_list_has_the_contact_rule_of_representations():
@@ -158,13 +158,15 @@ def test_list_has_the_contact_rule_of_representations():
 def test_an_invalid_tempo_names_the_option(tmp_path: Path, bpm: str):
     song = tmp_path / "song.wav"
     soundfile.write(song, np.zeros(22_050), 22_050)
-    same_text(run("features", song, "--bpm", bpm, "--out", tmp_path / "out", code=2).stderr)
+    assert "--bpm above 0" in run("features", song, "--bpm", bpm, "--out", tmp_path / "out", code=2).stderr
 
 
 def test_values_that_are_not_what_they_look_like(tmp_path: Path):
     (tmp_path / "empty.yaml").write_text("")
-    same_text(run("plan", tmp_path / "empty.yaml", code=2).stderr)
-    same_text(run("plan", "demo", "--set", "name=my/dances", "--set", "motion=[edge151, lodge139]", code=2).stderr)
+    assert "found an empty file" in run("plan", tmp_path / "empty.yaml", code=2).stderr
+    wrong = run("plan", "demo", "--set", "name=my/dances", "--set", "motion=[edge151, lodge139]", code=2).stderr
+    assert "'my/dances'" in wrong
+    assert "{edge151: {}, lodge139: {}}" in wrong
 
 
 def test_a_damaged_dataset_is_replaced_as_the_error_says(larger: Path, out: Path):
@@ -256,24 +258,24 @@ def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    "args",
+    ("args", "suggested"),
     [
-        "build edge",
-        "build AIST++",
-        "plan lodge",
-        "build aist++ --set stride_s=1",
-        "build aist++ --set mirror=true",
-        "build aist++ --set contacts=height",
-        "build aist++ --set dataset.split=all",
-        "build aist++ --set motion.contacts=height",
-        "build aist++ --set audio.tightness=5",
-        "check . --dataset AISTPP",
-        "features x.wav --out x --feature Librosa",
+        ("build edge", "aist++-edge-exact"),
+        ("build AIST++", "aist++"),
+        ("plan lodge", "aist++-lodge"),
+        ("build aist++ --set stride_s=1", "windows.stride_s"),
+        ("build aist++ --set mirror=true", "augment.mirror"),
+        ("build aist++ --set contacts=height", "motion.edge151.contacts"),
+        ("build aist++ --set dataset.split=all", "dataset.aist++.split"),
+        ("build aist++ --set motion.contacts=height", "motion.edge151.contacts"),
+        ("build aist++ --set audio.tightness=5", "audio.librosa35.tightness"),
+        ("check . --dataset AISTPP", "aist++"),
+        ("features x.wav --out x --feature Librosa", "librosa35"),
     ],
 )
-def test_suggested_names(args: str, tmp_path: Path, monkeypatch: Any):
+def test_suggested_names(args: str, suggested: str, tmp_path: Path, monkeypatch: Any):
     monkeypatch.chdir(tmp_path)
-    same_text(run(*args.split(), code=2).stderr)
+    assert f"id you mean '{suggested}'?" in run(*args.split(), code=2).stderr
 
 
 # The closing summary
@@ -405,7 +407,7 @@ def test_features_that_fail_late_leave_nothing_of_their_own(
 
 
 def test_a_folder_is_not_a_song(corpus: Path, tmp_path: Path):
-    same_text(run("features", corpus / "wavs", "--out", tmp_path / "out", code=2).stderr)
+    assert "/*.wav" in run("features", corpus / "wavs", "--out", tmp_path / "out", code=2).stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -17,7 +17,7 @@ from dancedata.exports.base.job import EXPORTS
 from dancedata.recipes.yaml import load_yaml
 from dancedata.testing.conformance import check
 from tests.commands import as_json, run
-from tests.messages import raises_message, same_text
+from tests.messages import raises_message
 
 
 def test_every_kind_has_a_template() -> None:
@@ -74,18 +74,18 @@ def test_as_json(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "plugin",
+    ("plugin", "word"),
     [
-        "augmentatoin shake",
-        "augmentation mirror",
-        "filter two-words",
-        "filter class",
-        "filter _hidden",
-        "filter ../up",
+        ("augmentatoin shake", "'augmentation'"),
+        ("augmentation mirror", "exists already"),
+        ("filter two-words", "not a valid name"),
+        ("filter class", "not a valid name"),
+        ("filter _hidden", "not a valid name"),
+        ("filter ../up", "not a valid name"),
     ],
 )
-def test_bad_names(plugin: str, tmp_path: Path) -> None:
-    same_text(run("new", *plugin.split(), "--out", tmp_path / "out", code=2).stderr)
+def test_bad_names(plugin: str, word: str, tmp_path: Path) -> None:
+    assert word in run("new", *plugin.split(), "--out", tmp_path / "out", code=2).stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -99,14 +99,14 @@ def test_names_of_installed_modules(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("taken", ["shake.py", "test_shake.py"])
 def test_nothing_is_overwritten(taken: str, tmp_path: Path) -> None:
     (tmp_path / taken).write_text("mine")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exists"):
         write_plugin("filter", "shake", tmp_path)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(taken, "mine")]
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "plug-in", where="file/out"):
         write_plugin("filter", "shake", tmp_path / "file" / "out")
 
 
@@ -134,6 +134,6 @@ def test_a_package_holds_several_kinds(tmp_path: Path) -> None:
 def test_packages_that_cannot_be_written(name: str, package: str, tmp_path: Path) -> None:
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs/pyproject.toml").write_text("[project]\n")
-    with raises_message(UsageError) if package != "numpy" else pytest.raises(UsageError, match="numpy is"):
+    with raises_message(UsageError, "package") if package != "numpy" else pytest.raises(UsageError, match="numpy is"):
         write_plugin("contact-rule", name, tmp_path, package)
     assert not list(tmp_path.rglob("*.py"))

@@ -151,7 +151,7 @@ def _augmentation(base: type[Any], **members: Any) -> type[Any]:
 
 
 def test_an_augmentation_of_neither_kind_is_refused():
-    with raises_message(UsageError):
+    with raises_message(UsageError, "choose_start", where="abc.Broken"):
         _augmentation(Augmentation, change_rows=lambda self, rows, columns, **about: rows)
 
 
@@ -231,5 +231,5 @@ def test_a_filter_that_takes_columns_it_cannot_judge_fails(monkeypatch: pytest.M
         return rows[:, columns.slice("contact")].min() or None
 
     cls = _subclass(FILTERS, reject=reject)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "group"):
         conformance.check_window_filter(_register(monkeypatch, FILTERS, cls))

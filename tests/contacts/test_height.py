@@ -51,5 +51,5 @@ def test_custom_limits() -> None:
 @pytest.mark.parametrize("name", ["ankle_m", "toe_m"])
 @pytest.mark.parametrize("limit", [0, -0.1, float("nan"), float("inf")])
 def test_wrong_limits(name: str, limit: float) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "floor"):
         Height(**{name: limit})

@@ -48,7 +48,7 @@ def test_one_frame() -> None:
 
 @pytest.mark.parametrize("limit", [0, -1, float("nan")])
 def test_wrong_limit(limit: float) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "max_speed_m_s"):
         Velocity(max_speed_m_s=limit)
 
 

@@ -93,9 +93,9 @@ def test_a_part_joins_bones_across_joints_left_out() -> None:
     np.testing.assert_allclose(rest(without_spine), [by_name[j] for j in without_spine.joints], atol=1e-12)
     assert without_spine.joints[without_spine.parents[without_spine.index("head")]] == "spine3"
     for joints in (BODY_JOINTS[1:], BODY_JOINTS[:11], BODY_JOINTS[::-1]):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "smplx22"):
             SMPLX22.subset("bad", joints)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "left_hipp"):
         SMPLX22.subset("bad", ("pelvis", "left_hipp"))
 
 
@@ -142,7 +142,7 @@ def test_other_families_are_refused() -> None:
     other = replace(SMPL24, name="other", joints=("hips", *SMPL24.joints[1:]))
     assert not has_body(other)
     for motion, target in ((motion_on(other), SMPLX22), (motion_on(SMPLX22), other)):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "smplx22"):
             carried_over(motion, target)
     # Its own joints are fine, in any family.
     same = replace(other, offsets=other.offsets * 2)

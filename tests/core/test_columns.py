@@ -25,7 +25,7 @@ def test_labels_and_slices() -> None:
     assert COLUMNS.names == ("contact", "root", "beat")
     assert COLUMNS.labels == ("contact.left", "contact.right", "root.0", "root.1", "root.2", "beat")
     assert COLUMNS.slice("root") == slice(2, 5)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "contacts"):
         COLUMNS.slice("contacts")
 
 
@@ -65,13 +65,13 @@ def test_mirror_twice_is_the_same(seed: int) -> None:
     ids=["width", "twice", "signs", "zero", "order 3", "unequal signs"],
 )
 def test_no_mirror(mirror: Mirror) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "columns"):
         Columns((Group("x", 3, "m"),), mirror)
 
 
 @pytest.mark.parametrize(("width", "parts"), [(0, ()), (2, ("a",)), (1, ("a", "b"))])
 def test_no_group(width: int, parts: tuple[str, ...]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "width"):
         Group("x", width, "m", parts)
 
 
@@ -136,9 +136,9 @@ def test_state_and_wrong_widths() -> None:
     np.testing.assert_array_equal(back.scale, scaler.scale)
     np.testing.assert_array_equal(back.offset, scaler.offset)
     assert scaler.width == 4
-    with raises_message(UsageError):
+    with raises_message(UsageError, "width"):
         scaler.normalize(np.zeros((2, 5)))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "data_min"):
         MinMax([0.0], [1.0, 2.0])
 
 
@@ -166,7 +166,7 @@ def test_a_changed_scaler_file_is_refused(tmp_path: Path, change: dict[str, Any]
     path = tmp_path / "scaler.json"
     MinMax(DATA.min(axis=0), DATA.max(axis=0), columns=list("abcd")).save(path)
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"normalizer\.save", where="scaler.json"):
         MinMax.load(path)
 
 

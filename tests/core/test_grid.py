@@ -34,7 +34,7 @@ def test_rates_are_exact_decimals(value: Any, exact: Fraction) -> None:
 
 @pytest.mark.parametrize("value", [0, -30, "", "thirty", "30/0", float("nan"), float("inf"), None, [30]])
 def test_invalid_rates(value: Any) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "rate"):
         as_rate(value)
 
 
@@ -43,11 +43,11 @@ def test_frames_are_exact_or_refused() -> None:
     assert grid.frames(5) == 150
     assert grid.frames(0.1) == 3  # 3.0000000000000004 in floating point
     assert grid.frames("1001/30") == 1001
-    with raises_message(UsageError) as error:
+    with raises_message(UsageError, "stride") as error:
         grid.frames(0.05, "stride")
     for part in ("stride", "0.05 s = 1.5 frames", "0.0333333 s", "0.0666667 s"):
         assert part in str(error.value)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "multiples"):
         FrameGrid.of("30000/1001").frames(1)
 
 
@@ -92,7 +92,7 @@ def test_numbers_of_the_real_data() -> None:
     assert FrameGrid.of(120).step_to(thirty) == 4
     assert FrameGrid.of("30000/1001").resampled_length(1, thirty) == 1
     assert thirty.resampled_length(0, sixty) == 0
-    with raises_message(UsageError):
+    with raises_message(UsageError, "multiples"):
         sixty.rows(301, of=thirty)
 
 
@@ -115,7 +115,7 @@ def test_windows_of_the_papers() -> None:
 
 @pytest.mark.parametrize(("length", "stride"), [(0, 1), (1, 0), (-1, 1), (1, -5)])
 def test_windows_of_no_length(length: int, stride: int) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "stride"):
         WindowGrid(length, stride)
 
 

@@ -42,7 +42,7 @@ def test_the_requested_frame() -> None:
     joints = np.concatenate([feet(0, 0), feet(1, 1), feet(2, 3)])
     assert [ground_height(joints, SMPL24, frame) for frame in range(3)] == [0, 1, 2]
     for frame in (-1, 3):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "height"):
             ground_height(joints, SMPL24, frame)
 
 
@@ -78,5 +78,5 @@ def test_another_bodys_toes() -> None:
     assert found.skeleton is SMPL24
     # EDGE leaves out the pelvis's rest height of -0.24 m, so its toes are that much higher.
     np.testing.assert_allclose(grounded(motion).translation - found.translation, [[0, 0.24078918, 0]] * 6, atol=1e-12)
-    with raises_message(DataError):
+    with raises_message(DataError, "smplx52", reason="bad_shape"):
         grounded(motion, SMPLX52)

@@ -53,7 +53,7 @@ def test_arrays_are_float64_copies_and_read_only() -> None:
     ],
 )
 def test_shapes_that_do_not_fit(translation: Any, rotations: Any, reason: str) -> None:
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "frames|shapes") as error:
         Motion(np.zeros(translation), np.zeros(rotations), SIXTY, SMPL24)
     assert error.value.reason == reason
 
@@ -189,7 +189,7 @@ def test_parts_of_a_motion_that_remembers_are_those_of_one_that_does_not() -> No
     assert kept.resampled(FrameGrid.of(45)).matrices.shape == (30, 24, 3, 3)
     with pytest.raises(ValueError, match="read-only"):
         kept.matrices[0] = 0
-    with raises_message(DataError):
+    with raises_message(DataError, "frames", reason="empty"):
         kept.part(5, 5)
 
 

@@ -140,7 +140,7 @@ def test_calls_name_what_is_missing(without: Callable[[str], None], extra: str, 
 
 def test_a_video_needs_pillow(without: Callable[[str], None]) -> None:
     without("PIL")
-    with raises_message(MissingPackageError):
+    with raises_message(MissingPackageError, "installed"):
         dancedata.plot.write_video("DEMO", "clip", "a.mp4")
     done = CliRunner().invoke(app, ["view", "DEMO", "clip", "--video", "a.mp4"])
     assert (done.exit_code, install("video") in done.stderr) == (2, True)
@@ -149,7 +149,7 @@ def test_a_video_needs_pillow(without: Callable[[str], None]) -> None:
 def test_several_are_named_at_once(without: Callable[[str], None]) -> None:
     without("torch")
     without("safetensors")
-    with raises_message(MissingPackageError):
+    with raises_message(MissingPackageError, "installed"):
         require("beats")
 
 

@@ -54,7 +54,7 @@ def test_json_round_trip() -> None:
 
 
 def test_wrong_name_gets_the_closest() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "left_kne"):
         SMPL24.index("left_kne")
 
 
@@ -77,7 +77,7 @@ def test_offsets_are_copied() -> None:
     ids=["number", "offsets", "no root", "child before its parent", "two roots"],
 )
 def test_no_tree(change: dict[str, object]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "smpl24"):
         replace(SMPL24, **change)  # type: ignore[arg-type]
 
 
@@ -85,5 +85,5 @@ def test_no_tree(change: dict[str, object]) -> None:
     "wrong", [{"feet": (7, 8, 10, 24)}, {"pairs": ((1, 24),)}, {"pairs": ((1, 2), (2, 4))}, {"feet": (-1, 8, 10, 11)}]
 )
 def test_pairs_and_feet_are_joints(wrong: dict[str, object]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "requires"):
         replace(SMPL24, **wrong)  # type: ignore[arg-type]

@@ -69,7 +69,7 @@ def test_by_video_keeps_videos_together_and_needs_no_lists(source: Path) -> None
     for path in source.glob("*.txt"):
         path.unlink()
     assert splits(AiozGdance(split="by-video").scan(source)) == splits(scan)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "official", where="мой dänce"):
         AiozGdance().scan(source)
 
 
@@ -90,7 +90,7 @@ def test_lists_and_files_that_do_not_agree(source: Path) -> None:
     assert rejects(scan, "extra_file") == ["motions_smpl/notes.pkl"]
     assert BODY in {clip.group for clip in AiozGdance(music="optional").scan(source).clips}
     train.write_text(f"{DASH}\n{LEAK}\n")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "sequences", where="мой dänce"):
         AiozGdance().scan(source)
 
 
@@ -103,14 +103,14 @@ def test_other_names_of_the_music_folder(source: Path, folder: str) -> None:
 def test_labels_by_their_titles(source: Path) -> None:
     table = source / "train_labels.csv"
     table.write_text(f"name,Genre A,genre B\n{DASH},Pop,Rock\n")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "titles", where="мой dänce/train_labels.csv"):
         AiozGdance().scan(source)
     for other in ("val", "test"):
         (source / f"{other}_labels.csv").unlink()
     first = AiozGdance(genre_column="genre B").scan(source).clips[0]
     assert (first.genre, first.columns) == ("Rock", ())
     table.write_bytes(b"\xff\xfe")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "labels", where="мой dänce/train_labels.csv"):
         AiozGdance().scan(source)
 
 
@@ -161,7 +161,7 @@ def test_nan_in_one_dancer(source: Path) -> None:
     trans[1, 7] = np.nan
     change(path, root_trans=trans)
     assert len(load_dancers(path, [0, 2])) == 2
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "root_trans", where="-Ab_cdEf123_02_187_367.pkl, frame 7") as caught:
         load_dancers(path, [0, 1])
     assert caught.value.reason == "nan"
 
@@ -182,7 +182,7 @@ def test_nan_in_one_dancer(source: Path) -> None:
 def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str, Any]) -> None:
     path = pickle_of(source, DASH)
     change(path, **changes)
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "frames|refers|smpl_poses", where="-Ab_cdEf123_01_0_180.pkl") as caught:
         read_sizes(path)
     assert caught.value.reason == reason
     scan = AiozGdance().scan(source)
@@ -191,11 +191,11 @@ def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str,
 
 
 def test_no_such_dancer_and_wrong_parameters(source: Path) -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "dancer", where="-Ab_cdEf123_01_0_180.pkl", reason="missing_dancer"):
         load_dancers(pickle_of(source, DASH), [2])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "by-video"):
         AiozGdance(split="by-song")  # type: ignore[arg-type]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "aioz-gdance"):
         AiozGdance(music="none")  # type: ignore[arg-type]
 
 

@@ -72,7 +72,7 @@ def test_after_edge_has_sliced_its_data(empty_copy: Any) -> None:
 def test_several_folders_could_be_meant(empty_copy: Any) -> None:
     for folder in ("copy one", "copy two"):
         empty_copy.motion(TRAIN, folder=f"{folder}/motions")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "folders", where="мой dänce 舞"):
         AistPP().scan(empty_copy.root)
 
 
@@ -248,13 +248,13 @@ def test_rule_and_lists_against_all_real_names(shared: Path) -> None:
 )
 def test_the_error_for_a_wrong_folder_lists_its_content(empty_copy: Any, file: str) -> None:
     empty_copy.write(file, b"x")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "edge_aistpp", where="мой dänce 舞"):
         AistPP().scan(empty_copy.root)
 
 
 def test_motion_folder_without_sequences(empty_copy: Any) -> None:
     empty_copy.write("motions/dance.pkl", b"x")
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"gBR_sBM_cAll_d04_mBR2_ch08\.pkl", where="мой dänce 舞/motions"):
         AistPP().scan(empty_copy.root)
 
 

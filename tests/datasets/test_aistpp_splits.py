@@ -50,24 +50,24 @@ def test_split_dir_in_the_folder_below(empty_copy: Any) -> None:
 
 def test_no_such_split(official: Any) -> None:
     official.names("splits/mine_train.txt", TEST)
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"min_val\.txt", where="мой dänce 舞/splits"):
         AistPP(split="min").scan(official.root)
 
 
 def test_no_split_folder(official: Any) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"mine_val\.txt", where="no folder splits/ in the source"):
         AistPP(split="mine").scan(official.root)
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"NAME_val\.txt", where="мой dänce 舞/nowhere"):
         AistPP(split_dir="nowhere").scan(official.root)
     official.write("lists/other.txt", b"")
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"crossmodal_val\.txt", where="мой dänce 舞/lists"):
         AistPP(split_dir="lists").scan(official.root)
 
 
 def test_clip_in_two_splits(official: Any) -> None:
     official.names("splits/crossmodal_train.txt", TRAIN, TEST)
     official.names("splits/crossmodal_test.txt", TEST)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "gJS_sBM_cAll_d03_mJS3_ch02"):
         AistPP().scan(official.root)
 
 
@@ -119,5 +119,5 @@ def test_ignore_none(official: Any) -> None:
     ],
 )
 def test_wrong_fields(fields: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "aist"):
         AistPP(**fields)

@@ -94,9 +94,9 @@ def test_one_of_a_pair_is_kept_if_the_recipe_says_so(source: Path, tmp_path: Pat
 
 def test_what_is_not_a_copy(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"_01\.npy"):
         DD100().scan(tmp_path)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "known"):
         DD100(up="x")  # type: ignore[arg-type]
 
 
@@ -126,18 +126,18 @@ def test_both_in_one_world_with_y_up(source: Path) -> None:
 def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str, Any]) -> None:
     path = file_of(source, "Ballet_9_0_00")
     change(path, **changes)
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "poses|transl") as caught:
         load_dancer(path)
     assert caught.value.reason == reason
 
 
 def test_another_axis_is_refused_and_other_arrays(source: Path) -> None:
     path = file_of(source, "Ballet_9_0_00")
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "pelvises", where="Ballet_9_0_00.npy") as caught:
         load_dancer(path, "y")
     assert caught.value.reason == "bad_axes"
     np.save(path, np.zeros((246, SMPL24.n_joints)))
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, r"numpy\.save", where="Ballet_9_0_00.npy") as caught:
         load_dancer(path)
     assert caught.value.reason == "bad_shape"
 

@@ -58,7 +58,7 @@ def test_folder_above(fine: Any) -> None:
     assert "Layout: FineDance, by FineDance/motion/001.npy" in scan.notes[0]
     assert "Not read: old copy/ (also contains motion/)." in scan.notes
     fine.motion("001", root="finedance/")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "folders", where="мой dänce 舞"):
         FineDance().scan(fine.root)
 
 
@@ -138,7 +138,7 @@ def test_some_of_several_in_two_lists_are_kept(finedance: Any) -> None:
     ],
 )
 def test_wrong_parameters(fields: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "finedance"):
         FineDance(**fields)
 
 
@@ -295,13 +295,13 @@ def test_links(finedance: Any) -> None:
 )
 def test_the_error_for_a_wrong_folder_lists_its_content(fine: Any, file: str) -> None:
     fine.write(file, b"x")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "FineDance"):
         FineDance().scan(fine.root)
 
 
 def test_an_empty_motion_folder(tmp_path: Path) -> None:
     (tmp_path / "motion").mkdir()
-    with raises_message(SourceError):
+    with raises_message(SourceError, "check", where="motion"):
         FineDance().scan(tmp_path)
 
 

@@ -132,10 +132,10 @@ def test_lists_with_missing_names_and_without_a_final_newline(source: Path) -> N
 
 def test_lists_that_cannot_be_used(source: Path) -> None:
     (source / "partition" / "test_eval861.txt").write_text(f"{TEST}\n{OWN}\n")
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"All_cleandata_train\.txt", where="мой dänce/partition"):
         InfiniteDance().scan(source)
     (source / "partition" / "test_eval861.txt").unlink()
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"All_cleandata_train\.txt", where="мой dänce/partition"):
         InfiniteDance().scan(source)
 
 
@@ -165,7 +165,7 @@ def test_styles(source: Path) -> None:
     assert f"1 files contradict all_style_map.json, which counts: {OWN} ('Latin', not 'Popular')" in notes(scan)
     assert rejects(scan, "bad_style") == [LIVE]
     (styles / "all_style_map.json").write_text('{"video_0001": 3}')
-    with raises_message(SourceError):
+    with raises_message(SourceError, "STYLE", where="мой dänce/styles/all_style_map.json"):
         InfiniteDance().scan(source)
 
 
@@ -177,13 +177,13 @@ def test_the_folder_above(source: Path) -> None:
 
 def test_archives_that_were_not_unpacked(source: Path) -> None:
     (source / FITS_FOLDER).rename(source / "elsewhere")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "InfiniteDance", where="мой dänce"):
         InfiniteDance().scan(source)
 
 
 @pytest.mark.parametrize("bad", [{"motion": "tokens"}, {"split": "by-video"}, {"clips": "others"}, {"up": "x"}])
 def test_invalid_parameters(bad: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "infinitedance"):
         InfiniteDance(**bad)
 
 
@@ -225,7 +225,7 @@ def test_the_axis_that_is_up_is_told(source: Path, up: str, turn: list[float]) -
     )
     for stated in ("auto", up):
         np.testing.assert_allclose(load_fit(path, stated).joints(), expected, atol=1e-5)
-    with raises_message(DataError):
+    with raises_message(DataError, "pelvises", where="video_0001.pkl", reason="bad_axes"):
         load_fit(path, "z" if up != "z" else "y")
 
 
@@ -233,7 +233,7 @@ def test_an_axis_that_is_not_clear_is_asked_for(source: Path) -> None:
     path = source / FITS_FOLDER / f"{OWN}.pkl"
     lying = Rotation.from_rotvec([np.pi / 4, 0, 0])
     change(path, global_orient=(lying * Rotation.from_rotvec(fit_of(source)["global_orient"])).as_rotvec())
-    with raises_message(DataError):
+    with raises_message(DataError, "clear", where="video_0001.pkl", reason="bad_axes"):
         load_fit(path)
     assert load_fit(path, "y").n_frames == 182
 
@@ -255,7 +255,7 @@ def test_bad_fits(source: Path, case: str) -> None:
     reason, make = BAD[case]
     path = source / FITS_FOLDER / f"{OWN}.pkl"
     change(path, **make(fit_of(source)))
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "body_pose|frames|global_orient|transl") as caught:
         load_fit(path)
     assert caught.value.reason == reason
 
@@ -282,7 +282,7 @@ def test_files_that_run_code_are_refused(source: Path, unpickled_marker: Any) ->
 def test_columns_of_another_width(source: Path, width: int) -> None:
     path = source / COLUMNS_FOLDER / f"{OWN}.npy"
     np.save(path, np.zeros((90, width), np.float32))
-    with raises_message(DataError):
+    with raises_message(DataError, "array", where="video_0001.npy", reason="bad_shape"):
         load_columns(path)
 
 
@@ -291,10 +291,10 @@ def test_bad_columns(source: Path) -> None:
     columns = np.load(path)
     columns[5, 100] = np.nan
     np.save(path, columns)
-    with raises_message(DataError):
+    with raises_message(DataError, "finite", where="video_0001.npy, frame 5, column 100", reason="nan"):
         load_columns(path)
     np.save(path, columns[:0])
-    with raises_message(DataError):
+    with raises_message(DataError, "frames", where="video_0001.npy"):
         load_columns(path)
     np.save(path, np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(DataError) as caught:

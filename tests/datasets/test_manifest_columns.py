@@ -85,19 +85,19 @@ def test_parts_are_whole_frames_and_the_music_follows(source: Path) -> None:
     ],
 )  # fmt: skip
 def test_wrong_seconds(source: Path, row: str) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "empty", where="source/manifest.csv, line 3"):
         scan(source, f"motion,audio,audio_start_s,start_s,end_s\na.npz,,,,\na.npz,{row}\n")
 
 
 @pytest.mark.parametrize("part", ["9,", ",9", "2,2.01"])
 def test_parts_that_the_file_does_not_have(source: Path, part: str) -> None:
     (clip,) = scan(source, f"motion,start_s,end_s\na.npz,{part}\n").clips
-    with raises_message(DataError):
+    with raises_message(DataError, "start_s", where="source/a.npz"):
         Folder(unit="m", up="y", fps=RATE).load(clip)
 
 
 def test_two_rows_of_a_file_need_ids(source: Path) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "unique", where="source/manifest.csv, line 3"):
         scan(source, "motion,start_s,end_s\na.npz,,1\na.npz,1,\n")
 
 
@@ -149,7 +149,7 @@ def test_a_joint_map_of_one_row(source: Path) -> None:
     ],
 )
 def test_wrong_joint_maps(source: Path, row: dict[str, Any]) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "joint_map", where="source/manifest.jsonl, line 1"):
         scan(source, f"{json.dumps(row)}\n", "manifest.jsonl")
 
 
@@ -197,15 +197,15 @@ def test_free_columns_of_jsonl_have_their_own_types(source: Path) -> None:
 )  # fmt: skip
 def test_wrong_free_columns(source: Path, name: str, values: list[Any]) -> None:
     lines = [json.dumps({"id": f"c{k}", "motion": "a.npz", name: value}) for k, value in enumerate(values)]
-    with raises_message(SourceError):
+    with raises_message(SourceError, "correct|level"):
         scan(source, "\n".join(lines), "manifest.jsonl")
 
 
 def test_wrong_lists_of_csv(source: Path) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "correct", where="source/manifest.csv, line 3"):
         scan(source, 'id,motion,x/v\na,a.npz,[1]\nb,a.npz,"[1,"\n')
     columns = ",".join(f"x/c{k}" for k in range(101))
-    with raises_message(SourceError):
+    with raises_message(SourceError, "correct", where="source/manifest.csv, line 1"):
         scan(source, f"motion,{columns}\na.npz{',' * 101}\n")
 
 
@@ -233,7 +233,7 @@ def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
      ["waltz,1", "tango,"]],
 )  # fmt: skip
 def test_wrong_numbers_of_genres(source: Path, rows: list[str]) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "genre_id"):
         scan(source, "id,motion,genre,genre_id\n" + "".join(f"c{k},a.npz,{row}\n" for k, row in enumerate(rows)))
 
 

@@ -131,9 +131,9 @@ def test_offsets_of_music(example: Path) -> None:
     starts = {clip.id: clip.audio_start for clip in scan.clips}
     assert starts == {JAZZ: 0, TAP: Fraction(-1, 3), HIPHOP: Fraction(2, 25), POPPING: 0}
     assert "audio_start states the offset of 2 clips" in notes(scan)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "audio_start"):
         Motorica(audio_start={"nothing": 1}).scan(example)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "audio_start"):
         Motorica(audio_start={TAP: "late"})
 
 
@@ -149,7 +149,7 @@ def test_trims(tmp_path: Path) -> None:
     (clip,) = Motorica(trim_s=0.101).scan(tmp_path).clips
     assert clip.audio_start == clip.source_start == Fraction(12, 120), "whole frames"
     long = Motorica(trim_s=2)
-    with raises_message(DataError):
+    with raises_message(DataError, "trim_s", reason="too_short"):
         long.load(long.scan(tmp_path).clips[0])
 
 
@@ -213,10 +213,10 @@ def test_a_dataset_in_ldas_columns(tmp_path: Path) -> None:
 
 
 def test_other_folders(tmp_path: Path) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"NAME\.bvh", where="nothing"):
         Motorica().scan(tmp_path / "nothing")
     (tmp_path / "motorica_dance").mkdir()
-    with raises_message(SourceError):
+    with raises_message(SourceError, "Dance"):
         Motorica().scan(tmp_path)
 
 
@@ -224,7 +224,7 @@ def test_other_folders(tmp_path: Path) -> None:
     "bad", [{"split": "official_clean"}, {"trim_s": -1}, {"fingers": "no"}, {"music": "none"}, {"takes": "two"}]
 )
 def test_invalid_parameters(bad: dict[str, object]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "motorica"):
         Motorica(**bad)  # type: ignore[arg-type]
 
 
@@ -277,7 +277,7 @@ def test_bad_files(tmp_path: Path, old: str, new: str, reason: str) -> None:
         first = path.read_text().split("Frame Time: 0.008333")[1].split()[0]
         old, new = f"\n{first} ", "\nnan " if reason == "nan" else f"\n{first.replace('.', ',')} "
     _change(path, old, new)
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "Frames|Xposition|captures|points") as caught:
         load_motion(path, fingers=False)
     assert caught.value.reason == reason
 

@@ -142,7 +142,7 @@ def test_chunks_that_disagree_are_no_recording(published: Path, tmp_path: Path) 
     labels = read_labels(folder)
     (reject,) = labels.rejects
     assert (reject.reason, reject.clip, labels.segments) == ("bad_segment", NAME, {})
-    with raises_message(DataError):
+    with raises_message(DataError, "label", reason="bad_segment"):
         joined({(k, False): folder / f"{NAME}_chunk{k}_label.json" for k in (8, 9)})
 
 
@@ -155,7 +155,7 @@ def test_chunks_that_disagree_are_no_recording(published: Path, tmp_path: Path) 
 def test_broken_chunks(tmp_path: Path, text: str) -> None:
     path = tmp_path / "a_chunk0_label.json"
     path.write_text(text)
-    with raises_message(DataError):
+    with raises_message(DataError, "label", where="a_chunk0_label.json", reason="bad_segment"):
         read_chunk(path)
 
 
@@ -164,7 +164,7 @@ def test_broken_chunks(tmp_path: Path, text: str) -> None:
 )
 def test_broken_text_files(tmp_path: Path, text: str) -> None:
     (tmp_path / "a_0.txt").write_text(text)
-    with raises_message(DataError):
+    with raises_message(DataError, "label", where="a_0.txt", reason="bad_segment"):
         read_text(tmp_path / "a_0.txt")
 
 
@@ -190,7 +190,7 @@ def test_the_reader_takes_labels(tmp_path: Path) -> None:
 def test_a_folder_without_labels(tmp_path: Path) -> None:
     write_recordings(tmp_path / "source", dance_s=1)
     (tmp_path / "source" / "x.md").write_text("")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "label_segment", where="source"):
         Motorica(labels=tmp_path / "source").scan(tmp_path / "source")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "label_segment", where="nowhere"):
         read_labels(tmp_path / "nowhere")

@@ -57,7 +57,7 @@ def test_music_elsewhere(name: str, tmp_path: Path) -> None:
     if "manifest" not in before.layout:
         assert "of music_dir (songs/), before the source's own" in notes(found)
         assert rejects(both, "unused_music")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "music_dir", where="gone"):
         reader(name, music_dir=tmp_path / "gone").scan(source)
 
 

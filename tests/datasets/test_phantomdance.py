@@ -65,16 +65,16 @@ def test_missing_music(source: Path) -> None:
 def test_several_folders(source: Path) -> None:
     (source / "old").mkdir()
     write(source / "old" / "a.json", {})
-    with raises_message(SourceError):
+    with raises_message(SourceError, "folders", where="мой dänce"):
         PhantomDance().scan(source)
     assert len(PhantomDance(motions="motion").scan(source).clips) == 3
-    with raises_message(SourceError):
+    with raises_message(SourceError, "unpacked", where="мой dänce/music"):
         PhantomDance(motions="music").scan(source)
 
 
 @pytest.mark.parametrize("bad", [{"split": "official"}, {"music": "no"}])
 def test_invalid_parameters(bad: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "phantomdance"):
         PhantomDance(**bad)
 
 
@@ -142,7 +142,7 @@ BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
 def test_bad_files(tmp_path: Path, name: str) -> None:
     reason, change = BAD[name]
     path = write(tmp_path / "a.json", change(content_of(DANCE)))
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "R_Hip|download|root_positions|upright") as caught:
         load_motion(path)
     assert caught.value.reason == reason
 
@@ -150,6 +150,6 @@ def test_bad_files(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("text", ["{", '{"a": NaN}', "[" * 100])
 def test_broken_json(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.json").write_text(text, encoding="utf-8")
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "JSON", where="a.json") as caught:
         load_motion(tmp_path / "a.json")
     assert caught.value.reason == "broken_file"

@@ -82,10 +82,10 @@ def test_lists_beside_the_motion(source: Path) -> None:
 
 def test_lists_that_cannot_be_used(source: Path) -> None:
     (source / "splits" / "test.txt").write_text(FIRST)
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"train\.txt", where="мой dänce/splits"):
         PopDanceSet().scan(source)
     (source / "splits" / "test.txt").unlink()
-    with raises_message(SourceError):
+    with raises_message(SourceError, "POPDG", where="мой dänce"):
         PopDanceSet().scan(source)
     assert len(PopDanceSet(split="by-video").scan(source).clips) == 4
 
@@ -106,7 +106,7 @@ def test_what_is_left_out(source: Path) -> None:
 
 @pytest.mark.parametrize("bad", [{"split": "video"}, {"scale": "divide"}, {"music": "no"}])
 def test_invalid_parameters(bad: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "popdanceset"):
         PopDanceSet(**bad)
 
 
@@ -160,7 +160,7 @@ def bad(key: str, array: Any) -> Any:
 def test_bad_files(source: Path, reason: str, make: Any) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
     change(path, **make(pickle.loads(path.read_bytes())))
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "frames|matrix|pred_camera|pred_thetas|transl") as caught:
         load_motion(path, "multiply")
     assert caught.value.reason == reason
 

@@ -97,7 +97,7 @@ def test_the_command(source: Path) -> None:
 
 
 def test_a_folder_without_motion(tmp_path: Path) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "empty"):
         propose(tmp_path)
 
 

@@ -76,18 +76,18 @@ def show(row: Any) -> str:
 )
 def test_swapped_sides(bvh: Path, text: str, edit: Any) -> None:
     bvh.write_text(edit(text))
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "correct", where="dance.bvh") as error:
         load(bvh)
     assert error.value.reason == "swapped_sides"
 
 
 def test_a_joint_map_that_swaps_the_legs(bvh: Path) -> None:
     legs = {f"{one}_{j}": f"{other}_{j}" for j in LEG for one, other in (("left", "right"), ("right", "left"))}
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "correct", where="dance.bvh") as error:
         load(bvh, joint_map=legs)
     assert error.value.reason == "swapped_sides"
     # Toes that are not mapped have a place of SMPL's, and say nothing.
-    with raises_message(DataError):
+    with raises_message(DataError, "correct", where="dance.bvh", reason="swapped_sides"):
         load(bvh, joint_map={**legs, "left_foot": "", "right_foot": ""})
 
 
@@ -104,7 +104,7 @@ def test_a_mirrored_file_whose_names_are_swapped_is_a_dance(bvh: Path, text: str
 
 @pytest.mark.parametrize("up", ["z", "-y"])
 def test_a_wrong_up_axis_of_a_bvh(bvh: Path, up: Any) -> None:
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "stand", where="dance.bvh") as error:
         load(bvh, up=up)
     assert error.value.reason == "bad_declaration"
     assert str(error.value.fix).startswith("declare up: y (or")
@@ -118,7 +118,7 @@ def test_a_wrong_up_axis_of_arrays(tmp_path: Path, up: Any) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, poses=motion.rotations.reshape(-1, 72), trans=motion.translation)
     assert np.allclose(load(path, fps=60, up="y").translation, motion.translation)
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "stand", where="a.npz") as error:
         load(path, fps=60, up=up)
     assert error.value.reason == "bad_declaration"
     assert "implausible_up" in [flag.kind for flag in implausible_flags(load(path, {"up": up}, fps=60))]
@@ -146,7 +146,7 @@ def test_real_files_with_planted_swaps(shared: Path, tmp_path: Path) -> None:
         assert implausible_flags(load(shared / f"realdata/bvh/{name}.bvh", unit=unit, up=up)) == []
         path = tmp_path / f"{name}.bvh"
         path.write_text(re.sub(r"(?<=JOINT )(Left|Right|[LR](?=[A-Z]))", lambda found: SIDE[found[1]], text))
-        with raises_message(DataError):
+        with raises_message(DataError, "correct", reason="swapped_sides"):
             load(path, unit=unit, up=up)
 
 

@@ -50,7 +50,7 @@ def test_folders_that_are_not_a_source(tmp_path: Path, reader: type[Dataset]) ->
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / ".DS_Store").write_text("x")
     for name in ("no where", "file", "empty"):
-        with raises_message(SourceError):
+        with raises_message(SourceError, "source"):
             reader().scan(tmp_path / name)
 
 
@@ -67,7 +67,7 @@ def test_a_finedance_file_above_the_limit(tmp_path: Path, monkeypatch: pytest.Mo
     np.save(tmp_path / "001.npy", np.zeros((5, 315), np.float32))
     assert motion_length(tmp_path / "001.npy") == 5
     monkeypatch.setattr(arrays, "MAX_ARRAY_BYTES", 1000)
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "limit", where="001.npy") as error:
         load_motion(tmp_path / "001.npy", 30, SMPLX55)
     assert error.value.reason == "too_large"
     assert motion_length(tmp_path / "001.npy") is None
@@ -80,12 +80,12 @@ def test_the_root_is_the_source_or_one_folder_in_it(tmp_path: Path) -> None:
         return folders.root.name, [path.name for path in folders.others]
 
     (tmp_path / "a").mkdir()
-    with raises_message(SourceError):
+    with raises_message(SourceError, "contains"):
         root()
     (tmp_path / "a" / "motion").mkdir()
     assert root() == ("a", [])
     (tmp_path / "b" / "motion").mkdir(parents=True)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "folders"):
         root()
     assert root("b") == ("b", ["a"])
     (tmp_path / "motion").mkdir()
@@ -124,5 +124,5 @@ class Chosen:
 
 def test_an_invalid_value_names_the_closest() -> None:
     require_choices(Chosen())  # type: ignore[arg-type]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "split"):
         require_choices(Chosen("non"))  # type: ignore[arg-type]

@@ -99,9 +99,9 @@ def test_by_dancer_genre_and_clip() -> None:
     assert {by_dancer[c.id] == "test" for c in refs if c.dancer == "d1"} in ({True}, {False})
     assert len({by_dancer[f"song0-{k}"] for k in range(3)}) == 1
     assert len({splits({"test": 0.5, "by": "clip"}, refs)[f"song{s}-{k}"] for s in range(9) for k in range(3)}) == 2
-    with raises_message(SourceError):
+    with raises_message(SourceError, "fewer"):
         splits({"test": 0.3, "by": "genre"}, refs)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "require"):
         splits({"test": 0.3, "by": "genre"}, clips(2))
     # A clip without music shares none.
     silent = [ClipRef(f"take{k}", Path("x"), None, "") for k in range(40)]
@@ -122,14 +122,14 @@ def test_songs_whose_zeros_differ_in_sign_are_one(tmp_path: Path) -> None:
 def test_an_empty_split_names_a_seed_that_does() -> None:
     refs = clips(6)
     rule = {"val": 0.2, "test": 0.2, "by": "music"}
-    with raises_message(SourceError) as caught:
+    with raises_message(SourceError, "fractions") as caught:
         splits(rule, refs)
     text = str(caught.value)
     assert "18 clips of 6 songs" in text
     seed = int(text.partition("et seed: ")[2].partition(",")[0])
     made = list(splits({**rule, "seed": seed}, refs).values())
     assert min(made.count(name) for name in ("train", "val", "test")) >= 3
-    with raises_message(SourceError) as caught:
+    with raises_message(SourceError, "fewer") as caught:
         splits(rule, clips(2))
     assert "et seed:" not in str(caught.value)  # two songs fill no three splits
 
@@ -156,7 +156,7 @@ def test_an_empty_split_names_a_seed_that_does() -> None:
     ],
 )
 def test_nonsense_is_refused(rule: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "splits"):
         Folder(split=rule)
 
 
@@ -189,14 +189,14 @@ def test_balance_meets_the_fractions_that_names_alone_miss() -> None:
     refs = uneven(*[10] * 10)
     plain, balanced = ({**RULE, "seed": 3, **more} for more in ({}, {"balance": True}))
     assert Counter(splits(balanced, refs).values()) == {"train": 80, "val": 10, "test": 10}
-    with raises_message(SourceError):
+    with raises_message(SourceError, "fractions"):
         splits(plain, refs)
     _, notes = SplitRule.of(balanced).apply(refs)
     assert "balanced: a clip that is added may move others" in notes[0]
     # What the manifest states is counted, and stays.
     stated = [replace(clip, split="test") if clip.music in ("song1", "song2") else clip for clip in refs]
     assert Counter(splits(balanced, stated).values()) == {"train": 70, "val": 10, "test": 20}
-    with raises_message(SourceError):
+    with raises_message(SourceError, "balance"):
         splits(balanced, uneven(3, 3))
 
 
@@ -221,7 +221,7 @@ def test_one_rule_is_one_recipe_however_it_is_written() -> None:
     assert one.document["dataset"]["folder"]["split"] == {"val": "1/10", "test": "1/10", "by": "music", "seed": 0}
     assert one.sha256 == same.sha256 != parse_recipe(document({**RULE, "seed": 1})).sha256
     assert parse_recipe(one.document).sha256 == one.sha256
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, r"dataset\.folder", where="recipe"):
         parse_recipe(document({**RULE, "vale": 0.1}))
 
 
@@ -270,7 +270,7 @@ def test_the_manifest_goes_first(source: Path) -> None:
     assert made == {**free, f"take{k}": "dev", f"take{k + 1}": "dev"}
     assert "dev 16.7% (from the manifest; 2 clips of 1 song)" in "\n".join(reader.scan(source).notes)
     write_manifest(source, ["train", "test", *lines[2:]])
-    with raises_message(SourceError):
+    with raises_message(SourceError, "song0"):
         reader.scan(source)
 
 

@@ -66,8 +66,8 @@ def test_changed_words_are_another_source(source: Path, tmp_path: Path, cache: P
 def test_two_files_and_partners_that_are_not_there(source: Path) -> None:
     first = ids(source)[0]
     (source / "segments.csv").write_text(f"clip,start,end,layer,other\n{first},0,1,contacts,{first}x\n")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "amass_poses", where="source/segments.csv, line 2"):
         Folder().scan(source)
     (source / "segments.jsonl").write_text("")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "segments", where="source"):
         Folder().scan(source)

@@ -46,7 +46,7 @@ def pfc(path: Path, cache: Path) -> float | None:
 
 def test_a_flipped_bit_is_an_error_and_leaves_nothing_in_the_cache(copy: Path, flip: Flip, tmp_path: Path) -> None:
     flip("joints")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "those", where="copy/train-00000-of-00001.h5"):
         pfc(copy, tmp_path / "shared")
     flip("joints")
     assert pfc(copy, tmp_path / "shared") == pfc(copy, tmp_path / "fresh")
@@ -69,7 +69,7 @@ def test_pools_and_beats_are_of_intact_shards(copy: Path, flip: Flip, metrics: l
         clip = next(c for c in opened.clips if c.split == "train")
         clips = {clip.id: dancedata.decode(clip.read("edge151"), "edge151", fps=30)}
     flip("librosa35")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "those", where="copy/train-00000-of-00001.h5"):
         dancedata.evaluate(clips, like=copy, metrics=metrics, bootstrap=0)
 
 
@@ -79,10 +79,10 @@ def test_side_files_that_were_changed_are_refused(copy: Path, name: str) -> None
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace("0.1", "0.2", 1) if name == "stats.json" else text + "\n", encoding="utf-8")
     attribute = name.partition(".")[0]
-    with open_store(copy) as opened, raises_message(StoreError):
+    with open_store(copy) as opened, raises_message(StoreError, "those"):
         getattr(opened, attribute)
     if name == "stats.json":
-        with raises_message(StoreError):
+        with raises_message(StoreError, "those", where="copy/stats.json"):
             dancedata.decode(np.zeros((9, 151)), "edge151", like=copy)
 
 
@@ -94,7 +94,7 @@ def test_exports_reports_and_diff_verify_their_input(store: Store, copy: Path, f
         lambda: write_report(copy),
         lambda: dancedata.diff(store.path, copy),
     ):
-        with raises_message(StoreError):
+        with raises_message(StoreError, "those", where="copy/train-00000-of-00001.h5"):
             use()
     assert not (tmp_path / "out").exists()
 

@@ -119,15 +119,15 @@ def test_samples_that_cannot_be_measured_are_named(evaluator: Evaluator, batch: 
     assert report.clips == ("a", "c")
     assert report.left_out[0][0] == "b"
     evaluator.reset()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "could"):
         evaluator.compute()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "three"):
         evaluator.update(columns[0])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "batch"):
         evaluator.update(columns[:3, :, :139])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "audio"):
         evaluator.update(columns[:3], music=music[:3, :, :20])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "differ"):
         evaluator.update(columns[:3], music=music[:2])
 
 
@@ -156,10 +156,10 @@ def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any)
     evaluator.update(junk, ids=ids[:4], music=heard, lengths=sizes)
     assert values(evaluator.compute()) == alone
     evaluator.reset()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "padded", where="sample gHO_sBM_cAll_d19_mHO3_ch03@0"):
         evaluator.update(padded, ids=ids[:4], music=heard)
     for wrong in ([1, 2], [1, 2, 3, 0], [1, 2, 3, 161], [1.5, 2, 3, 4], {"edge151": sizes}):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "lengths"):
             evaluator.update(padded, ids=ids[:4], lengths=wrong)
     assert len(evaluator) == 0
     evaluator.update(np.zeros((2, LENGTH, 151)))  # an untrained network stands still: no padding
@@ -170,15 +170,15 @@ def test_music_of_another_length_or_rate(store: Store, evaluator: Evaluator, bat
     ids, columns, music = batch
     evaluator.reset()
     for wrong in (music[:, ::2], music.repeat(2, axis=1), music[:, :100], music[:, ::2, 34]):
-        with raises_message(UsageError):
+        with raises_message(UsageError, r"Evaluator\.of"):
             evaluator.update(columns, ids=ids, music=wrong)
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"Evaluator\.of"):
         evaluator.update(columns, ids=ids, music=music[:, ::2], lengths=[LENGTH] * len(ids))
     evaluator.update(columns, ids=ids, music=music[:, :149])
     field = store.field("librosa35")
     sixty: Any = SimpleNamespace(name=field.name, columns=field.columns, grid=FrameGrid.of(60))
     other = Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool, music_field=sixty)
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"Evaluator\.of"):
         other.update(columns, ids=ids, music=music)
     other.update(columns, ids=ids, music=music.repeat(2, axis=1))
 
@@ -193,7 +193,7 @@ def test_samples_without_music_have_a_warning(store: Store, evaluator: Evaluator
 
 
 def test_columns_that_do_not_fit_the_protocol(store: Store) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "smplx24", where="small"):
         Evaluator.of(store, "edge151", protocol="lodge-finedance")
     assert "Evaluator('dancedata', 0 samples)" in repr(Evaluator.of(store, "edge151", normalized=True))
 
@@ -267,7 +267,7 @@ def test_processes_agree_on_a_sample_that_they_generated_differently(evaluator: 
     first, second = two(evaluator)
     first.update(columns[:2], ids=["a", "b"])
     second.update(columns[2:5], ids=["a", "c", "d"])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "processes"):
         gathered(first, second)
     gathered(first, second, repeated="first")
     assert len(first) == len(second) == 4
@@ -293,7 +293,7 @@ def test_ids_of_readers_keep_all_and_ids_of_clips_are_refused(store: Store, eval
     assert values(evaluator.compute()) == before
     evaluator.reset()
     batch = next(iter(data.DataLoader(windows, batch_size=7)))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "readers"):
         evaluator.update(batch["edge151"], ids=batch["clip"], music=batch["librosa35"])
 
 
@@ -301,9 +301,9 @@ def test_one_motion_to_other_music_is_another_sample(evaluator: Evaluator, batch
     _, columns, music = batch
     evaluator.reset()
     evaluator.update(columns[:1], ids=["a"], music=music[:1])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "readers"):
         evaluator.update(columns[:1], ids=["a"], music=np.roll(music[:1], 3, axis=1))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "readers"):
         evaluator.update(columns[:1, ::-1], ids=["a"], music=music[:1])
 
 
@@ -322,7 +322,7 @@ def test_samples_without_ids_of_indistinguishable_processes(evaluator: Evaluator
     first, second = two(evaluator)
     for own in (first, second):
         own.update(columns[:2])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "processes"):
         gathered(first, second)
     first, second = two(evaluator)
     first.update(columns[:2])
@@ -339,7 +339,7 @@ def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_pa
     dances = {f"d{k}": rng.normal(0, 0.01, (300, 24, 3)).cumsum(axis=0) for k in range(3)}
     path = tmp_path / "pool.npz"
     dancedata.evaluate(dances, fps=60, pool=dances, save_pool=path, bootstrap=0)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "generate", where="pool.npz"):
         Evaluator.of(store, "edge151", pool=path, normalized=True)
 
 

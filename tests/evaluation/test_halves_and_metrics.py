@@ -81,5 +81,5 @@ def test_a_metric_that_the_protocol_does_not_have(store: Store) -> None:
 
 def test_unknown_metrics_and_those_of_groups(store: Store) -> None:
     for name in ("group_kinetic", "collision"):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "metric", where="protocol dancedata"):
             dancedata.evaluate(store, metrics=[name], bootstrap=0)

@@ -82,9 +82,9 @@ def test_beats_of_windows_where_a_protocol_takes_those_of_songs(store: Store, tm
 @pytest.mark.parametrize("text", ["a,b,c\n", "clip,song\na,b\nc\n"])
 def test_broken_lists_of_songs(tmp_path: Path, text: str) -> None:
     (tmp_path / "songs.csv").write_text(text, encoding="utf-8")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "columns"):
         read_songs(tmp_path / "songs.csv")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "songs", where="missing.csv"):
         read_songs(tmp_path / "missing.csv")
 
 
@@ -104,9 +104,9 @@ def test_missing_songs_are_named(store: Store, tmp_path: Path) -> None:
     songs = {"sample0": store.clips[0].music, "sample1": "nosong"}
     report = dancedata.evaluate(tmp_path, music_of=songs, **options)
     assert "no beats of songs that --music-of names: nosong" in report.warnings
-    with raises_message(UsageError):
+    with raises_message(UsageError, "could"):
         dancedata.evaluate(tmp_path, music_of={"sample0": "other", "sample1": "nosong"}, **options)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "could"):
         dancedata.evaluate(tmp_path, **options)
 
 
@@ -174,5 +174,5 @@ def test_songs_may_be_given_with_suffix_in_memory(store: Store, motions: Mapping
 )
 def test_lists_of_songs_that_contradict_themselves(lines: str, tmp_path: Path) -> None:
     (tmp_path / "songs.csv").write_text(lines, encoding="utf-8")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "delete|song"):
         read_songs(tmp_path / "songs.csv")

@@ -109,9 +109,9 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
         val = WindowDataset(store, "val", (FIELD,), scaler=given)
         np.testing.assert_array_equal(val.normalizer(FIELD).data_min, scaler.data_min)
         val.load_state_dict(json.loads(json.dumps(wide.state_dict())))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "scalers"):
         WindowDataset(store, "val", (FIELD,)).load_state_dict(wide.state_dict())
-    with raises_message(UsageError):
+    with raises_message(UsageError, "normalizer_"):
         WindowDataset(store, "val", (FIELD,), scaler=wide, normalizer_covers_mirror=True)
 
 
@@ -124,18 +124,18 @@ def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: S
     val = WindowDataset(store, "val", (FIELD,), scaler=wide)
     np.testing.assert_array_equal(val.normalizer(FIELD).data_min, wide.normalizer(FIELD).data_min)
     val.load_state_dict(wide.state_dict())
-    with raises_message(UsageError):
+    with raises_message(UsageError, "scalers"):
         WindowDataset(store, fields=(FIELD,), normalize=False).load_state_dict(wide.state_dict())
     for call in (
         lambda: WindowDataset(store, fields=(FIELD,), scaler=store),
         lambda: dancedata.decode(rows, FIELD, like=Subset(wide, [0])),
     ):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "reader"):
             call()
     other = WindowDataset(store, fields=("lodge139",))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "whether"):
         dancedata.decode(rows, FIELD, like=other)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "reader"):
         WindowDataset(store, fields=(FIELD,), scaler=other)
 
 
@@ -153,11 +153,11 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
         for given in (wrong, tmp_path / "wrong.json"):
             with pytest.raises(UsageError, match=problem):
                 dancedata.decode(scaler.normalize(rows), FIELD, like=store, scaler=given)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "FIELD"):
         WindowDataset(store, fields=(FIELD,), scaler=lodge)
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"s\.data_min", where="field edge151"):
         WindowDataset(store, fields=(FIELD,), scaler=other)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "scaler"):
         dancedata.decode(rows, FIELD, like=store, scaler=scaler, normalized=False)
 
 
@@ -165,15 +165,15 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
     rows = store.clip(store.clips[0].id).read(FIELD)
     normal = store.normalizer(FIELD).normalize(rows)
     for wrong in (rows, normal):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "whether"):
             dancedata.decode(wrong, FIELD, like=store)
-        with raises_message(UsageError):
+        with raises_message(UsageError, "whether", where="x.npy"):
             view(tmp_path, wrong, store)
-        with raises_message(UsageError):
+        with raises_message(UsageError, "whether", where="x.npy"):
             dancedata.evaluate(tmp_path, like=store, field=FIELD, bootstrap=0)
-        with raises_message(UsageError):
+        with raises_message(UsageError, "whether", where="x.npy"):
             comparison_of(tmp_path, store, file_format(store, representation=FIELD))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "whether", where="small, field edge151"):
         Evaluator.of(store, FIELD)
     # A file may state it; then no argument is needed.
     (tmp_path / "x.npy").unlink()
@@ -182,7 +182,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
         dancedata.decode_file(tmp_path / "x.npz", FIELD, to="npz", like=store, out=tmp_path / f"{normalized}")
         with np.load(tmp_path / f"{normalized}" / "x.npz") as made:
             assert worst(made["positions"], joints(rows, store)) < 1e-5
-        with raises_message(UsageError):
+        with raises_message(UsageError, "whether", where="x.npz"):
             dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, normalized=not normalized, bootstrap=0)
     assert dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, bootstrap=0)["pfc"] is not None
 
@@ -210,7 +210,7 @@ def test_normalised_positions_of_a_model_that_errs_are_not_taken_as_plain(store:
     scaler, plugin = MinMax(np.full(72, 6 - 1.45), np.full(72, 6 + 1.45)), REPRESENTATIONS.get("joints")()
     scaling = Scaling(scaler, normalized=False)
     normal = scaler.normalize(rows) + np.random.default_rng(0).normal(0, 0.01, rows.shape)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "stated"):
         scaling.undo(normal, plugin)
     np.testing.assert_array_equal(scaling.undo(rows, plugin), rows)
     for size in (0.15, 0.3, 0.6, 1.0):  # a network that is not trained
@@ -224,7 +224,7 @@ def test_a_column_of_nan_hides_nothing(store: Store, field: str) -> None:
     for normalized, right in ((True, scaler.normalize(rows)), (False, rows)):
         right[:, 0], right[3, 5] = np.nan, np.inf
         Scaling(scaler, normalized).undo(right, plugin)
-        with raises_message(UsageError):
+        with raises_message(UsageError, "stated"):
             Scaling(scaler, not normalized).undo(right, plugin)
 
 
@@ -317,7 +317,7 @@ def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) ->
     pool, saved = tmp_path / "wide", tmp_path / "pool.npz"
     wanted = dancedata.evaluate(pool, pool=pool, scaler=wide, save_pool=saved, **options)
     assert dancedata.evaluate(pool, pool=saved, scaler=wide, **options)["fid_k"] == pytest.approx(wanted["fid_k"])
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):
         dancedata.evaluate(tmp_path / "plain", pool=saved, normalized=True, **options)
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):
         Evaluator.of(store, FIELD, normalized=True, pool=saved)

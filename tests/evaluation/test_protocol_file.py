@@ -77,10 +77,10 @@ def test_members_are_those_of_the_file(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_wrong_files(old: str, new: str, tmp_path: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "protocol", where="ours.yaml"):
         read_protocol(write(tmp_path, TEXT.replace(old, new)))
 
 
 def test_a_file_that_does_not_exist(store: Store) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "protocol", where="nothing.yaml"):
         dancedata.evaluate(store, protocol="nothing.yaml")

@@ -36,7 +36,7 @@ def dances(n: int = 3, **options: Any) -> dict[str, np.ndarray]:
 
 
 def test_another_rate_than_the_protocols() -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
         dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=30)
 
 
@@ -45,27 +45,27 @@ def test_mixed_rates(motions: Mapping[str, Motion]) -> None:
     mixed = dict(motions)
     half = motions[names[0]].resampled(FrameGrid.of(15))
     mixed[names[0]] = Motion(half.translation, half.rotations, half.grid, half.skeleton)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "compare", where="clips in memory"):
         dancedata.evaluate(mixed)
 
 
 def test_a_pool_of_another_rate(store: Store) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "generate", where="small"):
         dancedata.evaluate(dances(n_frames=600), fps=60, pool=store)
 
 
 def test_a_store_without_the_joints(store: Store) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "computed", where="small"):
         dancedata.evaluate(store, protocol="bailando-aistpp")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "smplx24", where="small"):
         dancedata.evaluate(store, protocol="lodge-finedance", field="edge151")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "edge15", where="small"):
         dancedata.evaluate(store, field="edge15")
 
 
 def test_a_file_with_a_batch(store: Store, tmp_path: Path) -> None:
     np.save(tmp_path / "samples.npy", np.zeros((3, 60, 151)))
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path, like=store, field="edge151", normalized=True)
 
 
@@ -73,7 +73,7 @@ def test_metrics_have_the_names_of_the_table(store: Store) -> None:
     scores = dancedata.evaluate(store, metrics=["FSR"], bootstrap=0).scores
     assert [s.name for s in scores][-1] == "skating"
     assert {s.better for s in scores if s.name.startswith("skating")} == {"lower"}
-    with raises_message(UsageError):
+    with raises_message(UsageError, "skating_right", where="protocol dancedata"):
         dancedata.evaluate(store, metrics=["skatin"])
 
 
@@ -83,14 +83,14 @@ def test_a_score_without_a_value_has_a_direction(store: Store) -> None:
 
 
 def test_lodge_without_smplx(motions: Mapping[str, Motion]) -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
         dancedata.evaluate(motions, protocol="lodge-finedance")
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
         dancedata.evaluate(dances(joints=22), protocol="lodge-finedance", fps=30)
 
 
 def test_fact_without_the_true_pelvis() -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
         dancedata.evaluate(dances(), protocol="fact-aistpp", fps=60)
     report = dancedata.evaluate(dances(), protocol="fact-aistpp", fps=60, body="smpl24", pool=dances(), bootstrap=0)
     assert report["fid_k"] is not None
@@ -98,7 +98,7 @@ def test_fact_without_the_true_pelvis() -> None:
 
 @pytest.mark.parametrize("joints", [17, 23, 100])
 def test_joints_of_an_unknown_body(joints: int) -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
         dancedata.evaluate(dances(joints=joints), fps=30)
 
 
@@ -112,11 +112,11 @@ def test_pools_are_keyed_by_protocol_version_and_rate(tmp_path: Path) -> None:
     assert path.read_bytes() == data
     assert [s.value for s in again.scores] == [s.value for s in made.scores]
     assert load_pool(path, BailandoAistpp()).ids == ("d0", "d1", "d2", "d3")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "motius-aistpp", where="pool.npz"):
         dancedata.evaluate(dances(), protocol="motius-aistpp", fps=60, pool=path)
     later = NextVersion()
     object.__setattr__(later, "name", "bailando-aistpp")
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):
         dancedata.evaluate(dances(), protocol=later, fps=60, pool=path)
 
 
@@ -125,10 +125,10 @@ def test_foreign_pools_are_not_read_and_not_replaced(tmp_path: Path) -> None:
     np.savez(path, about=np.array([object()], dtype=object))
     before = path.read_bytes()
     for options in ({"pool": path}, {"pool": dances(), "save_pool": path}):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "save-pool", where="pool.npz"):
             dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=60, **options)
     assert path.read_bytes() == before
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"NAME\.npz"):
         dancedata.evaluate(dances(), protocol="gcd", body="smpl24", fps=30, pool=dances(), save_pool=tmp_path / "a")
 
 
@@ -211,32 +211,32 @@ def test_options_that_do_not_go_together(options: dict[str, Any], message: str |
 
 def test_undeclared_facts_of_files(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", dance())
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path, fps=30)
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path, up="y")
     np.savez(tmp_path / "a.npz", poses=np.zeros((9, 72)), trans=np.zeros((9, 3)), mocap_framerate=30)
     (tmp_path / "a.npy").unlink()
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "evaluate", where="b"):
         dancedata.evaluate(tmp_path / "b")
     (tmp_path / "empty").mkdir()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "evaluate", where="empty"):
         dancedata.evaluate(tmp_path / "empty")
 
 
 @pytest.mark.parametrize("rate", [0, -30, np.nan, np.inf, 1e300, [30, 30]])
 def test_invalid_stored_rates(tmp_path: Path, rate: Any) -> None:
     np.savez(tmp_path / "a.npz", joints=dance(), fps=rate)
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path, fps=30, up="y", metrics=["pfc"])
 
 
 def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: Path) -> None:
     columns = store.clips[0].read("edge151")
     np.savez(tmp_path / "a.npz", columns=columns, fps=60)
-    with raises_message(DataError):
+    with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"])
     np.savez(tmp_path / "a.npz", columns=columns, fps=30)
     assert dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"], bootstrap=0)["pfc"] is not None
@@ -267,7 +267,7 @@ def test_a_protocol_needs_its_members() -> None:
         version: ClassVar[int] = 1
         name: ClassVar[str] = "bare"
 
-    with raises_message(UsageError):
+    with raises_message(UsageError, "lacks", where="bare"):
         Bare()
 
 

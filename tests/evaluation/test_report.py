@@ -71,7 +71,7 @@ def test_scores_and_clips_as_tables_of_pandas(store: Store) -> None:
     assert (scores.loc["pfc", "value"], scores.loc["pfc", "low"]) == (report["pfc"], pfc.interval.low)
     clips = report.to_pandas("clips")
     assert clips.to_dict("records") == [dict(row) for row in report.per_clip]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "table"):
         report.to_pandas("score")
 
 
@@ -157,7 +157,7 @@ def test_only_the_requested_metrics(store: Store, tmp_path: Path) -> None:
 
 
 def test_only_beats_without_music(store: Store) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "could", where="clips in memory"):
         dancedata.evaluate(dances(), fps=30, metrics=["bas"])
     some = dancedata.evaluate(dances(), fps=30, metrics=["bas"], beats={"d0": _beats(store)}, bootstrap=0)
     assert [s.undefined for s in some.scores] == [{"no_music": ("d1", "d2")}]
@@ -207,14 +207,14 @@ def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeyp
     path, protocol = tmp_path / "pool.npz", BailandoAistpp()
     dancedata.evaluate(dances(), protocol=protocol, fps=60, pool=dances(4), save_pool=path, bootstrap=0)
     monkeypatch.setattr(Kinetic, "version", Kinetic.version + 1)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "metrics", where="pool.npz"):
         load_pool(path, protocol)
     monkeypatch.undo()
     with np.load(path) as file:
         arrays = dict(file)
     arrays["rows_0"][1, 2] = np.nan
     np.savez(path, allow_pickle=False, **arrays)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "save-pool", where="pool.npz"):
         load_pool(path, protocol)
 
 

@@ -48,7 +48,7 @@ def test_finedance(tmp_path: Path) -> None:
 
 
 def test_nothing_published(tmp_path: Path, folder: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "under", where="small-source"):
         self_test(folder / "small-source", protocol="lodge-finedance")
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"VIDEO_SEGMENT_START_END\.pkl"):
         self_test(tmp_path)

@@ -146,6 +146,6 @@ def test_lodge_like_learns_and_generates(run: Callable[..., ModuleType], data: P
 
 def test_a_missing_song_is_an_error_before_training(run: Callable[..., ModuleType], tmp_path: Path) -> None:
     for name, size in (("train_edge_like", ["--seconds", "2"]), ("train_lodge_like", ["--frames", "128"])):
-        with raises_message(DanceDataError):
+        with raises_message(DanceDataError, "exist", where="nope.wav", reason="missing_file"):
             run(name, tmp_path, *size, "--steps", "1", "--song", str(tmp_path / "nope.wav"))
     assert not (tmp_path / "log.jsonl").exists()

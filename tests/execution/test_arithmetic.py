@@ -241,7 +241,7 @@ def test_exceptions_are_raised_and_the_process_continues(process: ReferenceProce
     def fail() -> None:
         raise DataError("too faint", reason="nan", where="song.wav")
 
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "faint", where="song.wav") as caught:
         process.call(fail, ())
     assert caught.value.reason == "nan"
     # Neither function nor class can be imported there: they travel with the call.
@@ -255,9 +255,9 @@ def test_unpicklable_values_are_a_clear_error(process: ReferenceProcess) -> None
 
 
 def test_a_dead_process_is_an_error_and_the_next_call_starts_another(process: ReferenceProcess) -> None:
-    with raises_message(ReferenceProcessError):
+    with raises_message(ReferenceProcessError, "process"):
         process.call(os.kill, (process.call(os.getpid, ()), signal.SIGKILL))
-    with raises_message(ReferenceProcessError):
+    with raises_message(ReferenceProcessError, "process"):
         process.call(os._exit, (3,))
     assert process.call(abs, (-2,)) == 2
 
@@ -280,7 +280,7 @@ def test_an_interrupted_call_does_not_answer_the_next_one(
 def test_a_unit_that_kills_the_process_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a notebook, where nothing else could tell."""
     monkeypatch.setattr(arithmetic, "here", lambda: "something else")
-    with raises_message(ReferenceProcessError) as caught:
+    with raises_message(ReferenceProcessError, "process", where="song.wav") as caught:
         run_units(_die, [(Path("song.wav"),)], jobs=1, label="features", progress=Progress(quiet=True))
     assert str(caught.value.where) == "song.wav"
 

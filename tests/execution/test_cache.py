@@ -233,7 +233,7 @@ def test_a_changed_bit_is_found_when_it_is_read_and_the_entry_removed(own: Cache
     data = bytearray(found.path.read_bytes())
     data[-20] ^= 1
     found.path.write_bytes(data)
-    with raises_message(EntryLostError):
+    with raises_message(EntryLostError, "entry"):
         np.asarray(found)
     assert own.array("features", KEY) is None
     own.put_json("clips", KEY, [1, 2])
@@ -331,7 +331,7 @@ def test_a_home_folder_that_no_shell_has_put_in_is_meant(tmp_path: Path, monkeyp
     monkeypatch.setenv("DANCEDATA_CACHE", "~/cache")
     assert cache_module.default_cache() == tmp_path / "cache"
     monkeypatch.setenv("DANCEDATA_CACHE", "~nobody-has-this-name/cache")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "DANCEDATA_CACHE"):
         cache_module.default_cache()
 
 

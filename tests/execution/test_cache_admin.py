@@ -180,9 +180,9 @@ def test_ages_and_sizes():
         0, 500, 10**4, 1_500_000, 2 * 10**9, 10**12,
     ]  # fmt: skip
     for text in ("", "-1", "x", "1y", "inf", "500bb", "9" * 400 + "T"):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "removed"):
             parse_age(text)
-        with raises_message(UsageError):
+        with raises_message(UsageError, "removed"):
             parse_size(text)
 
 

@@ -163,7 +163,7 @@ def test_a_folder_with_foreign_files_is_refused(
     # A shard and a card are what a killed build of the first release left, and what others may have as well.
     names = [name, "README.md"] if name.endswith(".h5") else [name]
     check = plant(out, names)
-    with raises_message(StoreError) as caught:
+    with raises_message(StoreError, "holds") as caught:
         run_build(corpus, out, set=QUICK, overwrite=overwrite)
     check()
     assert any(part in str(caught.value) for part in Path(name).parts)
@@ -176,7 +176,7 @@ def test_a_dataset_with_foreign_files_is_not_replaced(
     run_build: Any, corpus: Path, built_copy: Path, plant: Any, name: str
 ):
     check = plant(built_copy, [name])
-    with raises_message(StoreError):
+    with raises_message(StoreError, "holds"):
         run_build(corpus, built_copy, set=["windows.stride_s=1", *QUICK], overwrite=True)
     check()
 
@@ -201,7 +201,7 @@ def test_a_dataset_json_of_another_program_is_refused(
 def test_a_card_that_somebody_wrote_into_is_not_removed(run_build: Any, corpus: Path, built_copy: Path):
     card = built_copy / "README.md"
     card.write_text(card.read_text() + MINE)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "since", where="outs/out"):
         run_build(corpus, built_copy, set=["windows.stride_s=1", *QUICK], overwrite=True)
     assert MINE in card.read_text()
     card.rename(card.with_name("aside").parent.parent / "card")
@@ -226,7 +226,7 @@ def test_files_that_come_into_out_during_a_build(
     if not overwrite and name == "notes.txt":  # does not conflict with any file
         assert run_build(corpus, out, set=QUICK).built
     else:
-        with raises_message(StoreError):
+        with raises_message(StoreError, "move", where="outs/out"):
             run_build(corpus, out, set=[*QUICK, "windows.stride_s=1"], overwrite=overwrite)
         if overwrite:
             assert {p.name: sha256_file(p) for p in out.iterdir() if p.name != name}.items() <= before.items()
@@ -278,7 +278,7 @@ def test_a_build_killed_while_it_moves_files_is_finished(
         (unfinished / name).rename(out / name)
     if left == "all moved":
         shutil.rmtree(unfinished)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "finished", where="outs/out"):
         cli_open(out)
     assert not run_build(corpus, out).built
     assert hashes(out) == hashes(built)
@@ -377,5 +377,5 @@ def test_dataset_json_names_no_file_elsewhere(run_build: Any, corpus: Path, buil
 
 def test_prune_of_a_missing_folder_names_the_fix(tmp_path: Path):
     (tmp_path / "notes.txt").write_text(MINE)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "DANCEDATA_CACHE"):
         prune(tmp_path, max_bytes=0)

@@ -146,7 +146,7 @@ def test_no_unit_prints_nothing():
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_error_of_a_unit_arrives_whole(jobs: int):
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "zero", where="unit 3") as caught:
         run_units(square, [(1,), (-2,), (3,)], jobs=jobs, label="squaring", progress=Progress(quiet=True))
     assert (caught.value.reason, caught.value.where, caught.value.found) == ("negative", "unit 3", -2)
 

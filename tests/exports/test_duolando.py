@@ -136,12 +136,12 @@ def test_what_is_missing_is_named(tmp_path: Path, cache: Path) -> None:
     DATASETS.get("synthetic")().make_example(source)
     recipe = RECIPE | {"dataset": {"synthetic": {}}, "motion": {"joints": {}}, "audio": {"librosa35": {}}}
     dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=cache, progress=False)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "bailando54", where="store"):
         dancedata.export(tmp_path / "store", "duolando", tmp_path / "out", progress=False)
 
 
 def test_names_that_the_loader_changes_are_refused(tmp_path: Path) -> None:
     """It takes the path of rotation matrices from that of joints, with every pos3d replaced."""
     write_duets(tmp_path / "store", "pos3d-")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "pos3d-train0_p1", where="store"):
         dancedata.export(tmp_path / "store", "duolando", tmp_path / "out", progress=False, feature="rows54")

@@ -119,7 +119,7 @@ def test_a_damaged_copy_of_the_music_is_not_taken(built, tmp_path: Path, to: str
     """Too short for any window, or not decoded at all, it is still not the music of the dataset."""
     made = built("edge")
     cut = _cut_music(made.source, tmp_path / "cut", 1.5)
-    with raises_message(DataError):
+    with raises_message(DataError, "built", reason="other_music"):
         dancedata.export(made.path, to, tmp_path / "out", source=cut, progress=False)
     assert [p.name for p in tmp_path.iterdir()] == ["cut"]
 
@@ -135,7 +135,7 @@ def test_splits_whose_windows_have_no_sound_are_refused(built, tmp_path: Path) -
     recipe = {**made.store.meta["recipe"], "dataset": {"aist++": {}}}
     dancedata.build(recipe, source, tmp_path / "short", jobs=1, cache=tmp_path / "cache", progress=False)
     assert {w.start for w in dancedata.open(tmp_path / "short").windows("train")} == {0}
-    with raises_message(StoreError):
+    with raises_message(StoreError, "longer", where="short"):
         dancedata.export(tmp_path / "short", "edge", tmp_path / "out", source=source, progress=False)
     assert not (tmp_path / "out").exists()
 

@@ -57,7 +57,7 @@ def test_the_files_of_the_source_come_back(tmp_path: Path, cache: Path, motion: 
 
 def test_a_dataset_without_groups_is_refused(tmp_path: Path, cache: Path) -> None:
     store = build(tmp_path, cache, "synthetic", "edge151")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "groups", where="store"):
         dancedata.export(store, "gcd", out=tmp_path / "out")
 
 

@@ -84,7 +84,7 @@ def test_a_normaliser_of_train_needs_train(built, tmp_path) -> None:
                 path.unlink()
     recipe = made.store.meta["recipe"]
     dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=tmp_path / "cache", progress=False)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "normaliser", where="store"):
         dancedata.export(tmp_path / "store", "lodge", tmp_path / "out", scaler="train", progress=False)
     assert dancedata.export(tmp_path / "store", "lodge", tmp_path / "out", progress=False).path.is_dir()
 

@@ -213,7 +213,7 @@ def test_webdataset_of_long_names(tmp_path: Path) -> None:
     dancedata.export(tmp_path / "long", "webdataset", tmp_path / "out", samples="clips", progress=False)
     assert list(_samples(tmp_path / "out" / "train-000000.tar")) == [name]
     twice = (made.header.fields[0].name,) * 2
-    with raises_message(StoreError):
+    with raises_message(StoreError, "webdataset", where="long"):
         dancedata.export(tmp_path / "long", "webdataset", tmp_path / "two", fields=twice, progress=False)
 
 
@@ -238,15 +238,15 @@ def test_missing_requirements_are_named(dataset: Path, tmp_path: Path) -> None:
         "smpl": ["no field with rotations"],
         "humanml3d": ["no field humanml263", "motion: {humanml263: {}}", "scope: track"],
     }.items():
-        with raises_message(StoreError) as caught:
+        with raises_message(StoreError, "track", where="store") as caught:
             dancedata.export(positions, target, tmp_path / target, progress=False)
         assert all(part in str(caught.value) for part in parts), str(caught.value)
         assert not (tmp_path / target).exists()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "determine", where="store"):
         dancedata.export(dataset, "bvh", tmp_path / "out", progress=False, field="joints")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "webdataset", where="store"):
         dancedata.export(dataset, "webdataset", tmp_path / "out", progress=False, fields=("edge",))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "shard_mb"):
         dancedata.export(dataset, "webdataset", tmp_path / "out", progress=False, shard_mb=0)
 
 
@@ -312,7 +312,7 @@ def worded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_captions_as_humanml3ds_loader_reads_them(worded: Path, tmp_path: Path) -> None:
-    with raises_message(StoreError):
+    with raises_message(StoreError, "amass_poses__mirror", where="out"):
         dancedata.export(worded, "humanml3d", tmp_path / "out", progress=False)
     result = dancedata.export(worded, "humanml3d", tmp_path / "out", progress=False, tokens="plain")
     assert "no captions of" in result.summary
@@ -350,7 +350,7 @@ def test_chunks_of_labels(worded: Path, tmp_path: Path) -> None:
     assert mirrored["segments"][1]["description"] == "The dancer's right turn"
     first = read_chunk(tmp_path / "out" / "sliced_labels" / "own_chunk0_label.json")[0]
     assert first.texts == ("steps left # twice", "waves")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "motorica-pp", where="out"):
         dancedata.export(worded, "motorica-pp", tmp_path / "no", progress=False, layer="moves")
 
 

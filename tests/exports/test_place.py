@@ -53,7 +53,7 @@ def test_contents_of_export_json(npz, built) -> None:
 
 def test_an_export_is_replaced_only_with_overwrite(npz) -> None:
     first = tree(npz().path)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "already", where="out"):
         npz()
     assert tree(npz(overwrite=True, fields=["edge151"]).path).keys() == first.keys()
     assert tree(npz(overwrite=True).path) == first
@@ -80,7 +80,7 @@ def test_changed_files_stay(npz, change: str, tmp_path: Path) -> None:
     else:
         path.write_bytes(path.read_bytes()[::-1] if change in ("README.md", "same size") else b"mine")
     before = tree(out)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "added", where="out"):
         npz(overwrite=True)
     assert tree(out) == before
 
@@ -95,7 +95,7 @@ def test_foreign_folders_are_refused(npz, kind: str, tmp_path: Path) -> None:
         (out / {"folder": "mine", "dataset": "dataset.json", "forged": "export.json"}[kind]).write_text(
             '{"files": {}}'
         )
-    with raises_message(StoreError):
+    with raises_message(StoreError, "export", where="out"):
         npz(overwrite=True)
     assert out.read_text() == "mine" if kind == "file" else len(list(out.iterdir())) == 1
 
@@ -161,7 +161,7 @@ def test_the_next_export_removes_the_rest_of_a_killed_one(npz, tmp_path: Path) -
 def test_a_swap_that_was_killed_is_put_back(npz, tmp_path: Path) -> None:
     before = tree(npz().path)
     (tmp_path / "out").rename(tmp_path / ".dancedata-out.export-old-01234567")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "already", where="out"):
         npz()
     assert tree(tmp_path / "out") == before
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
@@ -218,7 +218,7 @@ def test_two_exports_at_once(tmp_path: Path) -> None:
         with new_export(tmp_path / "out", overwrite=False):
             pass
 
-    with new_export(tmp_path / "out", overwrite=False), raises_message(StoreError):
+    with new_export(tmp_path / "out", overwrite=False), raises_message(StoreError, "writing", where="out"):
         second()
 
 
@@ -229,7 +229,7 @@ def test_a_file_that_appears_during_the_export_is_not_replaced(tmp_path: Path) -
             (tmp_path / "out").mkdir()
             (tmp_path / "out" / "mine").write_text("mine")
 
-    with raises_message(StoreError):
+    with raises_message(StoreError, "output", where="out"):
         fill()
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
     assert (tmp_path / "out" / "mine").read_text() == "mine"
@@ -237,7 +237,7 @@ def test_a_file_that_appears_during_the_export_is_not_replaced(tmp_path: Path) -
 
 @pytest.mark.parametrize("name", ["", "/abs", "../up", "a/../../up", "nul\0"])
 def test_paths_of_files_stay_below(tmp_path: Path, name: str) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "below"):
         ExportFolder(tmp_path, tmp_path).write_text(name, "x")
     assert not list(tmp_path.iterdir())
 
@@ -245,7 +245,7 @@ def test_paths_of_files_stay_below(tmp_path: Path, name: str) -> None:
 def test_no_file_is_written_twice(tmp_path: Path) -> None:
     folder = ExportFolder(tmp_path, tmp_path)
     folder.write_text("a", "x")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "export"):
         folder.write_text("a", "y")
 
 

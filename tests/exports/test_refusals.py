@@ -17,7 +17,7 @@ from tests.messages import raises_message
 
 
 def refusal(store: Path, to: str, out: Path, **options) -> str:
-    with raises_message(DanceDataError) as caught:
+    with raises_message(DanceDataError, "exported") as caught:
         dancedata.export(store, to, out, progress=False, **options)
     assert not out.exists()
     assert not [p.name for p in out.parent.iterdir() if p.name.startswith(".dancedata")]
@@ -133,7 +133,7 @@ def test_unknown_targets_and_parameters(built, tmp_path: Path) -> None:
 def test_an_export_is_not_written_into_its_input(built) -> None:
     made = built("edge")
     for place in (made.path, made.source):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "export", where="out"):
             dancedata.export(made.path, "edge", place / "out", source=made.source, progress=False)
         assert not (place / "out").exists()
 
@@ -146,7 +146,7 @@ def test_the_source_is_known_without_being_named(built, tmp_path: Path, name: st
     (tmp_path / "link").symlink_to(made.source, target_is_directory=True)
     before = sorted(made.source.rglob("*"))
     for out in (made.source / "out", made.source / "deep" / "out", motions / "out", tmp_path / "link" / "out"):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "export", where="out"):
             dancedata.export(made.path, "npz", out, progress=False)
     assert sorted(made.source.rglob("*")) == before
     # Neither a folder next to it nor one with other files of the clips' names is a source.
@@ -170,14 +170,14 @@ def test_the_source_of_a_manifest(tmp_path: Path) -> None:
         "windows": {"length_s": 2, "stride_s": 1},
     }
     dancedata.build({**recipe, "motion": {"edge151": {}}}, source, tmp_path / "store", progress=False)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "export", where="source/out"):
         dancedata.export(tmp_path / "store", "npz", source / "out", progress=False)
     dancedata.export(tmp_path / "store", "npz", tmp_path / "out", progress=False)
 
 
 def test_the_working_folder_is_not_replaced(built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "working"):
         dancedata.export(built("edge").path, "npz", ".", progress=False)
 
 

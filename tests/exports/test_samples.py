@@ -141,7 +141,7 @@ def test_the_card_is_what_hubs_read(path: Path, store: Store, tmp_path: Path) ->
 def test_a_field_with_the_name_of_a_column_is_refused(target: str, tmp_path: Path) -> None:
     fields = random_fields({"edge151": 151}, {"music": 3})
     made = write_random_store(tmp_path / "store", fields=fields, clips={"train": 1})
-    with raises_message(StoreError):
+    with raises_message(StoreError, r"music\.rows", where="store"):
         dancedata.export(made.path, target, tmp_path / "out", progress=False)
     dancedata.export(made.path, target, tmp_path / "out", progress=False, fields=("edge151",))
 
@@ -202,7 +202,7 @@ def test_load_from_disk_of_clips(path: Path, store: Store, tmp_path: Path, hf: A
 def test_names_of_splits_that_datasets_does_not_take(tmp_path: Path, hf: Any) -> None:
     """A split that datasets has no name for is written as parquet, with a note, and refused by hf-datasets."""
     dataset = make(tmp_path, {"train": 2, "cross-modal": 2})
-    with raises_message(StoreError):
+    with raises_message(StoreError, "cross-modal", where="store"):
         dancedata.export(dataset, "hf-datasets", tmp_path / "refused", progress=False)
     done = dancedata.export(dataset, "parquet", tmp_path / "out", progress=False)
     assert "cross-modal" in done.notes[0]
@@ -217,15 +217,15 @@ def test_window_scope_is_written_as_windows_alone(tmp_path: Path) -> None:
     store = open_store(made.path)
     dancedata.export(made.path, "parquet", tmp_path / "out", progress=False)
     windows_equal(pq.read_table(tmp_path / "out/data/train-00000-of-00001.parquet"), store, "train")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "hf-datasets", where="store"):
         dancedata.export(made.path, "hf-datasets", tmp_path / "refused", progress=False, samples="clips")
 
 
 def test_refusals(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for keys in ({"shard_mb": 0}, {"row_group_mb": 0}):
-        with raises_message(UsageError):
+        with raises_message(UsageError, r"export\.parquet"):
             dancedata.export(path, "parquet", tmp_path / "out", progress=False, **keys)
-    with raises_message(StoreError):
+    with raises_message(StoreError, r"librosa35\.60", where="store"):
         dancedata.export(path, "hf-datasets", tmp_path / "out", progress=False, fields=("edge",))
     monkeypatch.setattr("dancedata.core.packages._is_installed", lambda module: False)
     with pytest.raises(MissingPackageError, match="--to parquet needs pyarrow"):

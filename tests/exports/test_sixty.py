@@ -88,7 +88,7 @@ def test_files_of_one_song(built, aist, tmp_path: Path) -> None:
         return {HOUSE[0]: cut(sound, 6), HOUSE[1]: sound}
 
     dataset = built("bailando", aist(songs=songs))
-    with raises_message(StoreError) as caught:
+    with raises_message(StoreError, "gBR_sBM_cAll_d05_mBR0_ch02", where="bailando") as caught:
         dancedata.export(dataset.path, "bailando", tmp_path / "out", source=dataset.source, progress=False)
     problem = "one file per song is read, and the music mBR0 of gBR_sBM_cAll_d0{}_mBR0_ch0{} is not the beginning of"
     assert any(problem.format(*numbers) in str(caught.value) for numbers in ((4, 1), (5, 2)))
@@ -237,7 +237,7 @@ def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
 
 def test_unpaired_motion_needs_another_song(export) -> None:
     """All test clips of the fixture are danced to one song: every pair would be the motion's own."""
-    with raises_message(StoreError):
+    with raises_message(StoreError, "unpaired", where="sixty"):
         export("sixty", "fact", unpaired=1)
 
 
@@ -287,12 +287,12 @@ def test_ignored_clips(built, aist, tmp_path: Path, to: str, ignore: str) -> Non
     if ignore == "none":
         assert list(run("kept", keep_ignored=True).path.rglob(f"{IGNORED}.json"))
         return
-    with raises_message(StoreError):
+    with raises_message(StoreError, "gBR_sBM_cAll_d04_mBR0_ch07", where="bailando"):
         run("kept", keep_ignored=True)
 
 
 def test_other_music_is_refused(built, aist, tmp_path: Path) -> None:
     source = aist(songs=lambda name, sound: {name: sound[:-1000] + bytes(1000)})
-    with raises_message(DataError):
+    with raises_message(DataError, "c1b8c1", where="aist/wavs/mBR0.wav", reason="other_music"):
         dancedata.export(built("bailando").path, "bailando", tmp_path / "out", source=source, progress=False)
     assert not (tmp_path / "out").exists()

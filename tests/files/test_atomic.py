@@ -109,9 +109,9 @@ def test_resources() -> None:
     for kind in ("pipelines", "manifests"):
         for name in resources(kind):
             assert resource(kind, name).is_file()
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"aistp\.yaml"):
         resource("manifests", "aistp.yaml")
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"aistpp\.yaml"):
         resource("manifests", "x/../aistpp.yaml")
 
 
@@ -134,10 +134,10 @@ def test_audio_signal_is_known_by_samples_and_rate() -> None:
 
 
 def test_invalid_audio_signal() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "AudioSignal"):
         AudioSignal(np.zeros((5, 2), np.float32), 48000)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "sample"):
         AudioSignal(np.zeros(5, np.float32), 0)
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "infinity") as error:
         AudioSignal(np.array([0, 0, 0, np.nan, np.inf], np.float32), 48000)
     assert error.value.reason == "nan"

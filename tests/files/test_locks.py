@@ -58,7 +58,7 @@ def test_a_second_writer_fails_at_once_and_nothing_is_left(tmp_path: Path, there
         folder.mkdir()
     with writing_lock(folder, "build"):
         assert [p.name for p in tmp_path.iterdir() if p != folder] == [".dancedata-out.lock"]
-        with raises_message(StoreError), writing_lock(folder, "build"):
+        with raises_message(StoreError, "writing", where="out"), writing_lock(folder, "build"):
             pass
         with writing_lock(tmp_path / "other", "build"):
             pass
@@ -73,7 +73,7 @@ def test_through_a_link_it_is_the_same_folder(tmp_path: Path) -> None:
     (tmp_path / "links" / "link").symlink_to(tmp_path / "out")
     with (
         writing_lock(tmp_path / "out", "build"),
-        raises_message(StoreError),
+        raises_message(StoreError, "another build is writing"),
         writing_lock(tmp_path / "links" / "link", "build"),
     ):
         pass
@@ -82,7 +82,7 @@ def test_through_a_link_it_is_the_same_folder(tmp_path: Path) -> None:
 def test_a_lock_whose_holder_was_killed_is_free(tmp_path: Path) -> None:
     with (
         killed_afterwards(HOLDER, tmp_path / "out"),
-        raises_message(StoreError),
+        raises_message(StoreError, "another build is writing"),
         writing_lock(tmp_path / "out", "build"),
     ):
         pass
@@ -121,7 +121,7 @@ def test_a_link_with_the_locks_name_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / ".dancedata-out.lock").symlink_to(tmp_path / "elsewhere")
     with (
         writing_lock(tmp_path / "out", "build"),
-        raises_message(StoreError),
+        raises_message(StoreError, "another build is writing"),
         writing_lock(tmp_path / "out", "build"),
     ):
         pass
@@ -155,7 +155,7 @@ def test_the_folder_is_locked_if_no_file_can_be_created_next_to_it(
     no_file_beside(monkeypatch)
     with (
         writing_lock(tmp_path / "out", "build"),
-        raises_message(StoreError),
+        raises_message(StoreError, "another build is writing"),
         writing_lock(tmp_path / "out", "build"),
     ):
         pass

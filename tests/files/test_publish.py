@@ -92,7 +92,7 @@ def test_a_folder_of_our_name_with_foreign_files(tmp_path: Path, name: str, proo
         if proof == "another":
             (ours / MARKER).write_text("mine")
         before = content(ours)
-        with raises_message(StoreError) as caught:
+        with raises_message(StoreError, "holds", where=".dancedata-unfinished") as caught:
             write(ours.parent)
         assert content(ours) == before
         assert name.partition("/")[0] in str(caught.value)
@@ -100,14 +100,14 @@ def test_a_folder_of_our_name_with_foreign_files(tmp_path: Path, name: str, proo
 
 def test_a_last_file_of_our_name_that_is_not_whole(tmp_path: Path) -> None:
     (tmp_path / LAYOUT.journal).write_text("somebody's")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "holds"):
         write(tmp_path)
     assert (tmp_path / LAYOUT.journal).read_text() == "somebody's"
 
 
 @pytest.mark.parametrize("name", ["a.bin", "last.json"])
 def test_a_file_that_would_be_replaced(tmp_path: Path, name: str) -> None:
-    with raises_message(StoreError):
+    with raises_message(StoreError, "holds"):
         write(tmp_path, lambda: (tmp_path / name).write_text("somebody's"))
     assert content(tmp_path) == {name: "somebody's"}
 
@@ -118,7 +118,7 @@ def test_a_file_that_came_after_the_last_one_was_written(tmp_path: Path, monkeyp
         write(tmp_path)
     (tmp_path / "b.bin").write_text("somebody's")
     for _ in range(2):
-        with raises_message(StoreError):
+        with raises_message(StoreError, "holds"):
             write(tmp_path)
     assert (tmp_path / "b.bin").read_text() == "somebody's"
     (tmp_path / "b.bin").unlink()

@@ -66,5 +66,5 @@ def test_another_limit_and_the_reject() -> None:
     assert reject.reason == "still"
     assert reject.detail == "lodge139 hardly moves: mean standard deviation 0.01, the limit is 0.07"
     assert reject.numbers == {"std": pytest.approx(0.01)}
-    with raises_message(UsageError):
+    with raises_message(UsageError, "min_std"):
         Movement(min_std=-1)

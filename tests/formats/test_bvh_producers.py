@@ -60,7 +60,7 @@ def test_without_evidence_all_producers_of_one_map_are_named() -> None:
 
 def test_a_file_with_the_joints_of_two_producers_is_ambiguous() -> None:
     names = [*UP_LEG.split(), *(set(XSENS.split()) - set(UP_LEG.split()))]
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "producers", where="a.bvh") as caught:
         detect(HERE, sorted(names), {})
     assert caught.value.reason == "ambiguous_joint_map"
     chosen = detect(HERE, names, {}, "xsens")
@@ -71,13 +71,13 @@ def test_a_file_with_the_joints_of_two_producers_is_ambiguous() -> None:
 
 def test_two_people_in_one_file_are_ambiguous() -> None:
     names = [f"{person}:{name}" for person in ("anna", "ben") for name in UP_LEG.split()]
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "joint_map", where="a.bvh") as caught:
         detect(HERE, names, {})
     assert caught.value.reason == "ambiguous_joint_map"
 
 
 def test_an_unknown_producer() -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "mixano", where="a.bvh", reason="bad_declaration"):
         detect(HERE, UP_LEG.split(), {}, "mixano")
 
 
@@ -106,7 +106,7 @@ def test_the_producer_may_be_declared_for_all_or_for_one_file(tmp_path: Path) ->
     assert Folder(music="optional", joint_map="xsens").load(scan.clips[0]).n_frames == 60
     (tmp_path / "manifest.csv").write_text("motion,unit\na.bvh,cm\n")
     clip = Folder(music="optional").scan(tmp_path).clips[0]
-    with raises_message(DataError):
+    with raises_message(DataError, "right_wrist", where="a.bvh", reason="unknown_joints"):
         Folder(joint_map="xsens").load(clip)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "mixano"):
         Folder(joint_map="mixano")

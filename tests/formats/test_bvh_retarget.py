@@ -278,7 +278,7 @@ def test_guessed_units_of_real_files(shared: Path) -> None:
 
 
 def test_a_file_with_z_up_says_so_when_nothing_is_declared(shared: Path) -> None:
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "convention", where="realdata/bvh/fair1_dab.bvh") as error:
         load(shared / "realdata" / "bvh" / "fair1_dab.bvh", unit="0.0381")
     assert error.value.reason == "undeclared"
 
@@ -290,7 +290,7 @@ def own(tmp_path: Path, danced: Motion) -> Path:
 
 
 def test_unit_is_never_guessed_unasked(own: Path) -> None:
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "lengths", where="own.bvh") as error:
         load(own)
     assert error.value.reason == "undeclared"
 
@@ -326,7 +326,7 @@ def test_up_axis(tmp_path: Path, danced: Motion) -> None:
     rows = ["0 0 0 0 0 90 " + line for line in lines[motion_at + 3 :]]
     text = [*turned, *body, "}", *lines[motion_at : motion_at + 3], *rows]
     (tmp_path / "b.bvh").write_text("\n".join(text))
-    with raises_message(DataError):
+    with raises_message(DataError, "convention", where="b.bvh", reason="undeclared"):
         load(tmp_path / "b.bvh", unit="cm")
     assert np.abs(load(tmp_path / "b.bvh", unit="cm", up="z").joints() - expected).max() < 1e-5
 
@@ -337,7 +337,7 @@ ZYX = "Zrotation Yrotation Xrotation"
 def test_joint_map(tmp_path: Path, danced: Motion) -> None:
     names = [f"Knochen {k}" for k in range(24)]
     expected = write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24), names=names)
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "right_wrist", where="a.bvh") as error:
         load(tmp_path / "a.bvh", unit="cm")
     assert error.value.reason == "unknown_joints"
     given = dict(zip(SMPL24.joints, names, strict=True))
@@ -349,7 +349,7 @@ def test_joint_map(tmp_path: Path, danced: Motion) -> None:
 
 def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
     own.write_text(own.read_text().replace("mixamorig:LeftForeArm", "mixamorig:LeftForearmm"))
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "left_elbow", where="own.bvh") as error:
         load(own, unit="cm")
     assert error.value.reason == "unknown_joints"
     named = load(own, unit="cm", joint_map={"left_elbow": "mixamorig:LeftForearmm"})
@@ -367,13 +367,13 @@ def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
     ],
 )
 def test_wrong_joint_maps(own: Path, given: dict[str, str], reason: str) -> None:
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "joint_map", where="own.bvh") as error:
         load(own, unit="cm", joint_map=given)
     assert error.value.reason == reason
 
 
 def test_joint_map_of_no_joint() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "left_nee"):
         Folder(joint_map={"left_nee": "x"})
 
 
@@ -571,7 +571,7 @@ def test_bones_that_change_their_length(own: Path) -> None:
         words = line.split()
         lines[k] = " ".join([*words[:-3], str(8.0 + k % 30), "0", "0", *words[-3:]])
     own.write_text("\n".join(lines))
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "RightHandMiddle1", where="own.bvh") as error:
         load(own, unit="cm")
     assert error.value.reason == "bad_skeleton"
 

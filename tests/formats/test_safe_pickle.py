@@ -193,7 +193,7 @@ def test_flipped_bytes_do_not_crash(path: Path) -> None:
 
 
 def test_missing_file(path: Path) -> None:
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "pickle", where="ä clip.pkl") as error:
         load_pickle(path)
     assert error.value.reason == "broken_file"
 
@@ -278,7 +278,7 @@ def test_shapes_and_types_are_looked_at_before_numpy_sees_them(path: Path, value
 def test_containers_are_counted(path: Path, code: bytes) -> None:
     """An empty set is one byte of a file and 216 of memory."""
     path.write_bytes(b"\x80\x04](" + code * 200_000 + b"e.")
-    with raises_message(DataError):
+    with raises_message(DataError, "pickle", where="ä clip.pkl", reason="broken_file"):
         load_pickle(path)
 
 
@@ -338,6 +338,6 @@ def test_a_pickle_that_is_too_large(path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_pipe_for_a_pickle(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.pkl")
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "pickle", where="a.pkl") as error:
         load_pickle(tmp_path / "a.pkl")
     assert error.value.reason == "broken_file"

@@ -90,7 +90,7 @@ def test_rows_without_an_end_are_instants(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_mistakes_are_named_with_their_line(tmp_path: Path, text: str) -> None:
     if text:
-        with raises_message(SourceError):
+        with raises_message(SourceError, "segments"):
             read(tmp_path, text)
     else:
         assert read(tmp_path, text) == []
@@ -108,13 +108,13 @@ def test_mistakes_are_named_with_their_line(tmp_path: Path, text: str) -> None:
     ],
 )
 def test_mistakes_in_jsonl(tmp_path: Path, row: str) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "correct", where="segments.jsonl, line 2"):
         read(tmp_path, f"\n{row}\n", "segments.jsonl")
 
 
 def test_a_file_that_is_no_text(tmp_path: Path) -> None:
     (tmp_path / "segments.csv").write_bytes(b"\xff\xfe\x00")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "UTF-8", where="segments.csv"):
         read_segment_file(tmp_path / "segments.csv")
 
 
@@ -136,7 +136,7 @@ def test_captions_of_one_span_are_alternatives(tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", ["no parts", "a#b#1", "x#y#2#1", "x#y#one#2", "#y#0#0", "x#y#-1#2", "x#y#0#inf"])
 def test_lines_that_are_not_captions(tmp_path: Path, line: str) -> None:
     (tmp_path / "n.txt").write_text(f"fine#f/ADJ#0#0\n{line}\n")
-    with raises_message(DataError):
+    with raises_message(DataError, "caption", where="n.txt, line 2", reason="bad_segment"):
         read_texts(tmp_path / "n.txt", WORDS)
 
 

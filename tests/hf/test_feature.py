@@ -161,13 +161,13 @@ def test_silence_is_finite_and_a_blink_is_too_short(kind: str, feature: Callable
     assert np.isfinite(rows).all()
     # 10 ms; EnCodec's frames at 48 kHz are shorter.
     short = AudioSignal(np.zeros(220 if kind != "encodec48" else 140, np.float32), 22_050)
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "signal") as caught:
         made.extract(short, FPS)
     assert caught.value.reason == "short_audio"
 
 
 def test_values_beyond_float16_are_never_stored(feature: Callable[..., HuggingFace]) -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "float16", reason="overflow"):
         feature("hubert")._stored(np.array([[1.0, 7e4]], np.float32))
     assert feature("hubert", store="float32")._stored(np.array([[7e4]], np.float32)).dtype == np.float32
 
@@ -196,7 +196,7 @@ def test_keys_know_the_weights_and_not_where_they_are(
     (moved / "pytorch_model.bin").write_bytes(weights)
     changed = HuggingFace(model=str(moved), layers=(2,), device="cpu").resolved(sha256_file)
     assert key(changed) != key(first)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "omit", where="renamed"):
         HuggingFace(model=str(moved), model_sha256=first.model_sha256, device="cpu").resolved(sha256_file)
 
 
@@ -209,7 +209,7 @@ def test_from_python(model: Callable[[str], Path], encoder: Callable[..., Huggin
     own = encoder("mert", layers=(2,))
     wanted = own.rows([signal.samples], 22_050, FPS, 36, finish=lambda rows: rows)[0]
     np.testing.assert_allclose(rows, wanted, atol=1e-5)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "fp16"):
         dancedata.extract("hf", signal, model=str(model("mert")), precision="fp16", device="cpu")
 
 

@@ -56,7 +56,7 @@ def test_round_trips() -> None:
     for one in (config, JukeboxConfig()):
         assert JukeboxConfig.from_hparams(json.loads(json.dumps(one.to_hparams()))) == one
     assert JukeboxConfig.from_json(json.loads(json.dumps(config.to_json()))) == config
-    with raises_message(UsageError):
+    with raises_message(UsageError, "time_bins"):
         JukeboxConfig.from_json({**config.to_json(), "widht": 1})
 
 
@@ -76,16 +76,16 @@ def test_round_trips() -> None:
 def test_other_networks_are_refused(part: str, key: str, value: object) -> None:
     hparams = copy.deepcopy(HPARAMS)
     hparams[part][key] = value
-    with raises_message(UsageError):
+    with raises_message(UsageError, "JukeboxConfig|belongs"):
         JukeboxConfig.from_hparams(hparams)
 
 
 def test_missing_hyperparameters_are_named() -> None:
     hparams = copy.deepcopy(HPARAMS)
     del hparams["prior"]["t_bins"], hparams["prior"]["heads"]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "t_bins"):
         JukeboxConfig.from_hparams(hparams)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "vqvae"):
         JukeboxConfig.from_hparams({"prior": HPARAMS["prior"]})
 
 

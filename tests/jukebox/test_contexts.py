@@ -46,10 +46,10 @@ def test_a_song_costs_a_tenth_of_its_windows() -> None:
 
 @pytest.mark.parametrize("overlap_s", [0, 22, 100])
 def test_an_overlap_that_cannot_be(overlap_s: Fraction) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "overlap_s"):
         contexts_of(20_000, n_ctx=8192, code_rate=RATE, fps=Fraction(30), overlap_s=Fraction(overlap_s))
 
 
 def test_a_rate_whose_rows_never_meet_the_codes() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "contexts"):
         contexts_of(20_000, n_ctx=8192, code_rate=RATE, fps=Fraction("29.97"), overlap_s=Fraction(4))

@@ -67,7 +67,7 @@ def test_the_facts_of_a_folder_need_no_torch(tiny: SimpleNamespace, converted: P
 
 
 def test_the_hash_of_missing_weights(tmp_path: Path) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "Jukebox"):
         checkpoint_sha256(tmp_path)
 
 
@@ -94,14 +94,14 @@ def test_same_features(tiny: SimpleNamespace, converted: Path, noise: np.ndarray
 def test_a_part_of_the_folder_is_enough_for_a_lower_layer(copy: Path) -> None:
     (copy / "block-003.safetensors").unlink()
     JukeboxEncoder.from_converted(copy, layers=(3,), device="cpu", max_codes=64)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "converted", where="copy/block-003.safetensors"):
         JukeboxEncoder.from_converted(copy, device="cpu")
 
 
 def test_layers_beyond_the_conversion(converted: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "layers"):
         JukeboxEncoder.from_converted(converted, layers=(5,), device="cpu")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "mlp_width"):
         JukeboxEncoder.from_converted(converted, config=JukeboxConfig(), device="cpu")
 
 
@@ -128,7 +128,7 @@ def test_interrupted_conversion_does_not_load_and_can_be_repeated(
     monkeypatch.setattr(conversion, "_write", stops)
     with pytest.raises(KeyboardInterrupt):
         convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "conversion", where="out"):
         JukeboxEncoder.from_converted(tmp_path / "out", device="cpu")
     monkeypatch.undo()
     convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
@@ -140,7 +140,7 @@ def test_foreign_files_are_not_replaced(tiny: SimpleNamespace, tmp_path: Path, n
     (tmp_path / "out").mkdir()
     for mine in (name, "notes.txt"):
         (tmp_path / "out" / mine).write_text("somebody's")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "conversion", where="out"):
         convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["out", name, "notes.txt"])
     assert (tmp_path / "out" / name).read_text() == "somebody's"
@@ -161,7 +161,7 @@ def test_a_second_conversion_into_one_folder_fails_at_once(tiny: SimpleNamespace
 def test_truncated_file(copy: Path) -> None:
     path = copy / "block-001.safetensors"
     os.truncate(path, path.stat().st_size - 100)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "converted", where="copy/block-001.safetensors"):
         JukeboxEncoder.from_converted(copy, device="cpu")
 
 
@@ -170,7 +170,7 @@ def test_flipped_bit_is_found_by_the_hash(copy: Path) -> None:
     data = bytearray((copy / "tables.safetensors").read_bytes())
     data[-1] ^= 1
     (copy / "tables.safetensors").write_bytes(data)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "damaged", where="copy/tables.safetensors"):
         conversion.verify_converted(copy)
 
 

@@ -62,7 +62,7 @@ def test_batches_of_codes(tiny_encoder: Any, clips: list[np.ndarray]) -> None:
     for one, found in zip(codes, tiny_encoder.activations_batch(codes, batch_size=4), strict=True):
         np.testing.assert_allclose(found[6], tiny_encoder.activations(one)[6], rtol=0, atol=TOLERANCE)
     assert tiny_encoder.embed_batch([], 44100) == []
-    with raises_message(UsageError):
+    with raises_message(UsageError, "batch_size"):
         tiny_encoder.embed_batch(clips, 44100, batch_size=0)
 
 
@@ -81,10 +81,10 @@ def test_layers_in_any_order(tiny: SimpleNamespace, layers: tuple[int, ...]) -> 
 @pytest.mark.parametrize("n", [1, 64, 127])
 def test_under_one_code(tiny_encoder: Any, n: int) -> None:
     for call in (tiny_encoder, tiny_encoder.encode):
-        with raises_message(DataError) as caught:
+        with raises_message(DataError, "short") as caught:
             call(np.ones(n, dtype=np.float32), 44100)
         assert caught.value.reason == "short_audio"
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "codes") as caught:
         tiny_encoder.activations(np.zeros(0, dtype=np.int64))
     assert caught.value.reason == "short_audio"
 
@@ -105,20 +105,20 @@ def test_one_code_or_two(tiny_encoder: Any, n: int) -> None:
 def test_beyond_the_limit(tiny_encoder: Any, tiny: SimpleNamespace) -> None:
     # The reference drops everything after 23.78 s without a word.
     long = (0.1 * np.random.default_rng(2).standard_normal(8193 * 128)).astype(np.float32)
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "too_long") as caught:
         tiny_encoder(long, 44100)
     assert caught.value.reason == "long_audio"
-    with raises_message(DataError):
+    with raises_message(DataError, "too_long", reason="long_audio"):
         tiny_encoder.activations(np.zeros(8193, dtype=np.int64))
     codes = tiny_encoder.encode(long, 44100)
     assert codes.shape == (8193,)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "too_long"):
         tiny_encoder(long, 44100, too_long="truncated")
 
 
 def test_limit_of_its_own(tiny: SimpleNamespace, noise: np.ndarray, tiny_encoder: Any) -> None:
     encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(6,), device="cpu", max_codes=100)
-    with raises_message(DataError):
+    with raises_message(DataError, "max_codes", reason="long_audio"):
         encoder(noise, 44100)
     cut = encoder(noise, 44100, too_long="truncate")[6]
     assert cut.shape == (9, 40)
@@ -135,7 +135,7 @@ def test_parts_of_a_prepared_song_keep_its_gain(tiny_encoder: Any, noise: np.nda
     np.testing.assert_allclose(found[0][6], _resampled(tiny_encoder, codes, 15), rtol=0, atol=TOLERANCE)
     assert np.abs(found[0][6] - tiny_encoder(noise[:22050], 44100)[6]).max() > 0.1
     for n, reason in ((127, "short_audio"), (8193 * 128, "long_audio")):
-        with raises_message(DataError) as caught:
+        with raises_message(DataError, "jukebox") as caught:
             tiny_encoder.embed_prepared([np.zeros(n, dtype=np.float32)])
         assert caught.value.reason == reason
 
@@ -180,7 +180,7 @@ def test_bad_samples(tiny_encoder: Any, samples: np.ndarray, rate: int, error: t
     [[0, 64], [-1], [0.5], [[1]]],
 )
 def test_bad_codes(tiny_encoder: Any, codes: list[Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "codes"):
         tiny_encoder.activations(codes)
 
 
@@ -202,5 +202,5 @@ def test_frame_rates(tiny_encoder: Any, noise: np.ndarray, fps: float) -> None:
     found = tiny_encoder(noise, 44100, fps=fps)[6]
     expected = scipy.signal.resample(activations, int(np.ceil(len(activations) * fps / 344.53125)))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "jukebox"):
         tiny_encoder(noise, 44100, fps=0)

@@ -85,7 +85,7 @@ def test_memory_that_torch_keeps_counts_as_free(monkeypatch: pytest.MonkeyPatch)
 
 def test_impossible_settings_are_reported_before_a_build(tiny: SimpleNamespace, tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text('{"model_type": "jukebox"}')
-    with raises_message(SourceError):
+    with raises_message(SourceError, "trained"):
         Jukebox(weights=tmp_path, layer=6).resolved(sha256_file)
     for wrong, message in (
         ({"layer": 7}, "1 to 6"),

@@ -183,7 +183,7 @@ def test_other_size_on_the_server(server: _Server, tmp_path: Path) -> None:
 
 
 def test_a_whole_file_of_another_hash_is_set_aside(server: _Server, tmp_path: Path) -> None:
-    with raises_message(SourceError):
+    with raises_message(SourceError, "renamed", where=".dancedata-a.bin.part"):
         _fetch(tmp_path, server.url, RemoteFile("a.bin", len(DATA), "0" * 64))
     assert _left(tmp_path) == [".dancedata-a.bin.mismatch"]
     assert (tmp_path / ".dancedata-a.bin.mismatch").read_bytes() == DATA
@@ -196,7 +196,7 @@ def test_without_a_stated_length_the_size_or_the_hash_tells(server: _Server, tmp
     assert _fetch(tmp_path / "cut", server.url).read_bytes() == DATA
     assert server.asked[-1] == "bytes=1000-"
     server.cut_after = [1000]
-    with raises_message(SourceError):
+    with raises_message(SourceError, "differs", where="unknown/.dancedata-a.bin.part"):
         _fetch(tmp_path / "unknown", server.url, RemoteFile("a.bin", None, _remote().sha256))
     assert _left(tmp_path / "unknown") == []
 
@@ -211,22 +211,22 @@ def test_from_a_folder(tmp_path: Path) -> None:
     (tmp_path / "from" / "a.bin").write_bytes(DATA)
     assert _fetch(tmp_path / "to", tmp_path / "from").read_bytes() == DATA
     (tmp_path / "from" / "a.bin").write_bytes(DATA[:-1])
-    with raises_message(SourceError):
+    with raises_message(SourceError, "differs", where="from/a.bin"):
         _fetch(tmp_path / "to2", tmp_path / "from")
     assert (tmp_path / "from" / "a.bin").exists()
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"a\.bin", where="from/b.bin"):
         _fetch(tmp_path / "to2", tmp_path / "from", _remote("b.bin"))
 
 
 def test_existing_damaged_file(server: _Server, tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"x")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "differs", where="a.bin"):
         _fetch(tmp_path, server.url)
 
 
 @pytest.mark.parametrize("source", ["ftp://example.org/x", "/no/such/folder", "file:///etc"])
 def test_other_sources(tmp_path: Path, source: str) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "local"):
         _fetch(tmp_path, source)
 
 
@@ -238,7 +238,7 @@ def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
         return False
 
     for answer in (ask, False):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "accepted"):
             fetch(tmp_path / "out", server.url, accept_licence=answer, files=[_remote()])
     assert "Noncommercial" in shown[0]
     assert server.asked == []
@@ -248,7 +248,7 @@ def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
 def test_two_programs_at_once(server: _Server, tmp_path: Path) -> None:
     from dancedata.files.locks import file_lock
 
-    with file_lock(tmp_path / ".dancedata-a.bin.lock"), raises_message(UsageError):
+    with file_lock(tmp_path / ".dancedata-a.bin.lock"), raises_message(UsageError, "fetching", where="a.bin"):
         _fetch(tmp_path, server.url)
 
 

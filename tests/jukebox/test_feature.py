@@ -107,11 +107,11 @@ def test_a_build_fixes_precision_and_weights(tiny: SimpleNamespace, feature: Juk
 
 def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(ENVIRONMENT, raising=False)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "DANCEDATA_JUKEBOX"):
         Jukebox().resolved(sha256_file)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "Jukebox", where="none"):
         Jukebox(weights=tmp_path / "none").resolved(sha256_file)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "Jukebox"):
         Jukebox(weights=tmp_path).resolved(sha256_file)
     monkeypatch.setenv(ENVIRONMENT, str(tiny.folder))
     assert Jukebox(layer=LAYER, device="cpu").resolved(sha256_file).weights == tiny.folder
@@ -119,15 +119,15 @@ def test_where_the_weights_are(tiny: SimpleNamespace, tmp_path: Path, monkeypatc
 
 
 def test_invalid_audio_is_refused(feature: Jukebox, song: AudioSignal) -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "reaches", reason="short_audio"):
         feature.extract_windows(song, np.array([song.n_samples]), 22050, FPS, 30)
-    with raises_message(DataError):
+    with raises_message(DataError, "short", reason="short_audio"):
         feature.extract(AudioSignal(np.zeros(50, np.float32), 44100), FPS)
-    with raises_message(DataError):
+    with raises_message(DataError, "too_long", reason="long_audio"):
         feature.extract_windows(song, np.array([0]), 25 * 22050, FPS, 750)
-    with raises_message(DanceDataError):
+    with raises_message(DanceDataError, "contexts"):
         feature.n_rows(1, 44100, FrameGrid.of("30000/1001"))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "batch_size"):
         Jukebox(layer=0)
 
 
@@ -147,6 +147,6 @@ def test_weights_that_change_during_a_build_are_an_error(
 def test_values_beyond_float16_are_never_stored(feature: Jukebox, value: float) -> None:
     rows = np.array([[1.0, 65500.0]], np.float32)
     assert np.isfinite(feature._stored(rows)).all()
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "float16") as caught:
         feature._stored(np.array([[1.0, value]], np.float32))
     assert caught.value.reason == "overflow"

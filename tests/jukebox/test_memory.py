@@ -51,7 +51,7 @@ def test_any_number_of_blocks_can_be_away(n_blocks: int) -> None:
 
 
 def test_too_small_a_card() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "max_codes"):
         memory.place(REAL, 66, HALF, 1722, 3 * GB // 10)
 
 
@@ -87,7 +87,7 @@ def test_batches_are_halved_when_memory_runs_out_and_stay_so() -> None:
 
 
 def test_a_single_clip_that_does_not_fit() -> None:
-    with raises_message(DanceDataError):
+    with raises_message(DanceDataError, "little"):
         list(Batches().run([1, 2], 2, _limited(0, [])))
 
 

@@ -176,7 +176,7 @@ def test_overflow_in_fp16_is_an_error_with_a_fix(tiny: Any, place: str) -> None:
         return made
 
     codes = np.arange(64)
-    with raises_message(JukeboxOverflowError):
+    with raises_message(JukeboxOverflowError, "bf16"):
         encoder("fp16").activations(codes)
     assert np.isfinite(encoder("bf16").activations(codes)[6]).all()
 
@@ -186,5 +186,5 @@ def test_weights_that_are_not_numbers_are_an_error_too(tiny: Any) -> None:
 
     encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(6,), device="cpu")
     encoder._prior.stream.blocks[1].ln_0_bias[0] = torch.nan
-    with raises_message(JukeboxOverflowError):
+    with raises_message(JukeboxOverflowError, "activations"):
         encoder.activations([1, 2, 3])

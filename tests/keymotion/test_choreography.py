@@ -140,18 +140,18 @@ def test_cues_of_the_released_code(dance, columns) -> None:
     ],
 )
 def test_invalid_beats(beats: object) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "beats"):
         choreographic_augmentation(cues(), beats, MIRROR)
 
 
 def test_mirror_of_other_columns() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"ds\.fields"):
         choreographic_augmentation(cues(), [], Mirror((0, 1), (1, 1)))
     narrow = primitives(np.zeros((256, 2)), 256, 256, minima=[], prominence=[])
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"ds\.fields"):
         choreographic_augmentation(narrow, [], Mirror((0, 1), (1, 1)))
 
 
 def test_segments_too_short() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "segment"):
         centres([], 120, 60)

@@ -44,7 +44,7 @@ def test_curve_needs_no_floor_and_no_direction() -> None:
     ],
 )
 def test_bad_joints(joints: np.ndarray, reason: str) -> None:
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "joints") as caught:
         kinetic_curve(joints)
     assert caught.value.reason == reason
 
@@ -132,5 +132,5 @@ def test_a_window_of_rows_has_the_clips_minima(start: int, length: int) -> None:
 
 @pytest.mark.parametrize("shape", [(0, 3), (5, 2), (3,), (2, 5, 3)])
 def test_rows_of_another_shape(shape: tuple[int, ...]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "rows"):
         KeyMotion.from_rows(np.zeros(shape))

@@ -30,7 +30,7 @@ def test_is_a_plug_in() -> None:
 
 @pytest.mark.parametrize("sigma", [0, -1, math.nan, math.inf])
 def test_bad_sigma(sigma: float) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "sigma_frames"):
         Lodge(sigma_frames=sigma)
 
 
@@ -99,27 +99,27 @@ def test_wider_gaussian_leaves_fewer_minima(dance) -> None:
 def test_another_family_is_refused() -> None:
     odd = Skeleton("odd", ("root", "tail"), (-1, 0), np.zeros((2, 3)), (), (0, 0, 1, 1))
     motion = Motion(np.zeros((5, 3)), np.zeros((5, 2, 3)), FrameGrid.of(30), odd)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "smplx22"):
         Lodge().analyse(motion)
 
 
 def test_columns_that_are_not_rotations(dance, columns) -> None:
     window = columns(dance(60))
     scaled = window * 0.5
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "rotation", where="primitives, frame 0, pelvis") as caught:
         joints_of(scaled)
     assert caught.value.reason == "bad_rotation"
     parallel = window.copy()
     parallel[7, 10:13] = parallel[7, 7:10]
-    with raises_message(DataError):
+    with raises_message(DataError, "rotation", where="primitives, frame 7, pelvis"):
         joints_of(parallel)
     window[5, 30] = np.nan
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "infinity", where="primitives") as caught:
         joints_of(window)
     assert caught.value.reason == "nan"
 
 
 @pytest.mark.parametrize("shape", [(60, 151), (60, 138), (139,)])
 def test_columns_of_another_representation(shape: tuple[int, ...]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "minima"):
         joints_of(np.zeros(shape))

@@ -191,7 +191,7 @@ def test_what_does_not_fit(arguments: dict[str, object], message: str) -> None:
 
 
 def test_a_window_is_rows_by_columns() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "differs"):
         primitives(np.zeros(256), 256, 128)
 
 
@@ -213,5 +213,5 @@ def test_borders() -> None:
 
 @pytest.mark.parametrize("shape", [(7, 2), (256,), (2, 256, 2)])
 def test_borders_of_no_window(shape: tuple[int, ...]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "borders"):
         borders(np.zeros(shape))

@@ -182,24 +182,24 @@ def test_any_window(n: int, segments: int, bias: int, data: st.DataObject) -> No
 
 @pytest.mark.parametrize("bias", [3, -3, 0.5, "1"])
 def test_unknown_bias(window: np.ndarray, bias: object) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "generator"):
         primitives(window, variant="code", bias=bias)
 
 
 def test_it_takes_no_minima(window: np.ndarray) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "finds"):
         primitives(window, variant="code", minima=[100], prominence=[0.1])
 
 
 def test_segments_too_short_for_the_slip(window: np.ndarray) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "piece"):
         primitives(window, 1024, 32, variant="code")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "short"):
         primitives(window[:8], 8, 8, variant="code")
 
 
 def test_only_lodges_columns() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "minima"):
         primitives(np.zeros((1024, 151)), variant="code")
-    with raises_message(DataError):
+    with raises_message(DataError, "rotation", where="primitives, frame 0, pelvis", reason="bad_rotation"):
         primitives(np.zeros((1024, 139)), variant="code")

@@ -72,7 +72,7 @@ def _slice_scores(clip: Clip) -> list[float | None]:
     for joints, beats in zip(clip.slices(), clip.values["music_beats_edge30_slices"], strict=True):
         still = not len(motion_beats(joints, 30, detector="bailando"))
         if still:
-            with raises_message(Undefined):
+            with raises_message(Undefined, "beats"):
                 clip.score(BAILANDO, joints, 30, beats)
         found.append(None if still else clip.score(BAILANDO, joints, 30, beats))
     return found

@@ -112,7 +112,7 @@ def test_a_manifest_with_the_seconds_of_the_table_has_no_offset_left(
     write_manifest(source, lambda clip: rows[clip]["audio_start_s"])
     for row in align(source, cache).known:
         assert row.offset.offset_s == pytest.approx(0, abs=0.002)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exists", where="offsets.csv"):
         align(planted, cache, out=table)
 
 
@@ -205,7 +205,7 @@ def test_auto_is_found_recorded_and_the_rest_rejected(auto: Path, tmp_path: Path
 
 
 def test_a_strict_build_stops_at_an_unknown_offset(auto: Path, tmp_path: Path, cache: Path) -> None:
-    with raises_message(DataError):
+    with raises_message(DataError, "unknown_offset", reason="unknown_offset"):
         dancedata.build(RECIPE, auto, tmp_path / "out", jobs=1, cache=cache, strict=True, progress=False)
     assert not (tmp_path / "out").exists()
 
@@ -230,7 +230,7 @@ def test_auto_needs_music_and_no_other_word_is_allowed(tmp_path: Path) -> None:
     (tmp_path / "a.npz").touch()
     for row in ("a.npz,,auto", "a.npz,a.wav,automatic"):
         (tmp_path / "manifest.csv").write_text(f"motion,audio,audio_start_s\n{row}\n")
-        with raises_message(SourceError):
+        with raises_message(SourceError, "audio_start_s", where="manifest.csv, line 2"):
             dancedata.check(tmp_path, dataset="folder", progress=False)
 
 
@@ -312,10 +312,10 @@ def test_wrong_arguments(planted: Path, tmp_path: Path, cache: Path) -> None:
         {"by": "recordings"}, {"window_s": 0.0}, {"level": 0.0}, {"out": tmp_path / "a.txt"},
         {"recipe": "aist++"}, {"overrides": ["fps=60"]},
     ):  # fmt: skip
-        with raises_message(UsageError):
+        with raises_message(UsageError, "choose|overrides|range|reader|recording"):
             align(planted, cache, **options)  # type: ignore[arg-type]
     (tmp_path / "dataset.json").touch()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "compare"):
         align(tmp_path, cache)
 
 

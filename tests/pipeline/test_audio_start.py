@@ -127,9 +127,9 @@ def test_the_song_begins_after_the_clip(
     row, rows = store.rows_within("a", "librosa35")
     np.testing.assert_array_equal(rows, expected[: len(rows)])
     assert (row, len(rows)) == (-offset, SECONDS * 30 + offset)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "begin", where="clip a"):
         store.clip("a").read("librosa35")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "begins", where="clip a"):
         store.read(type(windows[0])("a", 0, 60), "librosa35")
 
 
@@ -165,7 +165,7 @@ def test_copies_at_another_speed_keep_their_place(
 
 
 def test_windows_by_themselves_are_refused(tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "begin", where="clip a"):
         build(tmp_path, cache, monkeypatch, "1/2", scope="window")
 
 
@@ -260,7 +260,7 @@ def test_exports_of_whole_clips_name_music_that_begins_later(
     tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, target: str, options: dict[str, Any]
 ) -> None:
     store = build(tmp_path, cache, monkeypatch, "-1")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "later", where="out"):
         dancedata.export(store.path, target, out=tmp_path / "x", **options)
 
 

@@ -247,7 +247,7 @@ def test_a_wrong_folder_is_described(run_build: Any, tmp_path: Path, out: Path):
     (tmp_path / "wrong" / "holiday photos").mkdir(parents=True)
     (tmp_path / "wrong" / "list.txt").write_text("")
     for folder in ("empty", "wrong"):
-        with raises_message(SourceError):
+        with raises_message(SourceError, "edge_aistpp"):
             run_build(tmp_path / folder, out)
 
 
@@ -269,7 +269,7 @@ def test_an_output_without_permission_is_named(
         raise PermissionError(13, "Permission denied", str(self))
 
     monkeypatch.setattr(Path, "mkdir", refuse)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "output", where="outs/out"):
         run_build(corpus, out)
 
 
@@ -286,7 +286,7 @@ def test_a_cache_that_cannot_be_written_is_named(run_build: Any, corpus: Path, t
 def test_an_unknown_key_of_a_recipe_is_named_and_nothing_is_built(tmp_path: Path):
     path = tmp_path / "mine.yaml"
     path.write_text("recipe: 1\nname: mine\ndataset: aist++\nwindow: {length_s: 5, stride_s: 1}\nmotion: edge151\n")
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "curate", where="mine.yaml"):
         load_recipe(path)
 
 

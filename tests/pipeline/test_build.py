@@ -104,7 +104,7 @@ def test_another_recipe_is_refused_with_the_difference(
     run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes
 ):
     before = hashes(built_copy)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "different", where="outs/out"):
         run_build(corpus, built_copy, set=["windows.stride_s=1", "audio.librosa35.tightness=50"])
     assert hashes(built_copy) == before
 
@@ -127,7 +127,7 @@ def test_another_source_is_refused(run_build: Any, source: Path, built_copy: Pat
         (lists / "spare").rename(lists / "crossmodal_test.txt")
     else:
         motion.unlink()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "rebuild", where="outs/out"):
         run_build(source, built_copy)
     assert hashes(built_copy) == before
 
@@ -140,7 +140,7 @@ def test_a_song_that_another_one_was_unpacked_over_is_noticed(run_build: Any, so
     song.write_bytes(sound[:1000] + sound[:999:-1])
     os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert (song.stat().st_ino, song.stat().st_size) == (before.st_ino, before.st_size)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "rebuild", where="outs/out"):
         run_build(source, out)
 
 
@@ -161,7 +161,7 @@ def test_overwrite_that_fails_leaves_the_old_dataset(
 
     before = hashes(built_copy)
     monkeypatch.setattr(build_module, "write_store", fail)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "full"):
         run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
     assert hashes(built_copy) == before
     assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
@@ -185,21 +185,21 @@ def test_foreign_files_are_refused_untouched(
     out.mkdir(parents=True)
     (out / name).write_text("mine")
     before = hashes(out)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "holds", where="outs/out"):
         run_build(corpus, out, overwrite=overwrite)
     assert hashes(out) == before
 
 
 def test_foreign_files_next_to_a_dataset_are_refused_too(run_build: Any, corpus: Path, built_copy: Path):
     (built_copy / "notes.txt").write_text("mine")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "holds", where="outs/out"):
         run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
     assert (built_copy / "notes.txt").read_text() == "mine"
 
 
 def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
     out.parent.mkdir()
-    with writing_lock(out, "build"), raises_message(StoreError):
+    with writing_lock(out, "build"), raises_message(StoreError, "writing", where="outs/out"):
         run_build(corpus, out)
     assert not out.exists()
     assert run_build(corpus, out).built
@@ -264,7 +264,7 @@ def test_a_build_resumes_after_a_kill(
     script = KILLED.format(module=module, patch=patch)
     killed = warm.run([sys.executable, "-c", script, str(corpus), str(built_copy)])
     assert killed.returncode == -signal.SIGKILL
-    with raises_message(StoreError):
+    with raises_message(StoreError, "finished", where="outs/out"):
         dancedata.open(built_copy)
     # A swap that did not come about leaves the old dataset, which is put back.
     assert run_build(corpus, built_copy).built is ("writer" in module)
@@ -358,7 +358,7 @@ def test_nothing_left_to_build_is_an_error_that_says_why(run_build: Any, source:
 
 
 def test_a_source_that_is_missing_leaves_no_folder_behind(run_build: Any, out: Path, tmp_path: Path):
-    with raises_message(SourceError):
+    with raises_message(SourceError, "edge_aistpp", where="nowhere"):
         run_build(tmp_path / "nowhere", out)
     assert not out.exists()
 
@@ -398,5 +398,5 @@ def test_two_clips_of_one_id_are_named_before_anything_is_computed(
         return replace(found, clips=(first, replace(second, id=first.id), *rest))
 
     monkeypatch.setattr(AistPP, "scan", scan)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "different"):
         run_build(corpus, out)

@@ -137,7 +137,7 @@ def test_statistics_of_codes_are_counts(build: Callable[..., Store], tmp_path: P
     assert stats == {
         "n": 3 * ROWS, "min": covered.min(axis=0).tolist(), "max": covered.max(axis=0).tolist(), "counts": counts,
     }  # fmt: skip
-    with raises_message(UsageError):
+    with raises_message(UsageError, "normalize", where="out"):
         store.normalizer("file.tokens")
     (tmp_path / "report").mkdir()
     write_report(store.path, tmp_path / "report" / "page.html")
@@ -275,7 +275,7 @@ def test_padding_is_the_pad(build: Callable[..., Store]) -> None:
     padded = pad_clips([whole[0]], length=200, value=whole.blanks)
     assert (padded["file.tokens"][0, ROWS:] == -7).all()
     assert (padded["joints"][0, N:] == 0).all()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "filled"):
         pad_clips([whole[0]])
 
 
@@ -292,18 +292,18 @@ def test_codes_are_not_changed(build: Callable[..., Store]) -> None:
     store = build()
     for changes in CHANGES:
         for reader in (WindowDataset, GroupDataset):
-            with raises_message(UsageError):
+            with raises_message(UsageError, "codes", where="out"):
                 reader(store, fields=("file.tokens",), **changes)
 
 
 @pytest.mark.parametrize("augment", [{"mirror": True}, {"tempo": {}}])
 def test_copies_need_codes_of_their_own(build: Callable[..., Store], augment: dict[str, Any]) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "copies", where="recipe"):
         build(augment=augment)
 
 
 def test_windows_begin_at_rows_of_codes(build: Callable[..., Store]) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, r"file\.tokens", where="recipe"):
         build(windows={"length_s": 2, "stride_s": 0.5})
 
 
@@ -327,7 +327,7 @@ def test_bad_files(source: Path, case: str) -> None:
     content, reason = BAD[case]
     path, feature = source / "tokens" / "a.npy", feature_of_tokens()
     np.save(path, content)
-    with raises_message(DataError) as caught:
+    with raises_message(DataError, "codes|features|first_codes") as caught:
         feature.rows(path, feature.placed(feature.length(path), Fraction(0), feature.grid))
     assert caught.value.reason == reason
 
@@ -346,7 +346,7 @@ def test_padded_codes_stay(source: Path) -> None:
     rows = feature.rows(path, feature.placed(2, Fraction(0), feature.grid))
     np.testing.assert_array_equal(rows, [[1, -1, 0], [-1, 1, -1]])
     np.save(path, np.array([4096.5] * 3))
-    with raises_message(DataError):
+    with raises_message(DataError, "codes", where="source/tokens/a.npy", reason="bad_dtype"):
         feature.length(path)
 
 
@@ -369,12 +369,12 @@ BAD_KEYS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("case", BAD_KEYS)
 def test_wrong_keys(build: Callable[..., Store], case: str) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "problem", where="recipe"):
         build(BAD_KEYS[case])
 
 
 def test_first_codes_are_of_codes() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "first_codes"):
         FileRows("{clip}.npy", 30, 2, first_codes=(1, 2))
 
 

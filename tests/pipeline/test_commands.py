@@ -70,7 +70,7 @@ def test_a_recipe_is_a_name_a_file_a_document_or_checked(demo: Any, tmp_path: Pa
     plans.append(dancedata.plan(load_recipe("demo", SET), out=demo.path, progress=False))
     assert len({plan.recipe.sha256 for plan in plans}) == 1
     assert json.dumps(document) == before, "the caller's dict is left alone"
-    with raises_message(UsageError):
+    with raises_message(UsageError, "parsed"):
         dancedata.plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
 
 
@@ -92,9 +92,9 @@ def test_overrides_are_values_or_texts() -> None:
     assert by_value.motion[0].contacts is not None
     assert by_value.document["motion"]["edge151"]["contacts"] == {"velocity": {"max_speed_m_s": 1e-05}}
     assert load_recipe("demo", "windows.stride_s=1").windows.stride == 30
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "stride_frames", where="demo"):
         load_recipe("demo", {"windows.strid": 1})
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"windows\.stride_s"):
         load_recipe("demo", {"windows..stride_s": 1})
 
 
@@ -152,7 +152,7 @@ def test_a_part_is_computed(demo: Any, corpus: Path, tmp_path: Path) -> None:
 )
 def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with raises_message(DanceDataError):
+    with raises_message(DanceDataError, "aist|backend|finished|overrides|reader|worker"):
         call()
     assert list(tmp_path.iterdir()) == []
 

@@ -147,14 +147,14 @@ def test_a_copy_that_cannot_be_made_is_a_reject(corpus: Path, run_build, built: 
     assert [r["reason"] for r in store.rejects if r.get("clip") == f"{broken}__shift"] == ["wall"]
     assert broken in {c.id for c in store.clips}
     assert f"{broken}__shift" not in {c.id for c in store.clips}
-    with raises_message(DataError):
+    with raises_message(DataError, r"ignore_list\.txt", reason="wall"):
         run_build(corpus, tmp_path / "strict", "aist++", changes, strict=True)
 
 
 def test_forbidden_changes_of_an_augmentation(corpus: Path, run_build, tmp_path: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "trim_start", where="clip gHO_sBM_cAll_d19_mHO3_ch03"):
         run_build(corpus, tmp_path / "a", "aist++", (*SMALL, "augment={slower: {}}"))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "wider", where="clip gHO_sBM_cAll_d19_mHO3_ch03"):
         run_build(corpus, tmp_path / "b", "aist++", ("audio={}", "augment={wider: {}}"))
 
 
@@ -172,11 +172,11 @@ def test_augment_in_recipes() -> None:
     two = load_recipe("aist++", ("augment={shift: true, shift.left: {}}", "augment.shift.left.metres=-1"))
     assert [(spec.name, spec.augmentation) for spec in two.augment] == [("shift", Shift()), ("shift.left", Shift(-1))]
     assert [spec.clip_id("clip") for spec in two.augment] == ["clip__shift", "clip__shift.left"]
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "root_offset", where="aist++"):
         load_recipe("aist++", ("augment={shif: true, speckle: 3, wider: {}}", "motion=joints"))
     with pytest.raises(RecipeError, match=r"augment\.shift\.metres: "):
         load_recipe("aist++", ("augment={shift: {metres: x}}",))
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "mapping", where="aist++"):
         load_recipe("aist++", ("augment=[mirror]",))
 
 
@@ -184,7 +184,7 @@ def test_ids_of_copies() -> None:
     specs = (CopySpec("b", Shift()), CopySpec("x__b", Shift()))
     check_ids([("a", "train"), ("c", "train")], specs)
     check_ids([("a", "test"), ("a__b", "test")], specs)
-    with raises_message(SourceError):
+    with raises_message(SourceError, r"augment\.b", where="clip a__b"):
         check_ids([("a", "train"), ("a__b", "val")], specs)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "a__x", where="clip a__x__b"):
         check_ids([("a", "train"), ("a__x", "train")], specs)

@@ -243,7 +243,7 @@ def test_a_recipe_reads_what_it_wrote() -> None:
     ],
 )  # fmt: skip
 def test_wrong_keys(keys: dict[str, Any]) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "problem", where="recipe"):
         parse_recipe({**DOCUMENT, **keys})
 
 
@@ -275,7 +275,7 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
     assert document["clips"][3]["scores"]["spikes"]["spans"][0]["joint"] == "pelvis"
     opened = dancedata.quality(plain, progress=False)
     assert opened.to_json()["clips"] == document["clips"]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exists", where="q.csv"):
         dancedata.quality(source, out=tmp_path / "q.csv")
 
 

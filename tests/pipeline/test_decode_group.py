@@ -89,26 +89,26 @@ def test_dancers_without_a_place_in_their_columns_stand_where_they_were() -> Non
     ],
 )
 def test_what_is_refused(name: str, options: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "person_mask|places|turns"):
         dancedata.decode_group(columns(name)[0], name, **options)
 
 
 def test_rows_of_0_without_a_mask_are_not_a_pose() -> None:
     rows, _ = columns("edge151")
     rows[2] = 0
-    with raises_message(DataError):
+    with raises_message(DataError, "person_mask", where="dancer 2", reason="bad_shape"):
         dancedata.decode_group(rows, "edge151")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "these"):
         dancedata.decode_group(rows[0], "edge151")
     rows[3, 4, 7] = np.nan
-    with raises_message(DataError):
+    with raises_message(DataError, "infinity", where="dancer 3, edge151", reason="nan"):
         dancedata.decode_group(rows, "edge151", person_mask=MASK)
 
 
 def test_places_are_scaled_by_their_own_field(store: Store) -> None:
     places = np.zeros((4, 20, 6))
     scaler = store.normalizer("edge151")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "normalise"):
         dancedata.decode_group(columns("humanml263")[0][:, :20], "humanml263", place=places, scaler=scaler, fps=30)
 
 
@@ -135,10 +135,10 @@ def test_files_of_groups_are_named_by_their_dancers(tmp_path: Path) -> None:
 def test_files_whose_masks_are_of_other_groups(tmp_path: Path) -> None:
     rows, _ = columns("edge151")
     np.savez(tmp_path / "batch.npz", columns=np.stack([rows, rows]), person_mask=[MASK])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "person_mask", where="batch.npz"):
         dancedata.decode_file(tmp_path / "batch.npz", "edge151", to="npz", out=tmp_path / "out", fps=30)
     rows[1] = 0
     np.save(tmp_path / "plain.npy", np.stack([rows, rows]))
-    with raises_message(DataError):
+    with raises_message(DataError, "person_mask", reason="bad_shape"):
         dancedata.decode_file(tmp_path / "plain.npy", "edge151", to="npz", out=tmp_path / "out", fps=30)
     assert not (tmp_path / "out").exists()

@@ -114,7 +114,7 @@ def test_long_lists_of_names_are_cut():
 
 
 def test_a_folder_that_is_not_a_dataset_is_an_error(built: Path, tmp_path: Path):
-    with raises_message(StoreError):
+    with raises_message(StoreError, "finished"):
         diff(built, tmp_path)
     run("diff", built, tmp_path, code=1)
 

@@ -163,7 +163,7 @@ def test_recipes_without_the_key_keep_their_hash() -> None:
     ],
 )
 def test_wrong_values_are_named(value: Any) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "problem", where="recipe"):
         parse_recipe(document(segments=value))
 
 

@@ -176,13 +176,13 @@ def test_it_is_picklable(own: FeatureCache, song: Path):
 
 
 def test_errors_say_what_is_wrong(own: FeatureCache, song: Path, tmp_path: Path):
-    with raises_message(UsageError):
+    with raises_message(UsageError, "bailando55"):
         own.get("librosa", song)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "tightness"):
         own.get("librosa35", song, tightnes=1)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exist"):
         own.get("librosa35", tmp_path / "none.wav")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "stride"):
         own.get_windows("librosa35", song, stride_frames=0)
     (tmp_path / "broken.wav").write_bytes(b"RIFF")
     with pytest.raises(DataError, match=r"broken\.wav"):

@@ -154,7 +154,7 @@ def test_files_of_songs_that_begin_before_the_clip(
 def test_a_clip_between_two_rows_needs_a_rule(source: Path, build: Callable[..., Store]) -> None:
     np.save(source / "muq" / "a.npy", ramp(250))
     keys: dict[str, Any] = {"rate": 25, "fps": 25, "tolerance_s": None}
-    with raises_message(StoreError):
+    with raises_message(StoreError, "between_rows", where="source"):
         build(keys, {"start": "0.51"})
     store = build({**keys, "resample": "linear"}, {"start": "0.51"})
     np.testing.assert_allclose(store.clip("a").read("file.muq")[:3, 0], [12.75, 13.75, 14.75], rtol=0, atol=1e-5)
@@ -292,19 +292,19 @@ WRONG: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_wrong_recipes(source: Path, case: str) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "problem", where="recipe"):
         parse_recipe(document(WRONG[case]))
 
 
 def test_nothing_is_assumed(source: Path) -> None:
     wrong = document({})
     wrong["audio"] = {"file.muq": {"path": PATH}}
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "columns_per_row", where="recipe"):
         parse_recipe(wrong)
 
 
 def test_no_copies_at_another_speed(source: Path) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, r"augment\.tempo", where="recipe"):
         parse_recipe(document({"fps": 25}, augment={"tempo": True}))
 
 
@@ -315,7 +315,7 @@ def test_one_rate_written_in_several_ways_is_one_recipe(source: Path) -> None:
 
 def test_a_song_has_no_file(tmp_path: Path) -> None:
     feature: Any = FEATURES.get("file").make_example(tmp_path)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "computes", where="{clip}.npy"):
         dancedata.extract(
             "file", synthesise_song("mBR0", length_s=1).signal, path=feature.path, rate=25, columns_per_row=3,
             tolerance_s=None, fps=25,

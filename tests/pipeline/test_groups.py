@@ -220,7 +220,7 @@ def test_copies_of_a_group_say_what_they_change(
     write(tmp_path / "source", "a", 2)
     monkeypatch.setattr(AUGMENTATIONS.get("yaw"), "acts_on", None)
     monkeypatch.setattr(AUGMENTATIONS.get("yaw"), "changes", changes)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "acts_on"):
         build(tmp_path / "source", tmp_path / "out", cache, augment={"yaw": True})
 
 
@@ -260,7 +260,7 @@ def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None
 )
 def test_what_cannot_hold_a_group_is_refused(tmp_path: Path, cache: Path, keys: dict[str, Any]) -> None:
     write(tmp_path / "source", "a", 2)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "groups"):
         build(tmp_path / "source", tmp_path / "out", cache, **keys)
 
 
@@ -311,7 +311,7 @@ def test_segments_come_back_and_go_with_copies(tmp_path: Path, cache: Path) -> N
     ]
     assert store.segments("a_p0__tempo", "moves")[0].end == Fraction(8, 5)
     assert len(faster) == 2
-    with raises_message(UsageError):
+    with raises_message(UsageError, "wrods", where="out"):
         store.segments("a_p0", "wrods")
 
 
@@ -369,5 +369,5 @@ def test_columns_without_places_with_places_beside_them(tmp_path: Path, cache: P
     pelves = Ensemble().scan(source).clips
     true = [Ensemble().load(ref).joints()[0, 0] for ref in pelves]
     np.testing.assert_allclose(places[1][:3] - places[0][:3], true[1] - true[0], atol=1e-5)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "optional", where="recipe"):
         build(source, tmp_path / "b", cache, fps=30, motion={"humanml263": {"fps": 20}, "root_place": {}})

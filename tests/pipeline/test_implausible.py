@@ -70,12 +70,12 @@ def test_flags_summary_plan_and_check(source: Path, tmp_path: Path) -> None:
 def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -> None:
     made = load_recipe(recipe(tmp_path, "mm"))
     for number in range(2):
-        with raises_message(DataError) as caught:
+        with raises_message(DataError, "probably", where="own") as caught:
             build(made, source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
         assert (caught.value.reason, caught.value.where) == ("implausible_body", "own")
         assert (tmp_path / "out/dataset.json").exists() == bool(number)
         build(made, source, tmp_path / "out", cache=tmp_path / "cache")
-    with raises_message(DataError):
+    with raises_message(DataError, "probably", where="own", reason="implausible_body"):
         build_part(made, source, Part(1, 1), cache=tmp_path / "cache", strict=True)
 
 
@@ -92,7 +92,7 @@ def test_every_reader_is_judged(tmp_path: Path) -> None:
     with open_store(tmp_path / "out") as store:
         assert [(f["clip"], f["kind"]) for f in store.quality] == [(first.stem, "implausible_root")]
     assert rest
-    with raises_message(DataError):
+    with raises_message(DataError, "rises", where="gBR_sBM_cAll_d04_mBR0_ch01", reason="implausible_root"):
         build(made, tmp_path / "source", tmp_path / "again", cache=tmp_path / "cache", strict=True)
     assert not (tmp_path / "again/dataset.json").exists()
 

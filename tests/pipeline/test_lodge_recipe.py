@@ -155,7 +155,7 @@ def test_an_id_that_a_mirrored_copy_would_get(corpus: Path, run_build, names: li
             "augment": {"mirror": True},
         }
     )
-    with raises_message(SourceError):
+    with raises_message(SourceError, "gHO_sBM_cAll_d19_mHO3_ch03", where="clip gHO_sBM_cAll_d19_mHO3_ch03__mirror"):
         build(recipe, source, tmp_path / "out", cache=tmp_path / "cache")
 
 
@@ -185,7 +185,7 @@ def test_windows_must_be_whole_rows_of_every_field() -> None:
         "windows": {"length_frames": 128, "stride_frames": 5},
         "motion": {"edge151": {}, "fact219": {}},
     }
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "multiples", where="recipe"):
         parse_recipe(document)
     document["windows"] = {"length_frames": 125, "stride_frames": 5}
     parse_recipe(document)
@@ -226,12 +226,12 @@ def test_invalid_recipes() -> None:
         "keymotion": "lodgee",
         "augment": {"miror": True},
     }
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "min_std", where="recipe"):
         parse_recipe(document)
     document["windows"]["filter"] = {"movement": {"field": "lodge39"}}
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "lodge39", where="recipe"):
         parse_recipe({**document, "keymotion": {}, "augment": {}})
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, r"windows\.filter", where="recipe"):
         parse_recipe(
             {
                 **document,

@@ -186,5 +186,5 @@ def test_clips_of_a_plug_in_with_invalid_texts(
     with dancedata.open(out) as ds:
         assert [clip.id for clip in ds.clips] == ["smpl"]
     assert {r["clip"] for r in rejects(out) if r["reason"] == "bad_name"} == {r"a\udcff", "b", "c"}
-    with raises_message(DataError):
+    with raises_message(DataError, "bad_name", reason="bad_name"):
         build(load_recipe(recipe), source, out.parent / "strict", strict=True)

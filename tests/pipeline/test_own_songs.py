@@ -69,7 +69,7 @@ def test_several_tempos_of_one_song_are_an_error(built: Path, corpus: Path, tmp_
     with open_store(built) as store:
         clips = [SimpleNamespace(**{**vars(c.record), "tempo_bpm": 80.0 + k}) for k, c in enumerate(store.clips)]
         stand_in: Any = SimpleNamespace(meta=store.meta, clips=clips)
-        with raises_message(UsageError):
+        with raises_message(UsageError, "tempos", where="source/wavs/mBR0.wav"):
             own_songs._stated_tempo(stand_in, own_songs.load_audio(song), song)
 
 
@@ -95,7 +95,7 @@ def test_weights_go_to_a_field_by_name(tmp_path: Path) -> None:
         (three, ["librosa35=/mert"]),
         (three, ["jukebox=a", "jukebox=b"]),
     ):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "weights"):
             own_songs._weights_of(texts, fields)
 
 
@@ -114,5 +114,5 @@ def test_a_dataset_names_its_weights(tmp_path: Path) -> None:
         raise SourceError("hf: the model is unknown", fix="set model")
 
     job: Any = SimpleNamespace(name="edge151", feature=SimpleNamespace(resolved=unknown))
-    with open_store(path) as store, raises_message(SourceError):
+    with open_store(path) as store, raises_message(SourceError, r"cc-by-nc-4\.0"):
         own_songs._ready(job, None, store)

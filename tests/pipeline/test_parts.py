@@ -25,7 +25,7 @@ def refuse(*args: Any, **options: Any) -> Any:
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "1/0", "a/b", "-1/4", "1/4/2", "1 /4", ""])
 def test_invalid_parts(text: str):
-    with raises_message(UsageError):
+    with raises_message(UsageError, "NUMBER"):
         Part.parse(text)
 
 

@@ -15,7 +15,6 @@ import dancedata
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.recipes.parse import recipe_names
 from tests.commands import as_json, run
-from tests.messages import same_text
 
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
@@ -123,38 +122,27 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
 
 
 @pytest.mark.parametrize(
-    "args",
+    ("code", "args", "named"),
     [
-        "build aist++",
-        "build aist++ --source . --set windows.strid_s=1",
-        "features song.wav --out x",
-        "plan demo --set windows.filter={movement:{}}",
+        (2, "build aist++", "--source"),
+        (2, "build aist++ --source . --set windows.strid_s=1", "stride_s"),
+        (2, "features song.wav --out x", "song.wav"),
+        (2, "plan demo --set windows.filter={movement:{}}", "windows.filter.movement.field"),
+        (2, "build aist++ --source . --jobs 0", "--jobs"),
+        (2, "dance", "dance"),
+        (1, "build aist++ --source nowhere --out x", "nowhere"),
+        (1, "plan aist++ --source nowhere", "nowhere"),
+        (1, "check nowhere", "nowhere"),
+        (1, "info nowhere", "nowhere"),
+        (1, "quality nowhere", "nowhere"),
     ],
 )
-def test_wrong_usage_ends_with_2(args: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_wrong_usage_ends_with_2_and_a_problem_in_the_data_with_1(
+    code: int, args: str, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(tmp_path)
-    same_text(run(*args.split(), code=2).stderr)
+    assert named in run(*args.split(), code=code).stderr
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(("args", "named"), [("build aist++ --source . --jobs 0", "--jobs"), ("dance", "dance")])
-def test_wrong_options_end_with_2(args: str, named: str):
-    assert named in run(*args.split(), code=2).stderr
-
-
-@pytest.mark.parametrize(
-    "args",
-    [
-        "build aist++ --source nowhere --out x",
-        "plan aist++ --source nowhere",
-        "check nowhere",
-        "info nowhere",
-        "quality nowhere",
-    ],
-)
-def test_a_problem_in_the_data_ends_with_1(args: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.chdir(tmp_path)
-    same_text(run(*args.split(), code=1).stderr)
 
 
 # check
@@ -318,7 +306,7 @@ def test_features_of_a_song_shorter_than_a_window_are_wrong_usage(built_in: dict
     song = tmp_path / "short.wav"
     soundfile.write(song, np.zeros(48_000), 48_000)
     args = ("features", song, "--out", tmp_path / "x", "--like", built_in["window"])
-    same_text(run(*args, code=2).stderr)
+    assert "shorter than one window" in run(*args, code=2).stderr
 
 
 def test_features_of_two_songs_of_one_name_are_refused(corpus: Path, tmp_path: Path):
@@ -326,4 +314,4 @@ def test_features_of_two_songs_of_one_name_are_refused(corpus: Path, tmp_path: P
         (tmp_path / folder).mkdir()
         shutil.copy(corpus / "wavs" / "mHO3.wav", tmp_path / folder / "song.wav")
     args = ("features", tmp_path / "a" / "song.wav", tmp_path / "b" / "song.wav", "--out", tmp_path / "x")
-    same_text(run(*args, code=2).stderr)
+    assert "two songs" in run(*args, code=2).stderr

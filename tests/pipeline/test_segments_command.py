@@ -49,7 +49,7 @@ def test_all_segments_as_a_file_and_back(built: Store, tmp_path: Path, name: str
     result = segments(built.path, to=tmp_path / name)
     assert {layer["name"]: layer["segments"] for layer in result.layers}["moves"] == 1
     assert "written to" in str(result)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exists"):
         segments(built.path, to=tmp_path / name)
     segments(built.path, set_file=tmp_path / name)
     after = hashes(built.path)
@@ -95,11 +95,11 @@ def test_removing_all_words(built: Store, tmp_path: Path) -> None:
 def test_a_file_that_does_not_fit_changes_nothing(built: Store, tmp_path: Path) -> None:
     before = hashes(built.path)
     (tmp_path / "more.csv").write_text("clip,start,layer\nnobody,1,mark\n")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "correct", where="more.csv, line 2"):
         segments(built.path, set_file=tmp_path / "more.csv")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "description", where="out"):
         segments(built.path, layer="move")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "jsonl", where="all.txt"):
         segments(built.path, to=tmp_path / "all.txt")
     assert hashes(built.path) == before
 

@@ -65,7 +65,7 @@ def test_mirrored_arrays_are_flagged(mirrored: Path, tmp_path: Path) -> None:
         assert [(row["clip"], row["kind"]) for row in store.quality] == [("take", "implausible_elbows")]
     assert notes(mirrored, dataset=made.dataset) == notes(tmp_path / "out") == [flag]
     assert "left and right in question: 1 clip" in make_plan(made, mirrored, cache=cache).summary
-    with raises_message(DataError) as error:
+    with raises_message(DataError, "usual", where="take") as error:
         build(made, mirrored, tmp_path / "strict", cache=cache, strict=True)
     assert error.value.reason == "implausible_elbows"
 
@@ -80,7 +80,7 @@ def test_a_cache_entry_that_was_not_inspected(
         build(made, mirrored, tmp_path / "before", cache=cache, strict=True)
     monkeypatch.setattr(motion_units, "_encode", None)  # what was encoded stays
     build(made, mirrored, tmp_path / "after", cache=cache)
-    with raises_message(DataError):
+    with raises_message(DataError, "usual", where="take", reason="implausible_elbows"):
         build(made, mirrored, tmp_path / "strict", cache=cache, strict=True)
     with open_store(tmp_path / "before") as one, open_store(tmp_path / "after") as two:
         assert np.array_equal(one.read_clip("take", "edge151"), two.read_clip("take", "edge151"))
@@ -115,6 +115,6 @@ def test_swapped_names_of_a_bvh(example: Path, tmp_path: Path) -> None:
     (source / "own.bvh").write_text(text.replace("Other", "Right"))
     mine = tmp_path / "mine.yaml"
     mine.write_text(RECIPE.replace("SCOPE", "track").replace("FIELD", "edge151").replace("unit: m", "unit: cm"))
-    with raises_message(DataError):
+    with raises_message(DataError, "swapped_sides", reason="swapped_sides"):
         build(load_recipe(mine), source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
     assert "swapped_sides" in run("check", source, "--recipe", mine, "-q", code=1).output

@@ -79,7 +79,7 @@ def test_another_source_is_shown(
     run_build: Any, source: Path, built_copy: Path, change: Callable[[Path], None], lines: list[str]
 ):
     change(source)
-    with raises_message(StoreError) as caught:
+    with raises_message(StoreError, "rebuild", where="outs/out") as caught:
         run_build(source, built_copy)
     found = [line.removeprefix("  - ") for line in str(caught.value).splitlines() if line.startswith("  - ")]
     assert found == lines
@@ -106,7 +106,7 @@ def test_a_clip_that_was_set_aside_later_is_known(run_build: Any, source: Path, 
     path.write_bytes(pickle.dumps(content))
     run_build(source, out)
     motion(source)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "rebuild", where="outs/out"):
         run_build(source, out)
 
 

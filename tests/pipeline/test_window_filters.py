@@ -77,7 +77,7 @@ def test_any_filter_at_building_and_at_reading(corpus: Path, run_build, tmp_path
         read = WindowDataset(everything, fields=("edge151",), normalize=False, filter=given)
         assert {(r.clip, r.window) for r in read.rejects} == few
         assert {r.reason for r in read.rejects} == {"filtered"}
-    with raises_message(UsageError):
+    with raises_message(UsageError, "rotation_6d"):
         WindowDataset(everything, fields=("edge151",), filter=Minima(field="edge151"))
     notes = make_plan(load_recipe("aist++", (*SMALL, "windows.filter=minima")), corpus).to_json()["notes"]
     assert any("before the minima filter" in note for note in notes)
@@ -92,5 +92,5 @@ def test_filters_in_recipes() -> None:
         "{minima: {field: lodg}}",
         "{minima: {field: edge151}}",
     ):
-        with raises_message(RecipeError):
+        with raises_message(RecipeError, "problem", where="aist++"):
             load_recipe("aist++", (*SMALL, f"windows.filter={wrong}"))

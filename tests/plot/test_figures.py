@@ -98,14 +98,14 @@ def test_a_name_with_dollars_is_not_a_formula(relabelled, tmp_path: Path) -> Non
 def test_errors_say_what_is_allowed(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ds = dancedata.open(demo)
     clip = ds.clips[0].id
-    with raises_message(UsageError):
+    with raises_message(UsageError, "time"):
         plot.motion(ds, clip, times=[99])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "draw"):
         plot.motion(ds, clip, poses=0)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "CLIP", where="demo"):
         plot.motion(ds)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "gHO_sBM_cAll_d19_mHO3_ch03x", where="demo"):
         plot.features(ds, clip + "x")
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "matplotlib"):
         plot.motion(ds, clip)

@@ -91,5 +91,5 @@ def test_music_of_a_group_is_that_of_all_and_motion_is_of_one(duets: Path) -> No
     pytest.importorskip("matplotlib")
     one, group = (plot.features(duets, name, "librosa35") for name in (f"{DUET}_00", DUET))
     np.testing.assert_array_equal(one.get_images()[0].get_array(), group.get_images()[0].get_array())
-    with raises_message(UsageError):
+    with raises_message(UsageError, "Waltz_5_0_01"):
         plot.features(duets, DUET, "joints")

@@ -118,9 +118,9 @@ def test_poses_at_beats_with_equal_gaps(demo: Path) -> None:
 
 def test_errors_of_the_figures_of_papers(demo: Path) -> None:
     motion = motion_of(dancedata.open(demo).clips[0])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "draw"):
         plot.motion(motion, times="beats")
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"dancedata\.decode"):
         plot.compare(motion, np.zeros((5, 151)))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "frame"):
         plot.compare(motion, motion.joints())

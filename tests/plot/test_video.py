@@ -138,7 +138,7 @@ def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:
     path = relabelled(lambda k: {}, {"dataset": "aist++", "licence": "no redistribution"})
     clip = dancedata.open(path).clips[0].id
     options = {"source": demo.parent / "demo-source", "length_s": 0.2, "size": SIZE}
-    with raises_message(UsageError):
+    with raises_message(UsageError, "allow", where="relabelled"):
         plot.write_video(path, clip, tmp_path / "a.mp4", **options)
     assert not (tmp_path / "a.mp4").exists()
     plot.write_video(path, clip, tmp_path / "a.mp4", may_share=True, **options)
@@ -168,7 +168,7 @@ def test_equal_bytes(demo: Path, tmp_path: Path) -> None:
 )
 def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, options: dict) -> None:
     clip = dancedata.open(demo).clips[0].id
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exists|part|theme|video"):
         plot.write_video(demo, clip, tmp_path / name, **options)
     assert list(tmp_path.iterdir()) == []
 
@@ -176,7 +176,7 @@ def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, optio
 def test_an_existing_file_stays(demo: Path, tmp_path: Path) -> None:
     clip = dancedata.open(demo).clips[0].id
     (tmp_path / "a.mp4").write_bytes(b"mine")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "already", where="a.mp4"):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
     plot.write_video(demo, clip, tmp_path / "a.mp4", length_s=0.1, size=SIZE, overwrite=True)
     assert len(pictures(tmp_path / "a.mp4")) == 3
@@ -186,7 +186,7 @@ def test_without_ffmpeg_the_error_names_the_fix(demo: Path, tmp_path: Path, monk
     clip = dancedata.open(demo).clips[0].id
     monkeypatch.setattr(mux.shutil, "which", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "imageio_ffmpeg"):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
 
 
@@ -196,7 +196,7 @@ def test_an_ffmpeg_that_fails_leaves_nothing(demo: Path, tmp_path: Path, monkeyp
     clip = dancedata.open(demo).clips[0].id
     out = tmp_path / "out"
     out.mkdir()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "ffmpeg", where="out/a.mp4"):
         plot.write_video(demo, clip, out / "a.mp4", length_s=1, size=SIZE)
     assert list(out.iterdir()) == []
 
@@ -221,7 +221,7 @@ def test_a_full_disk_is_not_the_fault_of_ffmpeg(
     monkeypatch.setattr(mux.shutil, "which", lambda name: program)
     out = tmp_path / "out"
     out.mkdir()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "video", where="out/a.mp4"):
         plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=0.1, size=SIZE)
     assert list(out.iterdir()) == []
 
@@ -250,5 +250,5 @@ def test_a_folder_that_cannot_be_written_is_an_error_with_its_name(demo: Path) -
     clip = dancedata.open(demo).clips[0].id
     with pytest.raises(StoreError, match=r"/proc/a\.mp4.*cannot be written"):
         plot.write_video(demo, clip, "/proc/a.mp4", length_s=0.1, size=SIZE)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "listed", where="demo/a.mp4"):
         plot.write_video(demo, clip, demo / "a.mp4", length_s=0.1, size=SIZE)

@@ -334,7 +334,7 @@ def test_one_iteration_at_a_time(mixed_store: Store) -> None:
     first = iter(loader)
     next(first)
     second = iter(loader)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "iteration"):
         next(first)
     assert_same(second, DataLoader(loader.dataset, 8))
     assert next(second, None) is None
@@ -403,7 +403,7 @@ def test_pickled_without_threads_and_memory(mixed_store: Store) -> None:
     ],
 )
 def test_wrong_arguments(mixed_store: Store, wrong: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "sampler|small|threads"):
         BatchLoader(dataset_of(mixed_store), **wrong)
 
 

@@ -135,7 +135,7 @@ def test_clips_with_some_values(path: Path, where: dict[str, Any], wanted: set[i
     [{"x/levle": 1}, {"x/level": "three"}, {"x/level": True}, {"x/level": ()}, {"id": "a"}, "x/level", {"role": 1}],
 )
 def test_wrong_choices(path: Path, where: Any) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "level|role"):
         WindowDataset(path, where=where)
 
 
@@ -153,13 +153,13 @@ def test_whole_numbers_of_pandas_are_exact_where_a_clip_has_none(tmp_path: Path)
 
 
 def test_no_clip_is_left(path: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"store\.to_pandas"):
         WindowDataset(path, where={"x/level": 4})
 
 
 def test_wrong_columns(path: Path) -> None:
     for columns in (["x/levle"], ["genre"], ["x/level"]):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "level"):
             WindowDataset(path, columns=columns)
 
 
@@ -212,7 +212,7 @@ def test_terms_of_clips(tmp_path: Path) -> None:
             "licence": "CC BY 4.0", "citation": "Anna, 2026", "may_share": True,
         }  # fmt: skip
         assert not may_share_audio(store)
-        with raises_message(UsageError):
+        with raises_message(UsageError, "allow", where="store"):
             require_shareable(store)
         assert "all rights reserved" in require_shareable(store, allowed_by_caller=True)
     lines = run("info", path).stdout
@@ -231,7 +231,7 @@ def test_the_strictest_licence_decides(tmp_path: Path) -> None:
         assert "5 clips: CC BY 4.0" in require_shareable(store)
     # One clip has the terms of the dataset, which are not known.
     one = written(tmp_path / "one", terms=(*[Licence("CC0")] * 9, None))
-    with open_store(one) as store, raises_message(UsageError):
+    with open_store(one) as store, raises_message(UsageError, "allow", where="one/store"):
         require_shareable(store)
     strict = written(tmp_path / "strict", terms=(*[Licence("CC0")] * 9, Licence("by agreement")))
     with open_store(strict) as store:
@@ -246,5 +246,5 @@ def test_a_licence_that_does_not_exist(tmp_path: Path) -> None:
     assert any("/clips/licence: of licences that do not exist, in rows" in str(p) for p in verify_store(path))
     document["licences"] = "CC0"
     (path / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "incomplete", where="store/dataset.json"):
         open_store(path)

@@ -225,9 +225,9 @@ def test_streams_are_functions_of_the_step(train: WindowDataset, n_workers: int)
     assert rest.items() <= found[1].items()
     assert (len(rest), last) == (len(train) - 8, found[2])
     assert later.step == 3 * steps
-    with raises_message(UsageError):
+    with raises_message(UsageError, "steps"):
         BatchStream(train, 8, steps=3).by_epoch()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "stream"):
         BatchStream(halves(train), 8)
 
 
@@ -332,7 +332,7 @@ def test_the_sampler_reaches_wrapped_datasets(train: WindowDataset) -> None:
     next(iter(EpochSampler(Slotted(train))))
     assert train.epoch == 0
     assert next(iter(EpochSampler([10, 20], shuffle=False))) == 0
-    with raises_message(UsageError):
+    with raises_message(UsageError, "large"):
         train.set_epoch(2**63)
 
 

@@ -44,5 +44,5 @@ def test_layers_of_different_size_are_normalised() -> None:
 
 @pytest.mark.parametrize("wrong", [columns(5), columns(5, 4), columns(5, 5, name="other")])
 def test_columns_that_are_not_layers(wrong: Columns) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "encoder"):
         LayerMix(wrong)

@@ -229,13 +229,13 @@ def test_orders_and_streams_take_them(store: Store) -> None:
 
 def test_invalid_arguments(store: Store, store_path: Path) -> None:
     for made in (WindowDataset, partial(ClipDataset, crop_s=3)):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "start_at"):
             made(store, "train", FIELDS, start_at="bar")
-        with raises_message(UsageError):
+        with raises_message(UsageError, "beat_this", where="store"):
             made(store_path, fields=("edge151",), start_at="downbeat")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "start_at"):
         WindowDataset(store, "train", FIELDS, start_at="beat", augment=["crop"])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "start_at"):
         ClipDataset(store, "train", FIELDS, start_at="beat")
 
 
@@ -244,7 +244,7 @@ def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
     fields = (*random_fields({"edge151": 151}, {}), Field("beats", "audio", columns, Fraction(30)))
     made = write_random_store(tmp_path / "out", scope="window", fields=fields)
     assert WindowDataset(made.path, fields=FIELDS)[0]["beat"].shape == (30,)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "scope", where="out"):
         WindowDataset(made.path, fields=FIELDS, start_at="beat")
 
 
@@ -261,5 +261,5 @@ def test_music_without_downbeats_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     write_store(tmp_path / "out", made.header, silent)
     for settings in (partial(WindowDataset, length_s=4), partial(ClipDataset, crop_s=4)):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "start_at", where="out"):
             settings(tmp_path / "out", fields=FIELDS, start_at="downbeat")

@@ -104,9 +104,9 @@ def test_at_counts_consumed_samples() -> None:
     assert sampler.at(4, 0) == {"epoch": 4, "position": 0}
     assert sampler.at(4, 3) == {"epoch": 4, "position": 3}
     assert sampler.at(4, 5) == {"epoch": 5, "position": 0}
-    with raises_message(UsageError):
+    with raises_message(UsageError, "count"):
         sampler.at(4, 6)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "consumed"):
         sampler.at(4, -1)
 
 
@@ -132,7 +132,7 @@ def test_an_abandoned_iteration_moves_nothing() -> None:
 @pytest.mark.parametrize("state", [{}, {"epoch": 0}, {"epoch": 0, "position": 11}, {"epoch": -1, "position": 0}])
 def test_wrong_state(state: dict[str, int]) -> None:
     sampler = EpochSampler(10)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "epoch"):
         sampler.load_state_dict(state)
 
 
@@ -149,7 +149,7 @@ def test_wrong_state(state: dict[str, int]) -> None:
     ],
 )
 def test_wrong_arguments(wrong: dict[str, int]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "seed|world_size"):
         EpochSampler(10, **wrong)  # type: ignore[arg-type]
 
 
@@ -245,7 +245,7 @@ def test_blocks_end_where_shards_end_and_hold_neighbours() -> None:
     assert {int(n) // 20 for n in plain[:20]} == {int(plain[0]) // 20}
     assert EpochSampler(0, block=5).order(0).tolist() == []
     assert EpochSampler(7, seed=1, block=7).order(0).tolist() == EpochSampler(7, seed=1).order(0).tolist()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "block"):
         EpochSampler(10, block=0)
 
 

@@ -76,7 +76,7 @@ def test_a_window_has_the_segments_that_it_overlaps(store: Store) -> None:
     assert placed[3].segment.texts == ("all in a line",)
     assert [p.segment.label for p in store.segments_in(Window("train0_p1", 27, 20), "moves")] == ["left turn"]
     assert store.segments_in(Window("train0_p1", 28, 20), "moves") == []
-    with raises_message(UsageError):
+    with raises_message(UsageError, "french"):
         store.segments_in(Window("train0_p1", 0, 20), "move")
 
 
@@ -148,9 +148,9 @@ def test_mirrored_windows_have_mirrored_words(store: Store) -> None:
 
 def test_words_that_may_name_sides_are_never_given_mirrored_unasked(store: Store) -> None:
     for options in ({"mirror": 0.5}, {"augment": {"mirror": 0.5}}):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "mirror_words"):
             windows(store, segments="french", **options)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "mirror_words"):
         groups(store, segments=True, mirror=1.0)
     kept = windows(store, segments="french", mirror=1.0, mirror_words="keep")
     assert kept.samples([0], 0)[0]["text"] == "à gauche"
@@ -164,7 +164,7 @@ def test_words_that_may_name_sides_are_never_given_mirrored_unasked(store: Store
      {"segments": True, "mirror_words": "maybe"}],
 )  # fmt: skip
 def test_arguments_are_checked(store: Store, options: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "descriptions|mirror_words|probability"):
         windows(store, **options)
 
 
@@ -249,5 +249,5 @@ def test_a_file_for_another_dataset_is_noted(folder: Path, tmp_path: Path, caplo
 
 def test_a_file_that_does_not_fit(folder: Path, tmp_path: Path) -> None:
     for row in ({"clip": "nobody", "start": 0}, {"start": 0, "other": "nobody"}):
-        with raises_message(SourceError):
+        with raises_message(SourceError, "correct", where="m.jsonl, line 1"):
             dancedata.open(folder, segments=overlay(tmp_path / "m.jsonl", row))

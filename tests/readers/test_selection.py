@@ -88,10 +88,10 @@ def test_lists_that_are_ignored_are_named_in_rejects(store: Store) -> None:
 def test_a_protocol_defines_the_clips_of_a_split(store: Store) -> None:
     assert _ids(_read(store, protocol="other")) == [*(f"train_c{k:02d}" for k in range(1, 6)), "test_c00"]
     assert _ids(_read(store, split="val", protocol="other")) == ["train_c00", "test_c01"]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "split", where="out"):
         _read(store, split="test", protocol="other")
     # A misspelt protocol would read the stored splits.
-    with raises_message(UsageError):
+    with raises_message(UsageError, "ohter", where="out"):
         _read(store, protocol="ohter")
 
 
@@ -119,11 +119,11 @@ def test_still_windows_are_left_out_of_train_alone(store: Store) -> None:
     assert len(dataset) + len(still) == len(_read(store))
     given = {"movement": {"field": "lodge139", "min_std": 1e9}}
     assert not _read(store, split="test", filter=given).rejects
-    with raises_message(UsageError):
+    with raises_message(UsageError, "filters", where="out"):
         _read(store, filter=given)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "min_sdt"):
         _read(store, filter={"movement": {"min_sdt": 1}})
-    with raises_message(UsageError):
+    with raises_message(UsageError, "still"):
         _read(store, filter={"still": {}})
 
 
@@ -156,7 +156,7 @@ def test_relative_root(store: Store) -> None:
     rows = mirror.apply(store.read(window, "lodge139"))
     rows[:, 4:7] -= rows[0, 4:7].copy()
     np.testing.assert_array_equal(dataset[5]["lodge139"].numpy(), rows)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "relative_root"):
         _read(store, relative_root=True, normalize=True)
 
 
@@ -171,7 +171,7 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
     everything = WindowDataset(store, fields=("lodge139",), normalizer_over="all").normalizer("lodge139")
     rows = np.concatenate([store.clip(c.id).read("lodge139") for c in store.clips])
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "fitted"):
         WindowDataset(store, fields=("lodge139",), normalizer_over="alll")  # type: ignore[arg-type]
 
 
@@ -223,7 +223,7 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
     ],
 )
 def test_an_invalid_movement_filter(store: Store, given: object) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "min_std|splits"):
         _read(store, filter=given)
 
 
@@ -305,12 +305,12 @@ def test_the_codes_bias_is_a_function_of_seed_epoch_and_index(store: Store) -> N
 
 
 def test_requirements_of_primitives(store: Store, tmp_path: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "primitives"):
         WindowDataset(store, fields=("librosa35", "primitives"))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "primitive_n"):
         WindowDataset(store, fields=("lodge139", "primitives"), primitive_n=100)
     made = write_random_store(tmp_path / "none", length=30)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "primitive_variant", where="none"):
         WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
 
 
@@ -324,5 +324,5 @@ def test_a_copy_reads_the_same(store: Store) -> None:
 
 def test_window_scope_has_no_trim(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "window", scope="window")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "scope", where="window"):
         open_store(made.path).windows("train", trim=True)

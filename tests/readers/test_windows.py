@@ -123,7 +123,7 @@ def test_fields(store: Store) -> None:
     ],
 )
 def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, object]) -> None:
-    with raises_message(DanceDataError):
+    with raises_message(DanceDataError, "field|negative|preset|probability|trian"):
         WindowDataset(store, **wrong)  # type: ignore[arg-type]
 
 
@@ -155,12 +155,12 @@ def test_window_scope_and_half_precision(tmp_path: Path) -> None:
             rows = written.rows(item["clip"], field, item["start"], item["length"])
             np.testing.assert_array_equal(item[field].numpy(), rows)
     assert WindowDataset(tmp_path, normalize=(AUDIO,))[0][AUDIO].dtype == torch.float32
-    with raises_message(DanceDataError):
+    with raises_message(DanceDataError, "scope"):
         WindowDataset(tmp_path, length_frames=20)
 
 
 def test_not_a_built_dataset(tmp_path: Path) -> None:
-    with raises_message(StoreError):
+    with raises_message(StoreError, "finished"):
         WindowDataset(tmp_path)
 
 
@@ -188,14 +188,14 @@ def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str,
 
 def test_an_invalid_probability(tmp_path: Path) -> None:
     write_random_store(tmp_path, fields=random_fields({"lodge139": 139}, {}))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "probability"):
         WindowDataset(tmp_path, fields="lodge139", normalize=False, mirror="yes")  # type: ignore[arg-type]
 
 
 def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
     fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
     write_random_store(tmp_path, fields=fields, fps=Fraction(60))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "preset"):
         WindowDataset(tmp_path, preset="edge")
 
 
@@ -236,7 +236,7 @@ def test_val_uses_the_scaler_of_train(store: Store) -> None:
 
 
 def test_normalizer_of_a_field_that_is_not_read(store: Store) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "librosa35"):
         WindowDataset(store, fields=(AUDIO,)).normalizer(MOTION)
 
 
@@ -333,9 +333,9 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
         return replace(known, columns=replace(known.columns, mirror=None))
 
     monkeypatch.setattr(store, "field", field)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "normalizer_covers_mirror", where="store"):
         WindowDataset(store, mirror=0.5)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "normalizer_covers_mirror", where="store"):
         WindowDataset(store, normalizer_covers_mirror=True)
     assert WindowDataset(store, fields=(AUDIO,), mirror=0.5)[0][AUDIO].shape == (150, 35)
     assert len(WindowDataset(store)) > 0
@@ -359,7 +359,7 @@ def test_copies_read_the_same_and_have_their_own_epoch(store: Store, how: str) -
 
 
 def test_wrong_epoch(store: Store) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "epoch"):
         WindowDataset(store).set_epoch(-1)
 
 

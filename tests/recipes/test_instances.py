@@ -105,7 +105,7 @@ def test_set_takes_the_longest_key() -> None:
     ],
 )
 def test_bad_instances_are_named(changes: dict[str, Any]) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, r"librosa35\.60|problem", where="recipe"):
         recipe(**changes)
 
 

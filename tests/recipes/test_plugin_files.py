@@ -162,13 +162,13 @@ def test_reading_needs_the_file_that_the_dataset_was_built_with(
 def test_a_dataset_executes_nothing(tmp_path: Path) -> None:
     document = {**local(tmp_path).document, "plugins": [str(tmp_path / "bad.py")]}
     (tmp_path / "bad.py").write_text("raise SystemExit(1)")
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "plugins", where="recipe"):
         parse_recipe(document)
 
 
 def test_two_files_with_one_name(tmp_path: Path) -> None:
     first, second = feature(tmp_path), feature(tmp_path, "2.0", "second.py")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "register"):
         dancedata.load_plugins(first, second)
     dancedata.load_plugins(first)
     assert FEATURES.get("loudness")().scale == 1.0  # type: ignore[attr-defined]
@@ -188,14 +188,14 @@ def test_two_files_with_one_name(tmp_path: Path) -> None:
 def test_files_that_cannot_be_loaded(content: str | None, tmp_path: Path) -> None:
     if content is not None:
         (tmp_path / "file.py").write_text(content)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "plug-in|registered", where="file.py"):
         dancedata.load_plugins(tmp_path / "file.py")
     assert FEATURES.get("librosa35").__module__.startswith("dancedata.")
 
 
 @pytest.mark.parametrize("value", ["./loudness.py", "[3]", "{a: b}"])
 def test_plugins_is_a_list(value: str, tmp_path: Path) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "plugins", where="recipe.yaml"):
         load_recipe(recipe_file(tmp_path, RECIPE.replace("[./loudness.py]", value)))
 
 

@@ -35,7 +35,7 @@ def problem_of(*, set: tuple[str, ...] = (), **changes: Any) -> str:
     changed = document(**changes)
     for override in set:
         apply_override(changed, override)
-    with raises_message(RecipeError) as caught:
+    with raises_message(RecipeError, "length_frames|problem", where="mine.yaml") as caught:
         parse_recipe(changed, where="mine.yaml")
     return str(caught.value)
 
@@ -130,24 +130,24 @@ def test_an_unsupported_rate_is_reported_before_any_work():
 def test_a_duplicate_key_is_an_error(tmp_path: Path):
     path = tmp_path / "twice.yaml"
     path.write_text("recipe: 1\nname: one\nname: two\n")
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "reading", where="twice.yaml"):
         load_recipe(path)
 
 
 def test_an_invalid_yaml_file_is_named(tmp_path: Path):
     path = tmp_path / "bad.yaml"
     path.write_text("recipe: [1")
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "parsing", where="bad.yaml"):
         load_recipe(path)
     path.write_text("- recipe")
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "mapping", where="bad.yaml"):
         load_recipe(path)
 
 
 def test_a_missing_recipe(tmp_path: Path):
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exist", where="none.yaml"):
         load_recipe(tmp_path / "none.yaml")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "aist[+][+]-60"):
         load_recipe("aist+")
 
 
@@ -182,12 +182,12 @@ def test_a_length_in_seconds_takes_the_place_of_one_in_frames_and_the_other_way_
 
 @pytest.mark.parametrize("override", ["windows.stride_s", "=3", "windows..stride_s=1", "audio={"])
 def test_an_invalid_override_is_wrong_usage(tmp_path: Path, override: str):
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"override|windows\.stride_s"):
         load(tmp_path, override)
 
 
 def test_an_unknown_key_in_an_override_is_named(tmp_path: Path):
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, r"windows\.strid_s", where="mine.yaml"):
         load(tmp_path, "windows.strid_s=1")
 
 

@@ -134,7 +134,7 @@ def test_a_source_that_crossed_a_fork_is_an_error_at_once(bucket: str) -> None:
 
 def test_a_client_that_crossed_a_fork(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dancedata.remote.bucket._first_used_in", 1)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "obstore", where="s3://dances/some/set"):
         dancedata.open(bucket)
 
 

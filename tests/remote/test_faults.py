@@ -153,7 +153,7 @@ def test_an_answer_that_never_ends(server: Server, address: str, monkeypatch: py
             handler.wfile.write(b" " * 65536)
 
     server.fault("dataset.json", endless)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "larger", where="dataset.json"):
         local_folder(address)
 
 

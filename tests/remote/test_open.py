@@ -87,7 +87,7 @@ def test_pull_then_offline(server: Server, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     server.requests.clear()
     assert _errors(address) == []
-    with raises_message(StoreError):
+    with raises_message(StoreError, "cache", where="https://example.org/not/fetched"):
         dancedata.open("https://example.org/not/fetched")
     assert not server.requests
 
@@ -97,12 +97,12 @@ def test_offline_with_a_part_of_it(hub: Hub, monkeypatch: pytest.MonkeyPatch) ->
     store.tables("val")
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     again = dancedata.open("hf://datasets/org/name@main")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "cache"):
         again.read(again.windows("val")[0], "pose")
 
 
 def test_unknown_split(hub: Hub) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "tran", where="hf://datasets/org/name"):
         pull("hf://datasets/org/name", "tran", progress=False)
 
 
@@ -152,7 +152,7 @@ def test_a_folder_of_a_repository(hub: Hub, published: Path) -> None:
     ],
 )
 def test_addresses_that_are_refused(text: str) -> None:
-    with raises_message(UsageError) as caught:
+    with raises_message(UsageError, "address") as caught:
         dancedata.open(text)
     assert "secret" not in str(caught.value)
 
@@ -160,7 +160,7 @@ def test_addresses_that_are_refused(text: str) -> None:
 def test_what_is_an_address(tmp_path: Path) -> None:
     assert all(map(is_address, ("s3://bucket/prefix", Path("hf://datasets/org/name"), "S3://bucket/prefix")))
     assert not any(map(is_address, ("data/demo", tmp_path, "C:/demo")))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "address"):
         pull("data/demo")
 
 

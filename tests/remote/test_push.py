@@ -96,7 +96,7 @@ def test_settings_come_before_the_files(uploads: UploadHub, published: Path) -> 
 
 def test_a_hub_that_does_not_make_it_private_gets_nothing(uploads: UploadHub, published: Path) -> None:
     uploads.lies = lambda method, path, answer: {**answer, "private": False} if "sha" in answer else answer
-    with raises_message(StoreError):
+    with raises_message(StoreError, "private", where="hf://datasets/org/name@main"):
         push(published, private=True)
     assert not uploads.storage
     assert not uploads.files()
@@ -129,7 +129,7 @@ def test_files_of_others_are_not_replaced(uploads: UploadHub, published: Path) -
     uploads.branches["main"] = uploads.new_commit()
     readme = uploads.commits[uploads.branches["main"]] / "README.md"
     readme.write_text("# mine\n")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "publish", where="hf://datasets/org/name@main"):
         push(published)
     assert uploads.files() == {"README.md": b"# mine\n"}
     push(published, overwrite=True)
@@ -139,7 +139,7 @@ def test_files_of_others_are_not_replaced(uploads: UploadHub, published: Path) -
 def test_a_tag_of_another_upload(uploads: UploadHub, published: Path) -> None:
     uploads.branches["main"] = uploads.new_commit()
     uploads.tags["v1"] = "f" * 40
-    with raises_message(UsageError):
+    with raises_message(UsageError, "upload", where="hf://datasets/org/name@main"):
         push(published, tag="v1")
     assert not uploads.storage
 
@@ -170,7 +170,7 @@ def test_sources_that_forbid_it(
     name: str, random_store: Callable[..., Any], tmp_path: Path, uploads: UploadHub
 ) -> None:
     store = of_dataset(random_store, tmp_path / "store", name)
-    with raises_message(UsageError) as caught:
+    with raises_message(UsageError, "terms", where="store") as caught:
         dancedata.push(store, WHERE, progress=False)
     assert DATASETS.get(name).licence in str(caught.value)
     assert ("the manifest's column licence" in str(caught.value)) == (name == "folder")
@@ -243,7 +243,7 @@ def test_without_a_token(
 ) -> None:
     monkeypatch.delenv("HF_TOKEN")
     monkeypatch.setattr("huggingface_hub.constants.HF_TOKEN_PATH", str(tmp_path / "none"))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "HF_TOKEN", where="hf://datasets/org/name@main"):
         push(published)
     assert not uploads.log
 
@@ -258,7 +258,7 @@ def test_without_a_token(
 def test_statuses(uploads: UploadHub, published: Path, path: str, code: int) -> None:
     method = "GET" if path == "/refs" else "POST"
     uploads.faults[f"{method} /api/datasets/org/name{path}"] = [status(code)]
-    with raises_message(StoreError):
+    with raises_message(StoreError, "HF_TOKEN|uploaded", where="hf://datasets/org/name@main"):
         push(published)
     assert "dataset.json" not in uploads.files()
     push(published)
@@ -268,7 +268,7 @@ def test_statuses(uploads: UploadHub, published: Path, path: str, code: int) -> 
 def test_a_token_that_expires_in_the_middle(uploads: UploadHub, published: Path) -> None:
     batch = "POST /datasets/org/name.git/info/lfs/objects/batch"
     uploads.faults[batch] = [lambda handler, data: False, status(401)]  # the second batch
-    with raises_message(StoreError):
+    with raises_message(StoreError, "HF_TOKEN", where="hf://datasets/org/name@main"):
         push(published)
     kept = set(uploads.storage)
     assert kept
@@ -311,7 +311,7 @@ def test_a_hub_that_has_other_bytes(uploads: UploadHub, published: Path) -> None
         return [{**e, "size": e["size"] + 1} for e in true] if "/paths-info/" in path else true
 
     uploads.lies = lie
-    with raises_message(StoreError):
+    with raises_message(StoreError, "gitignore"):
         push(published)
     assert not uploads.tags
 
@@ -350,13 +350,13 @@ def test_a_hub_that_does_not_answer(uploads: UploadHub, published: Path, monkeyp
     ],
 )  # fmt: skip
 def test_arguments(published: Path, to: str, options: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "branch|published|rights|settings|valid"):
         dancedata.push(published, to, progress=False, **options)
 
 
 def test_offline(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "HF_HUB_OFFLINE", where="hf://datasets/org/name@main"):
         push(published)
 
 

@@ -82,7 +82,7 @@ def test_another_dataset_is_replaced_on_request_alone(
 ) -> None:
     push(published, bucket)
     other = random_store(tmp_path / "other", seed=3).path
-    with raises_message(UsageError):
+    with raises_message(UsageError, "prefix"):
         push(other, bucket)
     assert there(bucket)["dataset.json"] == local(published)["dataset.json"]
     push(other, bucket, overwrite=True)
@@ -98,7 +98,7 @@ def test_files_of_others_are_kept(bucket: str, published: Path) -> None:
 
     obstore.put(from_url(bucket), "README.md", b"mine")
     obstore.put(from_url(bucket), "notes.txt", b"mine too")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "publish", where="test_files_of_others_are_kept"):
         push(published, bucket)
     assert there(bucket) == {"README.md": b"mine", "notes.txt": b"mine too"}
     push(published, bucket, overwrite=True)

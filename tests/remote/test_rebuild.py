@@ -175,9 +175,9 @@ def test_files_beside(uploads: UploadHub, fine: Path, fine_source: Path, tmp_pat
     assert published is not None
     assert "manifest.csv" in next(published.missing_beside(fine_source))
     assert not list(published.missing_beside(tmp_path))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "publication", where="out/dataset.json"):
         dancedata.push(fine, WHERE, recipe_only=True, beside=[fine / "dataset.json"], progress=False)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "directory", where="nothing.csv"):
         dancedata.push(fine, WHERE, recipe_only=True, beside=[tmp_path / "nothing.csv"], progress=False)
 
 
@@ -226,7 +226,7 @@ def test_what_a_published_recipe_may_not_have(
 ) -> None:
     with edited(bomb) as document:
         document["dataset"]["recipe"] |= recipe
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "executed", where="fetched"):
         dancedata.build(bomb, fine_source, out, progress=False)
     assert not out.exists()
 
@@ -295,7 +295,7 @@ def test_clips_that_are_damaged(
         document["files"]["clips.jsonl"] = {"size": len(content), "sha256": sha256_bytes(content)}
     source = shutil.copytree(fine_source, tmp_path / "source")
     change(source)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "publication", where="fetched"):
         rebuild(as_folder, source, tmp_path / "again", cache)
 
 
@@ -315,7 +315,7 @@ def test_a_changed_byte(as_folder: Path, fine_source: Path, tmp_path: Path, cach
     (as_folder / "clips.jsonl").write_text("")
     source = shutil.copytree(fine_source, tmp_path / "source")
     change(source)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "publication", where="fetched/clips.jsonl"):
         rebuild(as_folder, source, out, cache)
     path = as_folder / "publication.json"
     path.write_text(path.read_text().replace('"name"', '"nane"', 1))

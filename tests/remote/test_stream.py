@@ -199,9 +199,9 @@ def test_shards_that_were_pulled_are_read_from_the_disk(site: Server, address: s
 
 def test_a_local_dataset_is_read_as_ever(large: Path) -> None:
     np.testing.assert_array_equal(dancedata.open(large, stream=True).read(*_window(large)), _local(large))
-    with dancedata.open(large) as store, raises_message(UsageError):
+    with dancedata.open(large) as store, raises_message(UsageError, "opened", where="store"):
         WindowDataset(store, stream=True)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "memory_mb"):
         Stream(memory_mb=0)
 
 

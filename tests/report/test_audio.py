@@ -39,7 +39,7 @@ def test_music_of_the_demo_is_cut_to_its_clips(demo: Path, tmp_path: Path) -> No
 
 def test_music_that_may_not_be_shared_is_refused(relabelled, demo: Path, tmp_path: Path) -> None:
     path, source = relabelled(lambda k: {}, AIST), demo.parent / "demo-source"
-    with raises_message(UsageError):
+    with raises_message(UsageError, "allow", where="relabelled"):
         write_report(path, tmp_path / "a.html", audio="embed", source=source)
     assert not (tmp_path / "a.html").exists()
     write_report(path, tmp_path / "a.html", clips=1, audio="embed", source=source, may_share=True)
@@ -52,10 +52,10 @@ def test_music_that_may_not_be_shared_is_refused(relabelled, demo: Path, tmp_pat
 
 
 def test_music_needs_a_source_that_has_it(demo: Path, tmp_path: Path) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "needed"):
         write_report(demo, tmp_path / "a.html", audio="embed")
     (tmp_path / "empty").mkdir()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "these", where="empty"):
         write_report(demo, tmp_path / "a.html", audio="embed", source=tmp_path / "empty")
 
 

@@ -237,7 +237,7 @@ def test_clips_beyond_twelve_are_files_next_to_the_page(relabelled, tmp_path: Pa
     text = (folder / "clip-00003.js").read_text()
     number_of, payload = re.fullmatch(r"dancedataClip\((\d+), (.*)\);\n", text, flags=re.DOTALL).groups()
     assert json.loads(payload)["id"] == data["list"]["clips"][int(number_of)][0]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "already", where="all report.html"):
         write_report(path, page_path)
     write_report(path, page_path, clips=4, overwrite=True)
     assert sorted(p.name for p in folder.iterdir()) == ["clip-00003.js", "export.json"]
@@ -245,7 +245,7 @@ def test_clips_beyond_twelve_are_files_next_to_the_page(relabelled, tmp_path: Pa
     assert not folder.exists()
     folder.mkdir()
     (folder / "mine.txt").write_text("x")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "further", where="all report_files"):
         write_report(path, page_path, overwrite=True)
 
 
@@ -256,7 +256,7 @@ def test_clips_beyond_twelve_are_files_next_to_the_page(relabelled, tmp_path: Pa
 def test_where_a_report_is_not_written(demo: Path, tmp_path: Path, monkeypatch, to: str) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "inside").symlink_to(demo)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "exists|report"):
         write_report(demo, to)
 
 
@@ -268,7 +268,7 @@ def test_a_page_that_is_too_large_is_an_error_with_a_fix(demo: Path, tmp_path: P
 
 def test_other_arguments(demo: Path, tmp_path: Path) -> None:
     for wrong in ({"clips": -1}, {"clips": "some"}, {"audio": "link"}):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "embed|number"):
             write_report(demo, tmp_path / "x.html", **wrong)
 
 
@@ -316,7 +316,7 @@ def test_foreign_files_next_to_the_page_stay(tmp_path: Path, change: Callable[[P
     page = tmp_path / "r.html"
     theirs = change(_with_a_folder(page))
     before = theirs.read_bytes()
-    with raises_message(UsageError):
+    with raises_message(UsageError, "further", where="r_files"):
         _with_a_folder(page, 14)
     target = Target(page, 1)
     target.write(b"page", {})  # of a report that started before they were created
@@ -325,7 +325,7 @@ def test_foreign_files_next_to_the_page_stay(tmp_path: Path, change: Callable[[P
 
 def test_two_pages_whose_folders_have_one_name(tmp_path: Path) -> None:
     folder = _with_a_folder(tmp_path / "r.html")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "further", where="r_files"):
         _with_a_folder(tmp_path / "r.htm", 13)
     assert (folder / "clip-00012.js").exists()
     _with_a_folder(tmp_path / "r.html", 13)

@@ -54,7 +54,7 @@ def test_layout() -> None:
 
 
 def test_it_holds_no_contacts() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "contacts"):
         FACT.encode(random_motion(), Velocity())
 
 
@@ -67,7 +67,7 @@ def test_fingers_are_left_out() -> None:
 
 def test_decoding_invalid_rotations() -> None:
     array = FACT.encode(random_motion())
-    with raises_message(UsageError):
+    with raises_message(UsageError, "decodes"):
         FACT.decode(np.pad(array, [(0, 0), (6, 0)]), SIXTY)
     knee = slice(3 + 9 * 4, 3 + 9 * 5)
     for change, reason in (
@@ -79,14 +79,14 @@ def test_decoding_invalid_rotations() -> None:
     ):
         broken = array.copy()
         broken[3, knee] = change(broken[3, knee])
-        with raises_message(DataError) as error:
+        with raises_message(DataError, "infinity|project") as error:
             FACT.decode(broken, SIXTY)
         assert error.value.reason == reason
         if reason == "bad_rotation":
             assert "fact219, frame 3, left_knee" in str(error.value)
     broken = array.copy()
     broken[0, 0] = np.inf
-    with raises_message(DataError):
+    with raises_message(DataError, "infinity", where="fact219", reason="nan"):
         FACT.decode(broken, SIXTY)
 
 

@@ -63,10 +63,10 @@ def test_jaw_and_eyes_are_left_out() -> None:
 
 def test_errors() -> None:
     array = FINE.encode(random_motion(), Velocity())
-    with raises_message(UsageError):
+    with raises_message(UsageError, "decodes"):
         FINE.decode(array[:, :315], THIRTY)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "contact"):
         FINE.encode(random_motion())
     array[2, 7 + 6 * 51 :] = 0
-    with raises_message(DataError):
+    with raises_message(DataError, "plane", where="finedance319, frame 2, right_thumb3", reason="bad_rotation"):
         FINE.decode(array, THIRTY)

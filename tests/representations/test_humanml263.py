@@ -173,16 +173,16 @@ def test_bones_that_point_against_their_rest() -> None:
 
 
 def test_invalid_input_is_refused() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "contacts"):
         MADE.encode(_dance(), Velocity())
     flat = replace(SMPL24, offsets=np.zeros((24, 3)))
-    with raises_message(DataError):
+    with raises_message(DataError, "direction", where="humanml263", reason="bad_skeleton"):
         MADE.encode(_dance().on(flat))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "decodes"):
         MADE.decode(np.zeros((3, 262)), TWENTY)
     array = MADE.encode(_dance())
     array[3, 100] = np.nan
-    with raises_message(DataError):
+    with raises_message(DataError, "infinity", where="humanml263", reason="nan"):
         MADE.decode(array, TWENTY)
 
 

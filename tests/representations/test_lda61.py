@@ -139,13 +139,13 @@ def test_the_turn_goes_the_shorter_way() -> None:
 
 
 def test_refusals() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "lda61"):
         dancedata.encode(random_motion(SMPL24, 2), "lda61")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "lda61"):
         dancedata.decode(np.zeros((2, 60)), "lda61")
-    with raises_message(DataError):
+    with raises_message(DataError, "infinity", where="lda61", reason="nan"):
         dancedata.decode(np.full((2, 61), np.nan), "lda61")
-    with raises_message(UsageError):
+    with raises_message(UsageError, "loses"):
         from dancedata.core.plugins import SampleField
         from dancedata.core.registry import AUGMENTATIONS
 

@@ -84,7 +84,7 @@ def test_contacts_see_the_grounded_joints(made: Any) -> None:
     np.testing.assert_array_equal(
         made.encode(motion, Velocity())[:, :4], Velocity()(motion.joints(), THIRTY, made.skeleton)
     )
-    with raises_message(UsageError):
+    with raises_message(UsageError, "contact"):
         made.encode(motion)
 
 
@@ -126,7 +126,7 @@ def test_decoding_invalid_rotations(made: Any) -> None:
     ):
         broken = array.copy()
         broken[3, columns] = value
-        with raises_message(DataError) as error:
+        with raises_message(DataError, "columns") as error:
             made.decode(broken, THIRTY)
         assert error.value.reason == reason
         if reason == "bad_rotation":

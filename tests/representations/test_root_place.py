@@ -88,7 +88,7 @@ def test_who_lies_on_his_side_keeps_his_facing() -> None:
 
 @pytest.mark.parametrize("bad", [np.zeros((3, 6)), np.zeros((61, 3))])
 def test_rows_that_do_not_fit(pair: list[Motion], bad: Any) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "rows"):
         PLACE.placed(pair[0], bad)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "root_place"):
         PLACE.encode(pair[0], CONTACTS.make("velocity", {}))

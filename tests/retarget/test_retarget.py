@@ -213,7 +213,7 @@ def test_a_map_may_come_from_a_file(tmp_path: Path) -> None:
 
 
 def test_an_unknown_map_is_an_error() -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "mixano"):
         load_map("mixano")
 
 
@@ -223,7 +223,7 @@ def test_an_unknown_map_is_an_error() -> None:
 def test_a_bad_map_is_an_error(tmp_path: Path, joints: object) -> None:
     path = tmp_path / "own.json"
     path.write_text(json.dumps({"joints": joints}))
-    with raises_message(UsageError):
+    with raises_message(UsageError, "joint"):
         load_map(path)
 
 
@@ -234,7 +234,7 @@ def test_smpl_names_need_no_map(dance: Motion) -> None:
 
 def test_a_skeleton_without_a_body_is_an_error(dance: Motion) -> None:
     skeleton = replace(SMPL24, name="robot", joints=tuple(f"J{k}" for k in range(24)))
-    with raises_message(UsageError):
+    with raises_message(UsageError, r"retarget\.joint_map"):
         retargeted(dance.on(skeleton), SMPL24)
     spec = parse_retarget({"skeleton": "smpl24"})
     assert spec is not None
@@ -244,7 +244,7 @@ def test_a_skeleton_without_a_body_is_an_error(dance: Motion) -> None:
 
 
 def test_a_target_of_another_family_is_an_error(dance: Motion) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "robot"):
         retargeted(dance, replace(SMPL24, name="robot", joints=tuple(f"J{k}" for k in range(24))))
 
 
@@ -259,7 +259,7 @@ _STAGES: dict[str, object] = {
 
 @pytest.mark.parametrize("value", _STAGES.values(), ids=_STAGES)
 def test_a_bad_stage_is_a_problem_of_the_recipe(value: object) -> None:
-    with raises_message(RecipeError):
+    with raises_message(RecipeError, "problem", where="demo"):
         load_recipe("demo", {"retarget": value})
 
 

@@ -157,5 +157,5 @@ def test_free_columns_of_several_types_are_refused(tmp_path: Path, values: tuple
     made = write_random_store(tmp_path / "draft", clips={"train": 2})
     clips = [dataclasses.replace(c, columns={"x": values[k % len(values)]}) for k, c in enumerate(made.clips)]
     (tmp_path / "store").mkdir()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "types", where="x/x"):
         write_store(tmp_path / "store", made.header, clips)

@@ -80,10 +80,10 @@ def test_no_command_waits_for_special_files(folder: Path, name: str, kind: str) 
         assert "not a regular file" in problems or f"{name}: it is missing" in problems
         if name == "stats.json":  # which info does not show
             describe_store(folder)
-            with open_store(folder) as store, raises_message(StoreError):
+            with open_store(folder) as store, raises_message(StoreError, "build", where="store/stats.json"):
                 store.normalizer("pose")
         else:
-            with raises_message(StoreError):
+            with raises_message(StoreError, "build"):
                 describe_store(folder)
 
 
@@ -152,7 +152,7 @@ def test_values_of_other_types_are_an_error(folder: Path, key: str, value: objec
 
 def test_deep_nesting_in_a_description(folder: Path) -> None:
     edit(folder, lambda document: document.update(recipe={"a": json.loads("[" * 200 + "]" * 200)}))
-    with raises_message(StoreError):
+    with raises_message(StoreError, "JSON", where="store/dataset.json"):
         open_store(folder)
 
 
@@ -168,7 +168,7 @@ def test_deep_nesting_in_a_description(folder: Path) -> None:
 )
 def test_lines_of_other_types_are_an_error(folder: Path, name: str, line: str) -> None:
     (folder / name).write_text(line + "\n")
-    with raises_message(StoreError) as error:
+    with raises_message(StoreError, "those", where="store/rejects.jsonl") as error:
         describe_store(folder)
     assert len(str(error.value)) < 600
 
@@ -184,7 +184,7 @@ def test_many_lines_are_parsed_in_linear_time(folder: Path) -> None:
 def test_files_next_to_a_dataset_are_named_without_their_control_characters(folder: Path) -> None:
     (folder / f"{LOUD}~").touch()
     (folder / "dataset.json").rename(folder / "other.json")
-    with raises_message(DanceDataError) as error:
+    with raises_message(DanceDataError, "finished", where="store") as error:
         open_store(folder)
     assert SAFE in str(error.value)
 
@@ -192,7 +192,7 @@ def test_files_next_to_a_dataset_are_named_without_their_control_characters(fold
 @pytest.mark.parametrize("rate", ["1000000000000000000000/7", "30/1000000000000000000001"])
 def test_rates_that_no_integer_holds_are_an_error(folder: Path, rate: str) -> None:
     edit(folder, lambda document: document["fields"][0].update(rate=rate))
-    with raises_message(StoreError):
+    with raises_message(StoreError, "incomplete", where="store/dataset.json"):
         everything(folder)
 
 
@@ -222,5 +222,5 @@ def test_data_of_quality_flags_of_other_types_are_an_error(tmp_path: Path, line:
     document["files"]["quality.jsonl"]["sha256"] = sha256_file(folder / "quality.jsonl")
     document["self_sha256"] = self_hash(document)
     (folder / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
-    with raises_message(StoreError):
+    with raises_message(StoreError, "build", where="store/quality.jsonl"):
         describe_store(folder)

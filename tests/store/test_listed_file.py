@@ -35,7 +35,7 @@ def test_a_file_that_got_the_inode_of_the_old_one(make_store: Any) -> None:
     after = (made.path / SHARD).stat()
     for name in ("st_dev", "st_ino", "st_size", "st_mtime_ns"):
         assert getattr(before, name) == getattr(after, name)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "opened", where="store1"):
         store.read(window, "pose")
 
 
@@ -72,7 +72,7 @@ def test_every_way_to_a_file_looks_at_it(make_store: Any, what: str) -> None:
         "map": lambda: shard.mapped_rows("pose"),
         "stats": lambda: store.stats,
     }
-    with raises_message(StoreError):
+    with raises_message(StoreError, "opened", where="store1"):
         ways[what]()
 
 
@@ -85,7 +85,7 @@ def test_a_dataset_that_is_removed_or_being_built(make_store: Any, gone: str) ->
     else:
         (made.path / "dataset.json").unlink()
         (made.path / SHARD).unlink()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "opened", where="store1"):
         read(store)
 
 
@@ -95,14 +95,14 @@ def test_a_named_pipe_in_the_place_of_a_file(make_store: Any, name: str) -> None
     store = open_store(make_store().path)
     (store.path / name).unlink()
     os.mkfifo(store.path / name)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "build"):
         _ = store.stats if name == "stats.json" else read(store)
 
 
 def test_a_shard_that_is_missing_is_named(make_store: Any) -> None:
     store = open_store(make_store().path)
     (store.path / SHARD).unlink()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "shard", where="store1/train-00000-of-00001.h5"):
         read(store)
 
 
@@ -110,7 +110,7 @@ def test_a_shard_in_its_place_that_has_another_size(make_store: Any) -> None:
     store = open_store(make_store().path)
     (store.path / SHARD).rename(store.path / "aside")
     (store.path / SHARD).write_bytes((store.path / "aside").read_bytes() + b"\0" * 64)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "shard", where="store1/train-00000-of-00001.h5"):
         read(store)
 
 
@@ -148,5 +148,5 @@ def test_a_dataset_that_never_comes_to_rest(make_store: Any, monkeypatch: pytest
         return found
 
     monkeypatch.setattr(listed_file, "load_description", touching)
-    with raises_message(StoreError):
+    with raises_message(StoreError, "being", where="store1"):
         open_store(made.path)

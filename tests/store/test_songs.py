@@ -280,7 +280,7 @@ def test_what_cannot_be_compared_is_stated(write: Callable[..., Path], tmp_path:
     assert any(
         m.startswith("songs were compared by samples and name, not by their sound: they have no") for m in messages
     )
-    with raises_message(UsageError):
+    with raises_message(UsageError, "compared"):
         dancedata.check(a, made.path, dataset="folder", progress=False)
     (tmp_path / "empty").mkdir()
     assert [p.severity for p in dancedata.check(a, tmp_path / "empty", progress=False)] == ["error"]

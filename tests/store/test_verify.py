@@ -295,7 +295,7 @@ def test_codebooks_that_do_not_fit(make_store: Any, tmp_path: Path, case: str) -
     changes = {key: tuple(v) if isinstance(v, list) else v for key, v in BAD_BOOKS[case].items()}
     bad = dataclasses.replace(field, codebook=dataclasses.replace(good, **changes))
     (out := tmp_path / "codes").mkdir()
-    with raises_message(StoreError):
+    with raises_message(StoreError, "codebook"):
         write_store(out, dataclasses.replace(made.header, fields=(bad,)), clips)
 
 

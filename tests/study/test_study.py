@@ -66,7 +66,7 @@ def test_trials_are_fair(seed: int) -> None:
     "options", [{"songs": 11}, {"systems": ("a",)}, {"checks": 101}], ids=lambda o: next(iter(o))
 )
 def test_impossible_studies(options: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "checks|common|compares"):
         make_trials(CLIPS, options.get("systems", ("a", "b")), songs=options.get("songs", 2),
                     checks=options.get("checks", 0), seed=0)  # fmt: skip
 
@@ -90,21 +90,21 @@ def test_the_page_is_blind(demo: Path, systems: tuple[Path, Path], tmp_path: Pat
     assert set(data["audio"]) == {str(k) for k in range(8)}
     assert write_study(request(demo, systems), tmp_path / "again.html") == trials
     assert (tmp_path / "again.html").read_text() == text
-    with raises_message(UsageError):
+    with raises_message(UsageError, "already", where="study.html"):
         write_study(request(demo, systems), tmp_path / "study.html")
 
 
 def test_studies_without_music_or_clips_in_common(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> None:
     silent = StudyRequest({"a": ViewRequest(demo), "b": ViewRequest(systems[0])}, songs=1)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "study"):
         write_study(silent, tmp_path / "a.html")
     (tmp_path / "other").mkdir()
     np.savez(tmp_path / "other" / "nobody.npz", joints=np.zeros((60, 24, 3)), fps=30)
     apart = StudyRequest({"a": ViewRequest(systems[0]), "b": ViewRequest(tmp_path / "other")}, songs=1)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "systems"):
         write_study(apart, tmp_path / "b.html")
     short = request(demo, systems, seconds=1.0)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "trials"):
         write_study(short, tmp_path / "c.html")
     assert not list(tmp_path.glob("*.html"))
 
@@ -156,7 +156,7 @@ def test_results_are_those_that_were_planted(tmp_path: Path) -> None:
     document = as_json("study-results", *files, careless)
     assert document["preferences"][0]["wins"] == preference.wins
     assert f"a over b: {preference.share:.1%}" in run("study-results", *files).stdout
-    with raises_message(UsageError):
+    with raises_message(UsageError, "participant"):
         results_of(*read_results([careless]))
 
 

@@ -76,14 +76,14 @@ def test_tempo_by_name(music: str, bpm: float) -> None:
 
 @pytest.mark.parametrize("wrong", [{"songs": 1}, {"songs": 61}, {"clips_per_song": 1}, {"clip_s": 0.5}])
 def test_parameters_out_of_range(tmp_path: Path, wrong: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "synthetic"):
         write_synthetic(tmp_path / "x", **wrong)
     assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize("name", ["mXX1", "nonsense", "gBR_sBM_cAll_d04_song_ch01"])
 def test_name_without_a_music_id(name: str) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "mBR0"):
         synthesise_song(name)
 
 

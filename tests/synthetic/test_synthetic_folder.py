@@ -120,34 +120,34 @@ def test_a_second_call_writes_nothing(corpus: Path) -> None:
 
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "separate"):
         Synthetic().scan(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
 def test_other_parameters_are_an_error_that_shows_them(corpus: Path) -> None:
     before = digests(corpus)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "clips_per_song", where="corpus/synthetic.json"):
         write_synthetic(corpus, songs=3, clips_per_song=2, clip_s=6.0, seed=7)
     assert digests(corpus) == before
 
 
 def test_damaged_marker_is_an_error(tmp_path: Path) -> None:
     (tmp_path / synthetic.MARKER).write_text("{")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "clips_per_song", where="synthetic.json"):
         write_synthetic(tmp_path)
 
 
 def test_source_that_is_a_file(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text("")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "synthetic", where="file"):
         Synthetic().scan(path)
 
 
 def test_source_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with raises_message(SourceError):
+    with raises_message(SourceError, "enough", where="file/below"):
         write_synthetic(tmp_path / "file" / "below")
 
 
@@ -193,7 +193,9 @@ def test_example_covers_the_splits(tmp_path: Path) -> None:
     scan = Synthetic().scan(tmp_path / "example")
     assert {ref.split for ref in scan.clips} == {"train", "val", "test"}
     assert any("example" in note for note in scan.notes)
-    with raises_message(SourceError):
+    with raises_message(SourceError, "clips_per_song", where="example/synthetic.json"):
         Synthetic(seed=1).scan(tmp_path / "example")
-    with raises_message(SourceError):  # it requires the whole corpus
+    with raises_message(
+        SourceError, "clips_per_song", where="example/synthetic.json"
+    ):  # it requires the whole corpus
         write_synthetic(tmp_path / "example")

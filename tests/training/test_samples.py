@@ -160,13 +160,13 @@ def test_pages_replace_pages_alone(path: Path, tmp_path: Path) -> None:
 
 def test_refusals(path: Path, tmp_path: Path) -> None:
     whole = evaluator(path)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "page"):
         SampleLog(whole, tmp_path, wall=0)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "evaluator"):
         SampleLog(Evaluator(whole.protocol, whole.reader), tmp_path)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "pad_clips"):
         SampleLog(whole).update(np.zeros((1, 150, 151)), {"motion": 1})
-    with raises_message(UsageError):
+    with raises_message(UsageError, "validation"):
         SampleLog(whole).finish(1)
 
 
@@ -263,9 +263,9 @@ def test_lightning_needs_something_that_generates(path: Path, tmp_path: Path) ->
         accelerator="cpu", logger=False, enable_checkpointing=False, callbacks=[LightningSamples(log)]
     )
     loader = DataLoader(windows(path), 4)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "lambda"):
         trainer.fit(Mute(), loader, loader)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "every"):
         LightningSamples(log, every=0)
 
 

@@ -104,7 +104,7 @@ def test_music_is_found_by_name_within_a_name_and_by_list(folder: Path, tmp_path
     listed = shown(folder, music=songs / "list.csv").scenes
     assert [item.clip.music for item in listed.items] == ["mBR", "mBR0", "", "", ""]
     assert "no music is named as this clip" in listed.scene(listed.items[2]).notes
-    with raises_message(UsageError):
+    with raises_message(UsageError, "song", where="songs"):
         shown(folder, music=songs)
 
 
@@ -118,11 +118,11 @@ def test_columns_and_batches_of_a_trainer(odd: Path, tmp_path: Path) -> None:
     for item, wanted in zip(scenes.items, rows, strict=True):
         plain = dancedata.decode(wanted, "edge151", fps=FPS)
         np.testing.assert_allclose(scenes.scene(item).figure.joints, plain.joints(), rtol=0, atol=1e-4)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "whether", where="samples.npy"):
         shown(tmp_path, **options)
-    with raises_message(UsageError):
+    with raises_message(UsageError, "STORE"):
         shown(tmp_path, columns="edge151")
-    with raises_message(DataError):
+    with raises_message(DataError, "STORE", where="samples.npy", reason="bad_shape"):
         shown(tmp_path)
 
 
@@ -157,7 +157,7 @@ def test_a_batch_of_groups_is_a_group_each(tmp_path: Path) -> None:
     ids=lambda o: next(iter(o)),
 )
 def test_what_does_not_go_with_files(folder: Path, options: dict[str, Any]) -> None:
-    with raises_message(UsageError):
+    with raises_message(UsageError, "goes|nobody|overlay"):
         shown(folder, **options)
 
 
@@ -166,7 +166,7 @@ def test_nothing_that_moves(tmp_path: Path) -> None:
     (tmp_path / "killed" / f"{PREFIX}unfinished").mkdir(parents=True)
     (tmp_path / "empty").mkdir()
     for path in (tmp_path, tmp_path / "gone", Path(__file__), tmp_path / "killed", tmp_path / "empty"):
-        with raises_message(UsageError):
+        with raises_message(UsageError, "look"):
             shown(path)
 
 
@@ -180,9 +180,9 @@ def test_motions_of_python_are_shown(tmp_path: Path) -> None:
     clicks("wav", song)
     assert set(document(motion.view(music=song).page)["audio"]) == {"0"}
     assert document(view_motions([motion, dance(1)], wall=True).page)["head"]["groups"] == 1
-    with raises_message(UsageError):
+    with raises_message(UsageError, "motion_1"):
         view_motions([motion, motion.joints()])  # type: ignore[list-item]
-    with raises_message(UsageError):
+    with raises_message(UsageError, "already", where="page.html"):
         plot.write_page(motion, tmp_path / "page.html")
 
 
@@ -211,9 +211,9 @@ def test_a_wall_of_the_clips_of_a_song() -> None:
         np.testing.assert_allclose(moved, np.broadcast_to(moved[0, 0], moved.shape), rtol=0, atol=1e-9)
         assert after.floor == pytest.approx(0, abs=1e-9)
     assert wall.wall_of(scenes.items[3]) == item
-    with raises_message(UsageError):
+    with raises_message(UsageError, "stands", where="motions"):
         wall.wall_of(scenes.items[13])
-    with raises_message(UsageError):
+    with raises_message(UsageError, "wall", where="motions"):
         Wall(motion_scenes_of(dance()))
 
 

@@ -175,7 +175,7 @@ def test_a_dataset_without_joints_says_so(tmp_path: Path) -> None:
     assert scene.movement is None
     assert "pose holds neither rotations nor joint positions" in scene.notes[0]
     assert scene_payload(scene)["figure"] is None
-    with raises_message(UsageError):
+    with raises_message(UsageError, "install"):
         dataset.scene(dataset.items[0], "pose")
 
 
