@@ -209,7 +209,9 @@ def write_values(store: Any, file: h5py.File) -> None:
     file["rejects"] = "\n".join(sorted(f"{r['reason']} {r.get('clip')} {r.get('window')}" for r in store.rejects))
     file["quality"] = "\n".join(sorted(json.dumps(q, sort_keys=True) for q in store.quality))
     for name, stats in store.stats["fields"].items():
-        for key in ("mean", "std", "min", "max"):
+        for key in ("mean", "std", "min", "max"):  # codes have none of them
+            if key not in stats:
+                continue
             file[f"stats/{name}/{key}"] = np.array(stats[key], dtype=np.float64)
 
 
