@@ -6,7 +6,7 @@ Every unit of work has to be in CACHE already; `python benchmarks/build.py aistp
 ways alternately, each in a separate process, twice; the second round counts, as the cache is in memory then:
 
 write_store  what a build does: reads cache entries and compares their checksums, checks every value, writes and
-             flushes the shards, hashes them, computes statistics with exact quantiles.
+             flushes the shards, hashes them, computes statistics.
 h5py         reads the same entries (with their checksums), `create_dataset(data=array)` one by one into one file,
              flushed.
 plain        reads the finished shards by pieces of 8 MiB and writes them one after another, each flushed.

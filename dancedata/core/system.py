@@ -23,12 +23,6 @@ def open_file(path: str | Path, flags: int, *, follow: bool = True) -> int:
     return os.open(path, flags | os.O_NONBLOCK | (0 if follow else os.O_NOFOLLOW), 0o666)
 
 
-def map_now(descriptor: int, n_bytes: int, offset: int) -> mmap.mmap:
-    """Map bytes of a file read-only, to be read at once: Linux reads them from the disk in this call."""
-    flags = mmap.MAP_PRIVATE | getattr(mmap, "MAP_POPULATE", 0)
-    return mmap.mmap(descriptor, n_bytes, flags=flags, prot=mmap.PROT_READ, offset=offset)
-
-
 def read_ahead(memory: mmap.mmap, position: int, n_bytes: int) -> None:
     """Ask the system to read bytes of a mapped file from the disk; returns at once."""
     page = position - position % mmap.PAGESIZE

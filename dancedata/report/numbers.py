@@ -12,7 +12,6 @@ import numpy as np
 from dancedata.report.document import (
     About,
     ClipRow,
-    ColumnRange,
     Contents,
     Counts,
     Document,
@@ -34,6 +33,7 @@ from dancedata.report.document import (
 from dancedata.report.groups import groups_of
 from dancedata.report.measure import PROMINENT, SLIDE_M_S, STILL_M_S, Measured
 from dancedata.report.outliers import outliers
+from dancedata.report.ranges import column_ranges
 from dancedata.report.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.report.scaling import scaled_groups
 from dancedata.report.space import Space, poses_of
@@ -290,7 +290,7 @@ def _shared(store: Store, key: Callable[[ClipView], str], alike: Sequence[AlikeS
 def _field(store: Store, name: str) -> FieldNumbers:
     """Return a field with the numbers of stats.json, over the rows that train windows cover."""
     field, stats = store.field(name), store.stats["fields"].get(name)
-    columns = () if stats is None or field.codebook is not None else _ranges(field.columns.labels, stats)
+    columns = column_ranges(store, name)
     return FieldNumbers(
         kind=field.kind,
         width=field.columns.width,
@@ -303,12 +303,6 @@ def _field(store: Store, name: str) -> FieldNumbers:
         columns=columns,
         scaling=scaled_groups(store, name),
     )
-
-
-def _ranges(labels: Sequence[str], stats: Mapping[str, Any]) -> tuple[ColumnRange, ...]:
-    quantiles = (stats["quantiles"][q] for q in ("0.05", "0.25", "0.5", "0.75", "0.95"))
-    rows = zip(labels, stats["min"], *quantiles, stats["max"], stats["mean"], strict=True)
-    return tuple(ColumnRange(label, *map(float, numbers)) for label, *numbers in rows)
 
 
 def _left_out(rejects: Sequence[Mapping[str, Any]]) -> dict[str, LeftOut]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
-from dancedata.store.schema import Field, StoreHeader, check_name, shard_name, slice_name, sort_splits
+from dancedata.store.schema import StoreHeader, check_name, shard_name, slice_name, sort_splits
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip, check_clip
 from dancedata.store.window_list import IntArray, window_order
 
@@ -102,11 +102,6 @@ class ShardPlan:
                 found=f"{stored_block[1].shape} and {block.array.shape}",
             )
         return stored_block[0]
-
-    def first_rows(self, f: Field, clip: int) -> IntArray:
-        """Return the row of a field, counted in the clip, at which each window of a clip begins."""
-        starts = np.asarray(self.clips[clip].starts, dtype=np.int64)
-        return self.header.grid.rows_of_all(starts, of=f.grid)[0]
 
     def window_table(self) -> WindowTable:
         """Return the windows of the shard, in the store's order."""

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +20,16 @@ from dancedata.store.schema import FORMAT, Field
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import LazyArray
 
-BoolArray = npt.NDArray[np.bool_]
-#: Per field of motion in window scope: which columns have the same value in all windows that cover a frame; (D,).
-SameColumns = Mapping[str, BoolArray]
 #: Values converted and checked at a time.
 _CHUNK_VALUES = 1 << 18
 
 
 @contextmanager
-def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> Iterator[SameColumns]:
+def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> Iterator[None]:
     """Write the shard that `plan` describes, and put it at ``out / plan.file`` at the end of the context.
 
     Leaving the context flushes it to the disk and renames it, which another thread may do. On any exception nothing
-    of the shard is left. `progress` is called after each clip; the context's value is empty in track scope.
+    of the shard is left. `progress` is called after each clip.
     StoreError for values that are not finite or do not fit the field's dtype, naming clip and field. OSError if the
     disk is full or cannot be written.
     """
@@ -48,8 +44,8 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
         with open(temporary, "wb") as target:
             layout.copy_to(target)
             target.flush()
-            same = _write_fields(target.fileno(), plan, offsets, progress)
-        yield same
+            _write_fields(target.fileno(), plan, offsets, progress)
+        yield
 
 
 def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
@@ -70,12 +66,8 @@ class _Piece:
     where: str
 
 
-def _write_fields(
-    file: int, plan: ShardPlan, offsets: Mapping[str, int], progress: Callable[[], None]
-) -> dict[str, BoolArray]:
-    """Write all rows to their places, clip by clip; returns what `same_columns` finds in all clips."""
-    windowed = [f for f in plan.header.fields if f.per_clip and plan.header.scope == "window"]
-    same = {f.name: np.ones(f.columns.width, dtype=np.bool_) for f in windowed}
+def _write_fields(file: int, plan: ShardPlan, offsets: Mapping[str, int], progress: Callable[[], None]) -> None:
+    """Write all rows to their places, clip by clip."""
     done = 0
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="loading") as loading:
         for piece, array in _loaded_ahead(loading, _pieces(plan)):
@@ -86,13 +78,10 @@ def _write_fields(
             for rows in _checked_rows(array, piece):
                 _write_at(file, rows.data.cast("B"), offset)
                 offset += rows.nbytes
-            if piece.field.name in same:
-                same[piece.field.name] &= same_columns(array, plan.first_rows(piece.field, piece.clip))
             del array
     while done < len(plan.clips):
         done += 1
         progress()
-    return same
 
 
 def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
@@ -108,17 +97,6 @@ def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
                 if block.key not in written[f.name]:
                     written[f.name].add(block.key)
                     yield _Piece(number, f, plan.blocks[f.name][block.key][0], block.array, where)
-
-
-def same_columns(windows: npt.NDArray[Any], starts: npt.NDArray[np.int64]) -> BoolArray:
-    """Return which columns (D,) of windows (W, L, D), by start, are equal where consecutive windows overlap."""
-    length = windows.shape[1]
-    same = np.ones(windows.shape[2], dtype=np.bool_)
-    for (window, start), (next_window, later) in pairwise(zip(windows, starts.tolist(), strict=True)):
-        step = later - start
-        if step < length:
-            same &= (window[step:] == next_window[: length - step]).all(axis=0)
-    return same
 
 
 def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, npt.NDArray[Any]]]:

@@ -1,113 +1,162 @@
-"""stats.json: statistics of the rows of train windows, per field and column, in bounded memory."""
+"""stats.json: statistics of the rows that train windows cover, per field and column, in one pass over the shards."""
 
-import itertools
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
-from dataclasses import replace
-from itertools import pairwise
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.codebook import Codebook
-from dancedata.core.system import n_cores
-from dancedata.store.column_stats import (
-    QUANTILES,
-    ColumnStats,
-    CountedRows,
-    Counts,
-    Float32Array,
-    Workspace,
-    column_stats,
-)
 from dancedata.store.normalize import MinMax
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan
-from dancedata.store.shard_writer import SameColumns
+from dancedata.store.window_list import IntArray
 
-#: Memory and the disk are shared: more threads do not write faster.
-_MOST_THREADS = 4
-#: Values (float32) of a block of columns in memory; a field with more rows is read in several passes.
-_BLOCK_VALUES = 1 << 24
 #: Most codes whose counts stats.json lists.
 _MOST_COUNTS = 65_536
-#: Handing columns of smaller blocks to threads takes longer than their statistics.
-_THREADED_VALUES = 1 << 18
+#: Rows of a clip that are read at a time.
+_ROWS = 1 << 12
 
 
-def n_threads() -> int:
-    """Return the number of threads for work that runs outside the interpreter's lock: one per core, at most 4."""
-    return min(_MOST_THREADS, n_cores())
+class Block(NamedTuple):
+    """Rows of a clip, or of a timeline that clips share: number of their shard, first row, how often each counts."""
+
+    shard: int
+    first: int
+    counts: IntArray
 
 
-def compute_stats(
-    out: Path,
-    header: StoreHeader,
-    plans: Sequence[ShardPlan],
-    same: Sequence[SameColumns] = (),
-    *,
-    block_values: int = _BLOCK_VALUES,
-) -> dict[str, Any]:
-    """Compute statistics over every row that a train window covers.
+#: Rows of a clip or timeline in a shard: its key, first row, number of rows.
+KeyedRows = tuple[Hashable, int, int]
+
+
+def covered(shards: Iterable[tuple[IntArray, int, Iterable[KeyedRows]]], length: int, *, once: bool) -> list[Block]:
+    """Count how many windows cover each row of a field.
+
+    Parameters
+    ----------
+    shards
+        First rows of the windows of a shard, (W,), its number of rows, and its clips or timelines. Those of one key
+        have equal rows in all shards, and are counted in the first.
+    length
+        Rows of a window.
+    once
+        Whether a row counts once, however many windows cover it.
+
+    Returns
+    -------
+    list of Block
+        One for each key, in order of appearance: the same for any sizes of shards.
+    """
+    found: dict[Hashable, Block] = {}
+    for number, (starts, n_rows, keyed) in enumerate(shards):
+        begun, ended = (np.bincount(rows, minlength=n_rows + 1) for rows in (starts, starts + length))
+        counts = np.cumsum(begun - ended)
+        for key, first, n in keyed:
+            block = found.setdefault(key, Block(number, first, np.zeros(n, dtype=np.int64)))
+            np.add(block.counts, counts[first : first + n], out=block.counts)
+    return [block._replace(counts=np.minimum(block.counts, 1)) if once else block for block in found.values()]
+
+
+def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, Any]:
+    """Compute statistics over every row that a train window covers, of shards that were written.
 
     In track scope each row counts once, even if several windows cover it or several shards hold its timeline.
     In window scope every window has its own rows, so n is windows x rows, as in EDGE.
 
-    Parameters
-    ----------
-    same
-        Equal columns by shard: rows that windows have in common are then read once. Changes no number.
-    block_values
-        Values held in memory at a time.
-
     Returns
     -------
     dict
-        stats.json: per field n and, per column, mean, std (ddof 0), min, max, quantiles (linear interpolation) and
-        EDGE's min-max scaler; of codes n, min, max and counts alone. Without train windows: no fields, and a note; an
-        optional field that no train clip has is left out.
+        stats.json: per field n and, per column, mean, std (ddof 0), min, max and EDGE's min-max scaler; of codes n,
+        min, max and counts alone. Without train windows: no fields, and a note; an optional field that no train clip
+        has is left out.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
-    result: dict[str, Any] = {
-        "format": 1,
-        "split": "train",
-        "windows": sum(len(c.starts) for p in train for c in p.clips),
-        "fields": {},
-    }
+    n_windows = sum(len(c.starts) for p in train for c in p.clips)
+    result: dict[str, Any] = {"format": 1, "split": "train", "windows": n_windows, "fields": {}}
     if not train:
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
-        return result
-    shards = [overlap for overlap, plan in zip(same, plans, strict=False) if any(plan is p for p in train)]
-    for f in header.fields:
-        stats: list[ColumnStats] = []
-        sources = _covered(out, header, f, train)
-        if f.optional and not any(len(source.weights) for source in sources):
-            continue
-        if f.codebook is not None:
-            result["fields"][f.name] = _code_summary(sources, f.codebook)
-            continue
-        for columns, once in _groups(f, shards):
-            stats += _column_stats(_each_once(sources, train, f) if once else sources, columns, block_values)
-        result["fields"][f.name] = _summary(sum(int(source.counts.sum()) for source in sources), stats)
+    for f in header.fields if train else ():
+        length = header.grid.rows(header.length, of=f.grid)
+        blocks = covered((_windows_and_rows(plan, f) for plan in train), length, once=header.scope == "track")
+        if not f.optional or any(block.counts.any() for block in blocks):
+            rows = _rows(out, train, blocks, f)
+            result["fields"][f.name] = (
+                _column_stats(rows, f.columns.width) if f.codebook is None else _code_stats(rows, f.codebook)
+            )
     return result
 
 
-def _code_summary(sources: Sequence[CountedRows], codebook: Codebook) -> dict[str, Any]:
+def _windows_and_rows(plan: ShardPlan, f: Field) -> tuple[IntArray, int, list[KeyedRows]]:
+    windows, n_rows = plan.window_table(), plan.rows[f.name]
+    starts = windows.rows[f.name]
+    if not f.per_clip:
+        return starts, n_rows, [(key, first, array.shape[0]) for key, (first, array) in plan.blocks[f.name].items()]
+    spans = plan.motion[f.name]
+    has_rows = np.array([span.length > 0 for span in spans])
+    keyed: list[KeyedRows] = [
+        (clip.id, span.start, span.length) for clip, span in zip(plan.clips, spans, strict=True)
+    ]
+    return starts[has_rows[windows.clip]], n_rows, keyed
+
+
+def _rows(out: Path, train: Sequence[ShardPlan], blocks: Sequence[Block], f: Field) -> Iterator[npt.NDArray[Any]]:
+    """Yield rows (n, D), n > 0, each as often as it counts: those of a clip alone, at most _ROWS stored ones."""
+    for shard, of_shard in groupby(blocks, key=lambda block: block.shard):
+        with open(out / train[shard].file, "rb") as file:
+            for block in of_shard:
+                file.seek(train[shard].first_bytes[f.name] + block.first * f.row_bytes)
+                for begin in range(0, len(block.counts), _ROWS):
+                    counts = block.counts[begin : begin + _ROWS]
+                    rows = np.fromfile(file, f.disk_dtype, len(counts) * f.columns.width).reshape(len(counts), -1)
+                    if counts.any():
+                        yield rows if (counts == 1).all() else np.repeat(rows, counts, axis=0)
+
+
+def _column_stats(blocks: Iterable[npt.NDArray[Any]], width: int) -> dict[str, Any]:
+    """Return the numbers of each column.
+
+    Means and squared deviations of blocks are merged as in Chan, Golub, LeVeque, "Algorithms for Computing the Sample
+    Variance" (The American Statistician 37, 1983), in float64 and without BLAS, whose sums depend on the processor.
+    """
+    n, mean, squares = 0, np.zeros(width), np.zeros(width)
+    low, high = np.full(width, np.inf), np.full(width, -np.inf)
+    for rows in blocks:
+        low, high = np.minimum(low, rows.min(axis=0)), np.maximum(high, rows.max(axis=0))
+        values, total = rows.astype(np.float64), n + len(rows)
+        mean_here = values.sum(axis=0) / len(rows)
+        values -= mean_here
+        apart = mean_here - mean
+        squares += np.square(values, out=values).sum(axis=0) + np.square(apart) * (n * len(rows) / total)
+        mean += apart * (len(rows) / total)
+        n = total
+    low, high = low + 0.0, high + 0.0  # -0.0 and 0.0 are equal, and either may be found
+    constant = low == high
+    scaler = MinMax(low.astype(np.float32), high.astype(np.float32))
+    names = ("data_min", "data_max", "data_range", "scale", "offset")
+    return {
+        "n": n,
+        "mean": np.where(constant, low, mean).tolist(),
+        "std": np.where(constant, 0.0, np.sqrt(squares / n)).tolist(),
+        "min": low.tolist(),
+        "max": high.tolist(),
+        "scaler": {name: getattr(scaler, name).tolist() for name in names},
+    }
+
+
+def _code_stats(blocks: Iterable[npt.NDArray[Any]], codebook: Codebook) -> dict[str, Any]:
     """Return the counts of the codes of each column; rows without a code do not count to min and max.
 
-    In window scope a row counts as often as windows have it. Above 65,536 codes their counts are left out.
+    Above 65,536 codes their counts are left out.
     """
-    n = sum(int(source.counts.sum()) for source in sources)
-    counts = [np.zeros(size, dtype=np.int64) for size in codebook.sizes]
-    for source in sources:
-        for rows, weights in source.rows():
-            for level, size in enumerate(codebook.sizes):
-                column = rows[:, level].astype(np.int64)
-                coded = column != codebook.pad
-                counts[level] += np.bincount(column[coded], weights[coded], minlength=size).astype(np.int64)
+    n, counts = 0, [np.zeros(size, dtype=np.int64) for size in codebook.sizes]
+    for rows in blocks:
+        n += len(rows)
+        for level, size in enumerate(codebook.sizes):
+            codes = rows[rows[:, level] != codebook.pad, level]
+            counts[level] += np.bincount(codes, minlength=size)
     used = [np.flatnonzero(level) for level in counts]
     summary: dict[str, Any] = {
         "n": n,
@@ -115,115 +164,3 @@ def _code_summary(sources: Sequence[CountedRows], codebook: Codebook) -> dict[st
         "max": [int(codes[-1]) if len(codes) else codebook.pad for codes in used],
     }
     return summary | ({"counts": [c.tolist() for c in counts]} if sum(codebook.sizes) <= _MOST_COUNTS else {})
-
-
-def _groups(f: Field, same: Sequence[SameColumns]) -> Iterator[tuple[slice, bool]]:
-    """Split the columns of a field into those whose rows the windows of all shards have in common, and others."""
-    flags = np.zeros(f.columns.width, dtype=np.bool_)
-    if all(f.name in shard for shard in same) and same:
-        flags = np.logical_and.reduce([shard[f.name] for shard in same])
-    edges = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), len(flags)]
-    for begin, end in pairwise(edges):
-        yield slice(begin, end), bool(flags[begin])
-
-
-def _each_once(sources: Sequence[CountedRows], train: Sequence[ShardPlan], f: Field) -> list[CountedRows]:
-    """Return the same rows, where windows have them in common: each once, with the number of its windows."""
-    counted = []
-    for source, plan in zip(sources, train, strict=True):
-        length = plan.header.grid.rows(plan.header.length, of=f.grid)
-        starts = [plan.first_rows(f, number) for number in range(len(plan.clips))]
-        once_by_starts = {begins.tobytes(): rows_once(begins, length).reshape(-1) for begins in starts}
-        counted.append(
-            replace(source, counts=np.concatenate([once_by_starts[begins.tobytes()] for begins in starts]))
-        )
-    return counted
-
-
-def rows_once(starts: npt.NDArray[np.int64], length: int) -> Counts:
-    """Count the windows that cover each row, (W, L) int32, at the first window that does; 0 at the others.
-
-    `starts` (W,) are the rows at which the windows of a clip begin, ascending; `length` is the number of rows L.
-    """
-    numbers = np.arange(len(starts))[:, None]
-    rows = starts[:, None] + np.arange(length)
-    first_new = np.r_[starts[:1], starts[:-1] + length][:, None]
-    counts = np.where(rows >= first_new, np.searchsorted(starts, rows, "right") - numbers, 0)
-    return counts.astype(np.int32)
-
-
-def _covered(out: Path, header: StoreHeader, f: Field, train: Sequence[ShardPlan]) -> list[CountedRows]:
-    """Return the rows of the train shards and their counts; a timeline of several shards counts in the first."""
-    length = header.grid.rows(header.length, of=f.grid)
-    first_shard: dict[str, tuple[Counts, int]] = {}
-    counted: list[Counts] = []
-    for plan in train:
-        windows = plan.window_table()
-        starts = windows.rows[f.name]
-        if f.optional:
-            starts = starts[np.array([span.length > 0 for span in plan.motion[f.name]])[windows.clip]]
-        edges = np.zeros(plan.rows[f.name] + 1, dtype=np.int64)
-        np.add.at(edges, starts, 1)
-        np.add.at(edges, starts + length, -1)
-        counts = np.cumsum(edges[:-1], dtype=np.int32)
-        if header.scope == "track":
-            counts = np.minimum(counts, 1)
-            if f.kind == "audio":
-                _count_in_first_shard(plan, f.name, counts, first_shard)
-        counted.append(counts)
-    return [CountedRows.of(out / plan.file, f.path, counts) for plan, counts in zip(train, counted, strict=True)]
-
-
-def _count_in_first_shard(
-    plan: ShardPlan, name: str, counts: Counts, first_shard: dict[str, tuple[Counts, int]]
-) -> None:
-    for key, (start, array) in plan.blocks[name].items():
-        n = array.shape[0]
-        n_rows = counts[start : start + n]
-        if key not in first_shard:
-            first_shard[key] = (counts, start)
-            continue
-        home, home_start = first_shard[key]
-        np.maximum(home[home_start : home_start + n], n_rows, out=home[home_start : home_start + n])
-        n_rows[:] = 0
-
-
-def _column_stats(sources: Sequence[CountedRows], columns: slice, block_values: int) -> list[ColumnStats]:
-    """Read some columns of a field, as many at a time as fit into a block, and return the statistics of each."""
-    each = [source.weights for source in sources]
-    weights = np.concatenate(each)
-    of_rows = None if (weights == 1).all() else weights
-    firsts = [0, *itertools.accumulate(map(len, each))]
-    step = max(1, block_values // len(weights))
-    block = np.empty((min(step, columns.stop - columns.start), len(weights)), dtype=np.float32)
-    threaded = block.size >= _THREADED_VALUES
-    spaces = [Workspace(of_rows) for _ in range(min(n_threads(), len(block)) if threaded else 1)]
-
-    def of_column(column: Float32Array) -> ColumnStats:
-        space = spaces.pop()
-        try:
-            return column_stats(column, space)
-        finally:
-            spaces.append(space)
-
-    stats: list[ColumnStats] = []
-    with ExitStack() as stack:
-        threads = ThreadPoolExecutor(len(spaces), thread_name_prefix="statistics") if threaded else None
-        each_of = map if threads is None else stack.enter_context(threads).map
-        for begin in range(columns.start, columns.stop, step):
-            block_columns = slice(begin, min(begin + step, columns.stop))
-            parts = [
-                block[: block_columns.stop - block_columns.start, first:last] for first, last in pairwise(firsts)
-            ]
-            list(each_of(CountedRows.read_into, sources, itertools.repeat(block_columns), parts))
-            stats += each_of(of_column, block[: block_columns.stop - block_columns.start])
-    return stats
-
-
-def _summary(n: int, stats: Sequence[ColumnStats]) -> dict[str, Any]:
-    summary = {name: [getattr(column, name) for column in stats] for name in ("mean", "std", "min", "max")}
-    quantiles = {str(q): [column.quantiles[k] for column in stats] for k, q in enumerate(QUANTILES)}
-    scaler = MinMax(*(np.asarray(summary[k], dtype=np.float32) for k in ("min", "max")))
-    names = ("data_min", "data_max", "data_range", "scale", "offset")
-    scaler_values = {name: getattr(scaler, name).tolist() for name in names}
-    return {"n": n, **summary, "quantiles": quantiles, "scaler": scaler_values}

@@ -28,7 +28,7 @@ from dancedata.store.schema import (
 )
 from dancedata.store.segments import layer_json, quality_segments
 from dancedata.store.shard_plan import ShardPlan, plan_shards
-from dancedata.store.shard_writer import SameColumns, written_shard
+from dancedata.store.shard_writer import written_shard
 from dancedata.store.songs import songs_of
 from dancedata.store.stats import compute_stats
 from dancedata.store.stored_clip import StoredClip
@@ -93,16 +93,15 @@ def write_store(
             # waits for either.
             published: list[Future[None]] = []
             entries: list[Future[tuple[dict[str, Any], bytes]]] = []
-            same: list[SameColumns] = []
             for plan in plans:
                 with ExitStack() as shard:
-                    same.append(shard.enter_context(written_shard(out, plan, advance)))
+                    shard.enter_context(written_shard(out, plan, advance))
                     if entries:
                         entries[-1].result()
                     published.append(publishing.submit(shard.pop_all().close))
                 entries.append(hashing.submit(_describe_shard, out, plan, published[-1]))
             published[-1].result()
-            stats = compute_stats(out, header, plans, same)
+            stats = compute_stats(out, header, plans)
             document["shards"] = [entry.result()[0] for entry in entries]
         document |= _write_tables(out, tables, plans)
         leaves = b"".join(entry.result()[1] for entry in entries)

@@ -1,0 +1,80 @@
+"""Ranges of columns over the rows that train windows cover: the bounds and means of stats.json, and quantiles."""
+
+from collections.abc import Iterator, Sequence
+from hashlib import sha256
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.report.document import ColumnRange
+from dancedata.store import Store
+from dancedata.store.schema import Field
+from dancedata.store.shard_reader import ShardReader
+from dancedata.store.stats import Block, KeyedRows, covered
+from dancedata.store.window_list import IntArray
+
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: Values in memory at a time, and rows that are read at a time.
+_VALUES, _ROWS = 1 << 24, 1 << 14
+
+
+def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
+    """Return the range of each column of a field; quantiles by linear interpolation.
+
+    Empty for codes, and if no train window has rows of the field.
+    """
+    f, stats = store.field(name), store.stats["fields"].get(name)
+    if stats is None or f.codebook is not None:
+        return ()
+    length = store.grid.rows(store.meta["windows"]["length"], of=f.grid)
+    blocks = covered(_windows_and_rows(store, f), length, once=store.scope == "track")
+    step = max(1, _VALUES // stats["n"])
+    quantiles = [
+        np.quantile(_columns(store, f, blocks, slice(left, left + step)), _QUANTILES, axis=0, overwrite_input=True)
+        for left in range(0, f.columns.width, step)
+    ]
+    rows = zip(
+        f.columns.labels, stats["min"], *np.concatenate(quantiles, axis=1).tolist(), stats["max"], stats["mean"],
+        strict=True,
+    )  # fmt: skip
+    return tuple(ColumnRange(label, *map(float, numbers)) for label, *numbers in rows)
+
+
+def _windows_and_rows(store: Store, f: Field) -> Iterator[tuple[IntArray, int, list[KeyedRows]]]:
+    """Yield per train shard what `covered` takes: timelines that several shards have are known by their rows."""
+    tables, readers = store.tables("train"), store.shards("train")
+    clips = tables.window_clip[tables.having(f)[tables.window_clip]]
+    starts = tables.rows_of(f, store.grid)[tables.having(f)[tables.window_clip]]
+    spans = tables.spans.get(f.name)
+    timelines = None if spans is None or spans.offset is None else spans.first - spans.offset
+    of_shard, clip_shard = tables.shard_of(clips), tables.shard_of(np.arange(tables.n_clips))
+    for number, reader in enumerate(readers):
+        n_rows = reader.layout(f.name).n_rows
+        keyed: list[KeyedRows] = [(number, 0, n_rows)]
+        if timelines is not None:
+            begins = np.unique(timelines[clip_shard == number]).tolist()
+            keyed = [
+                (sha256(_read(reader, f, first, end).tobytes()).digest(), first, end - first)
+                for first, end in pairwise([*begins, n_rows])
+            ]
+        yield starts[of_shard == number], n_rows, keyed
+
+
+def _columns(store: Store, f: Field, blocks: Sequence[Block], columns: slice) -> npt.NDArray[np.float64]:
+    """Read some columns of the rows that count, each as often as it does."""
+    readers, parts = store.shards("train"), []
+    for shard, first, counts in blocks:
+        for begin in range(0, len(counts), _ROWS):
+            times = counts[begin : begin + _ROWS]
+            if times.any():
+                rows = _read(readers[shard], f, first + begin, first + begin + len(times))
+                parts.append(np.repeat(rows[:, columns], times, axis=0))
+    return np.concatenate(parts) + np.float64(0)  # turns -0.0 into 0.0
+
+
+def _read(reader: ShardReader, f: Field, first: int, end: int) -> npt.NDArray[Any]:
+    rows = np.empty((end - first, f.columns.width), dtype=f.disk_dtype)
+    reader.read_rows(f.name, first, rows)
+    return rows
