@@ -21,7 +21,7 @@ from dancedata.core.text import listed, quoted, shown
 from dancedata.core.typing import override
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.safe_pickle import BOMB_BYTES, BOMB_RATIO, MAX_PICKLE_BYTES, as_array, load_pickle
-from dancedata.formats.torch_file import TORCH_HEAD, load_torch
+from dancedata.formats.torch_file import TORCH_HEADS, load_torch
 
 #: Kinds of dtypes that are read as numbers; truth values as 0 and 1.
 NUMBERS = "fiub"
@@ -376,7 +376,7 @@ def load_object(path: Path) -> object:
 def _is_torch(path: Path) -> bool:
     try:
         with open_regular(path) as file:
-            return file.read(len(TORCH_HEAD)) == TORCH_HEAD
+            return file.read(20).startswith(TORCH_HEADS)
     except OSError:
         return False  # load_pickle gives the error
 

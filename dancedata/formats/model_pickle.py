@@ -8,9 +8,16 @@ import numpy as np
 from dancedata.core.errors import DataError
 from dancedata.core.text import shown
 from dancedata.formats.arrays import ValueArrays
-from dancedata.formats.checked_unpickler import ClassName, StandIn, make
-from dancedata.formats.numpy_pickle import is_shape
-from dancedata.formats.safe_pickle import ARRAY_NAMES, Names, as_array, load_pickle
+from dancedata.formats.safe_pickle import (
+    ARRAY_NAMES,
+    ClassName,
+    Names,
+    StandIn,
+    as_array,
+    is_shape,
+    load_pickle,
+    make,
+)
 
 _CH, _SELECT, _CSC, _CSR = "chumpy.ch.Ch", "chumpy.reordering.Select", "csc_matrix", "csr_matrix"
 #: Elements of a dense matrix; SMPL-X's regressor has 55 x 10,475.

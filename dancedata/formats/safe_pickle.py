@@ -1,78 +1,338 @@
-"""Reads untrusted pickles without executing them: numpy arrays and plain containers only.
+"""Reads pickles of numpy arrays and plain containers (pickle, joblib.dump) without running anything.
 
-A pickle is a program, and its result can be far larger, deeper or slower to traverse than its bytes suggest. All
-opcodes that build anything are therefore replaced by checked ones (`checked_unpickler`): keys are texts and small
-integers, objects of allowed classes are stand-ins without behaviour, containers are nested at most MAX_DEPTH deep,
-and calls build (arrays, bytes, sets) not much more than the file's size. A list can still occur so many times that
-expanding it fills any memory: `as_array` accepts no nested lists, and `core.text.shown` does not expand them.
+Every name in a pickle must be on a list; numpy's own functions are not on it. numpy does not validate the state of an
+array or a dtype (a wrong flag would turn bytes of the file into pointers), so states are checked before it sees them.
+joblib.dump writes the description of an array in the pickle, and its values as raw bytes after the opcodes.
+
+Keys are values whose hashes cannot be made equal or slow; what calls build, and how many containers there are, is
+bounded by the file's size. A list can still occur so often that expanding it fills any memory, and hold itself:
+`as_array` accepts no nested lists, and `core.text.shown` does not expand them.
 """
 
 import bz2
 import io
 import lzma
+import math
 import pickle
-import struct
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping, Sized
+from collections.abc import Callable, Mapping, Sequence, Sized
+from copy import copy
 from pathlib import Path
-from types import FunctionType
-from typing import Any, ClassVar, Protocol
+from types import NoneType
+from typing import Any, ClassVar
 
 import numpy as np
 
 from dancedata.core.errors import DataError
 from dancedata.core.text import shown
 from dancedata.files.regular_file import read_regular
-from dancedata.formats.checked_unpickler import (
-    CheckedUnpickler,
-    ClassName,
-    StandIn,
-    UnsafePickleError,
-    default_dict,
-    invalid,
-    new_object,
-    set_state,
-)
-from dancedata.formats.numpy_pickle import (
-    ALLOWED,
-    INVALID_ARRAY,
-    WRAPPER,
-    NamesOfJoblib,
-    NdarrayName,
-    is_array_state,
-    is_dtype_state,
-    read_array,
-    reconstruct,
-)
 
+MAX_PICKLE_BYTES = 1 << 29
 #: Something above this size with a higher compression ratio than this is not a motion.
-BOMB_BYTES = 1 << 26
-BOMB_RATIO = 100
+BOMB_BYTES, BOMB_RATIO = 1 << 26, 100
 #: Memory of lzma's dictionary; its highest preset needs 64 MiB.
 _LZMA_BYTES = 80 << 20
-
-
-class _Decompressor(Protocol):
-    @property
-    def eof(self) -> bool: ...
-
-    def decompress(self, data: bytes, max_length: int, /) -> bytes: ...
-
-
-def _lzma(kind: int) -> Callable[[], Any]:
-    return lambda: lzma.LZMADecompressor(kind, memlimit=_LZMA_BYTES)
-
-
-#: First bytes -> what unpacks; no pickle begins so.
-_KINDS: dict[bytes, Callable[[], _Decompressor]] = {
+#: Containers of one file: each takes a byte of it and up to 216 of memory. An array of joblib takes about 250 bytes
+#: of the file and 8 of them.
+_CONTAINERS, _BYTES_PER_CONTAINER = 100_000, 24
+_UNPACKERS: Mapping[bytes, Callable[[], Any]] = {
     b"\x78": zlib.decompressobj,
     b"\x1f\x8b": lambda: zlib.decompressobj(wbits=31),
     b"BZh": bz2.BZ2Decompressor,
-    b"\xfd7zXZ\x00": _lzma(lzma.FORMAT_XZ),
-    b"\x5d\x00": _lzma(lzma.FORMAT_ALONE),
+    b"\xfd7zXZ\x00": lambda: lzma.LZMADecompressor(lzma.FORMAT_XZ, _LZMA_BYTES),
+    b"\x5d\x00": lambda: lzma.LZMADecompressor(lzma.FORMAT_ALONE, _LZMA_BYTES),
 }
-_LZ4 = b"\x04\x22\x4d\x18"
+Names = Mapping[tuple[str, str], Any]
+
+
+class UnsafePickleError(pickle.UnpicklingError):
+    """A pickle names something that is not on the list."""
+
+
+def invalid(problem: str) -> pickle.UnpicklingError:
+    """Return the error for content that numpy and joblib never write."""
+    return pickle.UnpicklingError(problem)
+
+
+class ClassName:
+    """The name of a class in a pickle, which may be an argument; if `makes`, objects of it may be made."""
+
+    def __init__(self, name: str, makes: bool = False) -> None:
+        self.name, self.makes = name, makes
+
+
+class StandIn:
+    """Stands for an object: the name of its class, and its attributes as the pickle sets them, once."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.state: dict[str, Any] | None = None
+
+
+def make(kind: object, *_: object) -> StandIn:
+    """Make the stand-in of an object; as copyreg._reconstructor does, which old protocols use."""
+    if not isinstance(kind, ClassName) or not kind.makes:
+        raise UnsafePickleError(f"an object of {kind.name if isinstance(kind, ClassName) else type(kind).__name__}")
+    return StandIn(kind.name)
+
+
+_NDARRAY, _WRAPPER = ClassName("numpy.ndarray"), "joblib.numpy_pickle.NumpyArrayWrapper"
+
+
+def is_shape(shape: object) -> bool:
+    """Return whether it can be an array's shape."""
+    return type(shape) is tuple and len(shape) <= 32 and all(type(n) is int and 0 <= n < 1 << 29 for n in shape)
+
+
+def _keys(keys: Sequence[Any]) -> list[Any]:
+    """Return keys and members of sets, numpy's scalars as Python's; hashes of others can be equal, or take long."""
+    plain = [key.item() if isinstance(key, np.generic) else key for key in keys]
+    for key in plain:
+        if type(key) not in (str, bytes, float, bool, NoneType) and not (type(key) is int and abs(key) < 1 << 63):
+            raise invalid(f"a key that is neither text nor a number of 64 bits: {shown(key)}")
+    return plain
+
+
+def _pairs(items: Sequence[Any]) -> dict[Any, Any]:
+    return dict(zip(_keys(items[::2]), items[1::2], strict=True))
+
+
+def _require(good: bool) -> None:
+    if not good:
+        raise invalid("an array is built in a way that numpy never writes")
+
+
+def _reconstruct(kind: object, shape: object, code: object) -> np.ndarray[Any, Any]:
+    _require(kind is _NDARRAY and type(shape) is tuple and shape == (0,))
+    return np.empty((0,), dtype=np.int8)
+
+
+def _is_empty(array: np.ndarray[Any, Any]) -> bool:
+    """Return whether its state may yet be set, as `_reconstruct` leaves it."""
+    return bool(array.shape == (0,) and array.dtype == np.int8)
+
+
+def _dtype(code: object, *_: object) -> np.dtype[Any]:
+    # Not structured ones, which numpy takes seconds to parse. A copy, because its byte order is set later.
+    _require(type(code) is str and len(code) <= 20)
+    dtype = np.dtype(code, copy=True)  # type: ignore[call-overload]
+    _require(dtype.kind in "biufcSUO")
+    return dtype  # type: ignore[no-any-return]
+
+
+def _frombuffer(buffer: Any, dtype: Any, shape: Any, order: Any, axes: Any = None) -> np.ndarray[Any, Any]:
+    _require(type(buffer) in (bytes, bytearray) and isinstance(dtype, np.dtype) and is_shape(shape))
+    _require(type(order) is str and (order in ("C", "F") or (order == "K" and is_shape(axes))))
+    array = np.frombuffer(buffer, dtype=dtype)
+    return array.reshape(shape).transpose(axes) if order == "K" else array.reshape(shape, order=order)
+
+
+def _scalar(dtype: Any, data: Any) -> Any:
+    _require(isinstance(dtype, np.dtype) and not dtype.hasobject and type(data) in (bytes, str))
+    if not dtype.itemsize:  # an empty text
+        return dtype.type()
+    return np.frombuffer(data.encode("latin1") if type(data) is str else data, dtype=dtype, count=1)[0]
+
+
+def _encode(text: Any, encoding: object = "latin1") -> bytes:
+    # Protocol 2 writes bytes so.
+    _require(type(text) is str and type(encoding) is str and encoding in ("latin1", "latin-1"))
+    return bytes(text, "latin1")
+
+
+#: Names that files of arrays use. No class of Python's: bytes(n) would allocate any amount of memory.
+ARRAY_NAMES: Names = {
+    ("numpy", "ndarray"): _NDARRAY,
+    ("numpy", "memmap"): _NDARRAY,
+    ("numpy", "dtype"): _dtype,
+    ("_codecs", "encode"): _encode,
+    ("collections", "OrderedDict"): lambda pairs=(): OrderedDict(
+        _pairs([part for key, value in pairs for part in (key, value)])
+    ),
+    ("collections", "defaultdict"): lambda factory=None: {},
+    ("joblib.numpy_pickle", "NumpyArrayWrapper"): ClassName(_WRAPPER, makes=True),
+    ("sklearn.externals.joblib.numpy_pickle", "NumpyArrayWrapper"): ClassName(_WRAPPER, makes=True),
+    **{
+        (f"numpy.{core}.{module}", name): function
+        for core in ("core", "_core")
+        for module, name, function in (
+            ("multiarray", "_reconstruct", _reconstruct),
+            ("multiarray", "scalar", _scalar),
+            ("numeric", "_frombuffer", _frombuffer),
+        )
+    },
+    **{
+        (package, name): function
+        for package in ("builtins", "__builtin__")
+        for name, function in {
+            "set": lambda members=(): set(_keys(members)),
+            "frozenset": lambda members=(): frozenset(_keys(members)),
+            "bytes": lambda: b"",
+            "dict": ClassName("dict"),
+            "list": ClassName("list"),
+        }.items()
+    },
+}
+
+
+class _Stream(io.BytesIO):
+    def readline(self, size: int | None = -1, /) -> bytes:
+        line = super().readline(size)
+        if not line.endswith(b"\n"):  # a truncated name must not be read as another name
+            raise EOFError("the pickle ends within a line")
+        return line
+
+
+class ArrayUnpickler(pickle._Unpickler):
+    """Python's unpickler with a list of names, and a check of every state."""
+
+    dispatch: ClassVar[dict[int, Any]] = dict(pickle._Unpickler.dispatch)
+    # Of Python's own, for the type checker.
+    stack: list[Any]
+    memo: dict[int, Any]
+    append: Callable[[Any], None]
+    pop_mark: Callable[[], list[Any]]
+    read: Callable[[int], bytes]
+    readline: Callable[[], bytes]
+
+    def __init__(self, data: bytes, names: Names = ARRAY_NAMES, size: int = 0) -> None:
+        # From memory: reads there do not allocate what the pickle announces. latin1: bytes in pickles of Python 2.
+        self.data, self.stream = data, _Stream(data)
+        super().__init__(self.stream, encoding="latin1")
+        self.names = names
+        # Bytes that calls may build: protocol 2 stores the bytes of an array as text, encodes it, and copies that.
+        self.left = 2 * max(len(data), size) + (1 << 16)
+        self.containers = max(_CONTAINERS, (size or len(data)) // _BYTES_PER_CONTAINER)
+
+    def take(self, n_bytes: int) -> None:
+        """Count what is built, not what refers to it."""
+        self.left -= n_bytes
+        if self.left < 0:
+            raise invalid("it builds far more than its own size")
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return the substitute for a name; UnsafePickleError if it is not on the list."""
+        try:
+            return self.names[module, name]
+        except KeyError:
+            raise UnsafePickleError(f"{shown(module)}.{shown(name)}") from None
+
+    def _reduce(self) -> None:
+        arguments, function = self.stack.pop(), self.stack[-1]
+        if isinstance(function, ClassName) or not callable(function):
+            raise UnsafePickleError(f"{getattr(function, 'name', shown(function))}, called")
+        self.stack[-1] = result = function(*arguments)
+        array = isinstance(result, np.ndarray | np.generic)
+        self.take(result.nbytes if array else len(result) if isinstance(result, Sized) else 0)
+
+    def _newobj(self) -> None:
+        arguments, kind = self.stack.pop(), self.stack.pop()
+        if arguments != ():
+            raise UnsafePickleError("an object that is made with arguments")
+        self.append(make(kind))
+
+    def _dict(self) -> None:
+        items = self.pop_mark()
+        self.append(_pairs(items))
+
+    def _setitems(self) -> None:
+        items = self.pop_mark()
+        self.stack[-1].update(_pairs(items))
+
+    def _setitem(self) -> None:
+        value, key = self.stack.pop(), self.stack.pop()
+        self.stack[-1].update(_pairs([key, value]))
+
+    def _additems(self) -> None:
+        members = self.pop_mark()
+        self.stack[-1].update(_keys(members))
+
+    def _frozenset(self) -> None:
+        members = self.pop_mark()
+        self.append(frozenset(_keys(members)))
+
+    def _put(self) -> None:
+        self.memo[_keys([int(self.readline()[:-1])])[0]] = self.stack[-1]
+
+    def _bytearray8(self) -> None:
+        size = int.from_bytes(self.read(8), "little")  # Python's own handler allocates it before it reads
+        self.append(bytearray(self.read(size)))
+
+    def _refused(self) -> None:
+        raise UnsafePickleError("an object of a class, or an extension code")
+
+    def _build(self) -> None:
+        self.set_state(self.stack.pop(), self.stack[-1])
+
+    def set_state(self, state: Any, target: Any) -> None:
+        """Set a state that numpy or joblib writes, on the top of the stack."""
+        if isinstance(target, StandIn):
+            if target.state is not None or type(state) is not dict:
+                raise invalid(f"the state of a {target.name}")
+            target.state = state
+            if target.name == _WRAPPER:
+                self.stack[-1] = self._read_array(state)
+        elif isinstance(target, np.dtype):
+            plain = np.dtype(target.str).__reduce__()[2]
+            _require(state[:1] == (3,) and state[1] in ("<", ">", "|", "=") and state[2:] == plain[2:])
+            _require(all(type(value) in (int, str, type(None)) for value in state))
+            target.__setstate__(state)  # type: ignore[attr-defined]
+        elif type(target) is np.ndarray and _is_empty(target):
+            version, shape, dtype, fortran, data = state
+            _require(type(version) is int and type(fortran) in (bool, int) and isinstance(dtype, np.dtype))
+            _require(is_shape(shape) and type(data) in (bytes, str, list))
+            if type(data) is list:
+                # numpy allocates the shape before it counts the objects; nested arrays recurse when they are freed.
+                _require(math.prod(shape) == len(data))
+                _require(not any(type(v) is np.ndarray and (v.dtype.hasobject or _is_empty(v)) for v in data))
+            target.__setstate__(state)
+            self.take(target.nbytes)  # of a list or a text that may occur in many arrays
+        else:
+            raise UnsafePickleError(f"the state of a {type(target).__name__}")
+
+    def _read_array(self, state: Mapping[str, Any]) -> np.ndarray[Any, Any]:
+        """Read the array that follows its description."""
+        shape, order, dtype = state["shape"], state["order"], state["dtype"]
+        _require(is_shape(shape) and type(order) is str and order in ("C", "F"))
+        _require(isinstance(dtype, np.dtype) and state["subclass"] is _NDARRAY)
+        if dtype.hasobject:  # another pickle
+            inner = copy(self)
+            inner.memo = {}
+            array = inner.load()
+            self.left, self.containers = inner.left, inner.containers
+            _require(isinstance(array, np.ndarray) and array.shape == shape and array.dtype.hasobject)
+            return array  # type: ignore[no-any-return]
+        if state.get("numpy_array_alignment_bytes") is not None:
+            self.stream.seek(self.stream.read(1)[0], io.SEEK_CUR)
+        start, count = self.stream.tell(), math.prod(shape)
+        array = np.frombuffer(self.data, dtype, count, start) if count * dtype.itemsize else np.empty(0, dtype)
+        self.stream.seek(start + array.nbytes)
+        return array.reshape(shape, order=order)
+
+
+def _counted(load: Callable[[Any], None]) -> Callable[[Any], None]:
+    def counted(unpickler: Any) -> None:
+        unpickler.containers -= 1
+        if unpickler.containers < 0:
+            raise invalid("more containers than a file of its size needs")
+        load(unpickler)
+
+    return counted
+
+
+_CHECKED = ("REDUCE", "NEWOBJ", "BUILD", "DICT", "SETITEM", "SETITEMS", "ADDITEMS", "FROZENSET", "PUT", "BYTEARRAY8")
+_REFUSED = ("INST", "OBJ", "NEWOBJ_EX", "EXT1", "EXT2", "EXT4", "NEXT_BUFFER", "READONLY_BUFFER")
+_COUNTED = (
+    "MARK", "EMPTY_LIST", "EMPTY_DICT", "EMPTY_SET", "EMPTY_TUPLE", "TUPLE1", "TUPLE2", "TUPLE3", "NEWOBJ",
+)  # fmt: skip
+ArrayUnpickler.dispatch |= {
+    **{getattr(pickle, code)[0]: getattr(ArrayUnpickler, f"_{code.lower()}") for code in _CHECKED},
+    **{getattr(pickle, code)[0]: ArrayUnpickler._refused for code in _REFUSED},
+}
+ArrayUnpickler.dispatch |= {
+    getattr(pickle, code)[0]: _counted(ArrayUnpickler.dispatch[getattr(pickle, code)[0]]) for code in _COUNTED
+}
 
 
 def read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
@@ -86,234 +346,18 @@ def read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
         If it cannot be read.
     """
     data = read_regular(path, limit)
-    kind = next((make for head, make in _KINDS.items() if data.startswith(head)), None)
-    if data.startswith(_LZ4):
+    kind = next((make for head, make in _UNPACKERS.items() if data.startswith(head)), None)
+    if data.startswith(b"\x04\x22\x4d\x18"):
         raise ValueError("compressed by lz4; write it with compress='zlib', or without compression")
     if kind is None:
         return data, len(data)
-    allowed = min(limit, max(BOMB_BYTES, BOMB_RATIO * len(data)))
-    unpacker = kind()
-    content = unpacker.decompress(data, allowed + 1)
+    allowed, unpacker = min(limit, max(BOMB_BYTES, BOMB_RATIO * len(data))), kind()
+    content: bytes = unpacker.decompress(data, allowed + 1)
     if len(content) > allowed:
         raise ValueError(f"{len(data):,} bytes unpack to more than {allowed:,}")
     if not unpacker.eof:
         raise ValueError("the compressed data are truncated")
     return content, len(data)
-
-
-MAX_PICKLE_BYTES = 1 << 29
-MAX_DEPTH = 100
-#: Containers of one file: each takes a byte of it and up to 216 of memory.
-MAX_CONTAINERS = 100_000
-#: Bytes of a larger file per container: an array of joblib takes about 250 bytes and 8 containers of opcodes.
-_BYTES_PER_CONTAINER = 24
-#: Calls may build this many times the size of the file, plus a constant. Protocol 2 stores the bytes of an array as
-#: text, which is encoded to bytes and then copied.
-_BUILT_FACTOR, _BUILT_BYTES = 2, 1 << 16
-
-Names = Mapping[tuple[str, str], Any]
-#: Names that files of arrays use.
-ARRAY_NAMES: Names = {
-    **ALLOWED,
-    **NamesOfJoblib,
-    ("collections", "defaultdict"): default_dict,
-    **{(package, name): ClassName(name) for package in ("builtins", "__builtin__") for name in ("dict", "list")},
-}
-
-# The handlers of opcodes; each takes the unpickler.
-
-
-def _call(unpickler: Any) -> None:
-    """Call a function of the allow-list, and count the size of its result."""
-    arguments = unpickler.stack.pop()
-    function = unpickler.stack[-1]
-    # find_class returns functions only, except for NdarrayName.
-    if not isinstance(function, FunctionType) or type(arguments) is not tuple:
-        name = function.name if isinstance(function, ClassName) else shown(function)
-        raise UnsafePickleError(f"{'numpy.ndarray' if function is NdarrayName else name}, called")
-    result = function(*arguments)
-    if isinstance(result, np.ndarray | np.generic):
-        unpickler.count_built(result.nbytes)
-        if function is reconstruct:
-            unpickler.unfinished[id(result)] = result
-    elif isinstance(result, Sized):
-        unpickler.count_built(len(result))
-    unpickler.stack[-1] = result
-
-
-def _build(unpickler: Any) -> None:
-    """Set the state of an array or a dtype, if numpy itself writes such a state, or of a stand-in."""
-    state = unpickler.stack.pop()
-    target = unpickler.stack[-1]
-    if isinstance(target, StandIn):
-        set_state(target, state)
-        if target.name == WRAPPER:
-            unpickler.stack[-1] = read_array(unpickler, state)
-        return
-    if isinstance(target, np.dtype) and type(state) is tuple:
-        valid = is_dtype_state(target, state)
-    elif isinstance(target, np.ndarray) and type(state) is tuple and len(state) == 5:
-        valid = unpickler.unfinished.pop(id(target), None) is target and is_array_state(unpickler, state)
-    else:
-        raise UnsafePickleError(f"the state of a {type(target).__name__}")
-    if not valid:
-        raise invalid(INVALID_ARRAY)
-    target.__setstate__(state)
-    if isinstance(target, np.ndarray):
-        unpickler.count_built(target.nbytes)
-
-
-def _bytearray8(unpickler: Any) -> None:
-    # Python's own handler allocates the announced size before it reads.
-    (size,) = struct.unpack("<Q", unpickler.read(8))
-    unpickler.append(bytearray(unpickler.read(size)))
-
-
-def _counted(code: bytes) -> Callable[[Any], None]:
-    """Return the checked form of an opcode that makes a container, or begins one."""
-    plain = new_object if code == pickle.NEWOBJ else CheckedUnpickler.dispatch[code[0]]
-
-    def load(unpickler: Any) -> None:
-        unpickler.n_containers += 1
-        if unpickler.n_containers > unpickler.max_containers:
-            raise invalid(f"more than {unpickler.max_containers:,} containers")
-        plain(unpickler)
-
-    return load
-
-
-_CONTAINERS = (
-    pickle.MARK, pickle.EMPTY_LIST, pickle.EMPTY_DICT, pickle.EMPTY_SET, pickle.EMPTY_TUPLE,
-    pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3, pickle.NEWOBJ,
-)  # fmt: skip
-
-
-class _Stream(io.BytesIO):
-    def readline(self, size: int | None = -1, /) -> bytes:
-        line = super().readline(size)
-        if not line.endswith(b"\n"):  # a truncated name must not be read as another name
-            raise EOFError("the pickle ends within a line")
-        return line
-
-
-class ArrayUnpickler(CheckedUnpickler):
-    """Accepts numpy arrays and plain containers, and counts what calls build.
-
-    Attributes
-    ----------
-    stream
-        The file, after the opcodes that were read.
-    names
-        The names that the pickle may use, and their substitutes.
-    size
-        Size of the file, before it was unpacked.
-    left
-        Bytes that calls may still build.
-    unfinished
-        Arrays whose state has not been set yet, by id.
-    n_containers
-        Containers that were begun; those that calls make have arguments, which are one each.
-    """
-
-    dispatch: ClassVar[dict[int, Any]] = {
-        **CheckedUnpickler.dispatch,
-        pickle.REDUCE[0]: _call,
-        pickle.BUILD[0]: _build,
-        pickle.BYTEARRAY8[0]: _bytearray8,
-        **{code[0]: _counted(code) for code in _CONTAINERS},
-    }
-
-    def __init__(self, data: bytes, names: Names, size: int) -> None:
-        # latin1: pickles of Python 2 store the bytes of arrays as text.
-        self.stream = _Stream(data)  # from memory: reads there do not allocate the size that the pickle announces
-        super().__init__(self.stream, encoding="latin1")
-        self.data = data
-        self.names = names
-        self.size = size
-        self.left = _BUILT_FACTOR * max(len(data), size) + _BUILT_BYTES
-        self.unfinished: dict[int, np.ndarray[Any, Any]] = {}
-        self.n_containers = 0
-        self.max_containers = max(MAX_CONTAINERS, size // _BYTES_PER_CONTAINER)
-
-    def take(self, count: int) -> memoryview:
-        """Return the next bytes of the file, after the opcodes that were read."""
-        start = self.stream.tell()
-        if count > len(self.data) - start:
-            raise EOFError(f"an array of {count:,} bytes, but the file has {len(self.data) - start:,} more")
-        self.stream.seek(start + count)
-        return memoryview(self.data)[start : start + count]
-
-    def load_inner(self) -> Any:
-        """Load a pickle that follows the opcodes that were read; it counts as a part of this one."""
-        inner = ArrayUnpickler(self.data, ALLOWED, self.size)
-        inner.stream.seek(self.stream.tell())
-        inner.left, inner.n_containers = self.left, self.n_containers
-        value = inner.load()
-        self.left, self.n_containers = inner.left, inner.n_containers
-        self.stream.seek(inner.stream.tell())
-        return value
-
-    def find_class(self, module: str, name: str) -> Callable[..., Any]:
-        """Return the substitute for a name; UnsafePickleError if the name is not allowed."""
-        try:
-            stand_in: Callable[..., Any] = self.names[module, name]
-        except KeyError:
-            raise UnsafePickleError(f"{shown(module)}.{shown(name)}") from None
-        return stand_in
-
-    def count_built(self, n_bytes: int) -> None:
-        """Count bytes that a call has built."""
-        self.left -= n_bytes
-        if self.left < 0:
-            raise invalid("it builds far more than its own size")
-
-
-def require_shallow(root: Any) -> None:
-    """Raise UnpicklingError for containers nested deeper than MAX_DEPTH, or in themselves; not recursive."""
-    heights: dict[int, int] = {}  # of containers; 0 for those on the current path
-    path = [_Level(root)]
-    while path:
-        level = path[-1]
-        child = next(level.children, None)
-        if child is None:
-            heights[id(level.container)] = level.height
-            path.pop()
-            if path:
-                path[-1].height = max(path[-1].height, 1 + level.height)
-        elif id(child) not in heights:
-            heights[id(child)] = 0
-            path.append(_Level(child))
-        elif heights[id(child)] == 0:
-            raise invalid("a container that contains itself")
-        else:
-            level.height = max(level.height, 1 + heights[id(child)])
-        if level.height > MAX_DEPTH or len(path) > MAX_DEPTH:
-            raise invalid(f"containers nested more than {MAX_DEPTH} deep")
-
-
-class _Level:
-    """A container on the current path, the containers in it that are yet to be visited, and its height so far."""
-
-    def __init__(self, container: Any) -> None:
-        self.container = container
-        self.children = iter([child for child in _inside(container) if _is_container(child)])
-        self.height = 1
-
-
-def _is_container(value: object) -> bool:
-    if type(value) in (list, tuple, dict, OrderedDict, StandIn):
-        return True
-    return type(value) is np.ndarray and value.dtype.hasobject
-
-
-def _inside(container: Any) -> Iterable[Any]:
-    if isinstance(container, dict):
-        return container.values()
-    if isinstance(container, StandIn):
-        return (container.state,)
-    if isinstance(container, np.ndarray):
-        return container.reshape(-1).tolist() if container.dtype.hasobject else ()
-    return container if isinstance(container, list | tuple) else ()
 
 
 def as_array(value: object) -> np.ndarray[Any, Any] | None:
@@ -326,31 +370,23 @@ def as_array(value: object) -> np.ndarray[Any, Any] | None:
     numbers = value if isinstance(value, list | tuple) else [value]
     if not all(isinstance(v, int | float | np.number) and not isinstance(v, bool) for v in numbers):
         return None
-    # An array of objects if a number is larger than any of numpy's types.
     return np.asarray(value)
 
 
 def load_pickle(path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
     """Read a pickle of numpy arrays, numbers, text, lists, tuples, sets and dicts, or a file of joblib.dump.
 
-    Parameters
-    ----------
-    names
-        (module, name) -> the function or `ClassName` that replaces it.
-    start
-        First byte of the pickle in the file.
+    `names`: (module, name) -> the function or `ClassName` that replaces it. `start`: first byte of the pickle.
 
     Raises
     ------
     DataError
         "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is truncated,
-        not a pickle, unreadable, larger than MAX_PICKLE_BYTES, or builds what no motion needs: keys other than
-        text, deep nesting, far more data than its own size.
+        not a pickle, unreadable, or larger than MAX_PICKLE_BYTES.
     """
     try:
         data, size = read_unpacked(path, MAX_PICKLE_BYTES)
-        content = ArrayUnpickler(data[start:] if start else data, names, size).load()
-        require_shallow(content)
+        return ArrayUnpickler(data[start:] if start else data, names, size).load()
     except UnsafePickleError as error:
         raise DataError(
             "the pickle refers to code; nothing was executed",
@@ -358,7 +394,7 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
             where=path,
             found=str(error),
             allowed="numpy arrays and plain Python containers",
-            fix=_arrays_instead(str(error)),
+            fix=_FIXES.get(str(error).split(".")[0], _ARRAYS),
         ) from None
     except Exception as error:  # a pickle is a program: a broken one can raise anything
         raise DataError(
@@ -366,28 +402,17 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
             reason="broken_file",
             where=path,
             found=shown(error),
-            allowed="a complete pickle or joblib file of arrays, numbers, text and plain containers; keys are text",
-            fix=f"copy the file again if it is truncated. {_SAVE_ARRAYS}",
+            allowed="a complete pickle or joblib file of arrays, numbers, text and plain containers",
+            fix=f"copy the file again if it is truncated; else {_ARRAYS}",
         ) from error
-    return content
 
 
-_SAVE_ARRAYS = (
-    "Otherwise, with the program that has written it, load the file and save its arrays alone: "
-    "numpy.savez(file, poses=..., trans=...)"
+_ARRAYS = (
+    "with the program that has written it, load the file and save its arrays: numpy.savez(file, poses=..., trans=...)"
 )
-
-
-def _arrays_instead(found: str) -> str:
-    """Return the fix for a pickle that names something other than arrays."""
-    if found.startswith("torch"):
-        return (
-            "save numpy arrays: call tensor.cpu().numpy() before joblib.dump or pickle.dump, or write the tensors "
-            "with torch.save to a .pt file"
-        )
-    if found.startswith(("chumpy", "scipy.sparse")):
-        return "this looks like a body model: give it as dataset.folder.body_model, not as a motion"
-    return (
-        "if you do not trust the file, delete it. If you do: with the program that has written it, load it and save "
-        "its arrays alone, numpy.savez(file, poses=..., trans=...)"
-    )
+_FIXES = {
+    "torch": "call tensor.cpu().numpy() before joblib.dump or pickle.dump, or torch.save the tensors to a .pt file",
+    **dict.fromkeys(
+        ("chumpy", "scipy"), "if it is a body model, give it as dataset.folder.body_model, not as a motion"
+    ),
+}

@@ -1,50 +1,56 @@
-"""Tensors as torch.save writes them (torch 1.6 and later), as numpy arrays, without torch.
+"""Tensors as torch.save writes them, as numpy arrays: by torch's reader that runs no code, after a check of its own.
 
-A zip archive, not compressed: NAME/data.pkl, a pickle in which each tensor is a call of
-torch._utils._rebuild_tensor_v2 with a storage, and NAME/data/KEY, the elements of each storage.
+torch.load(weights_only=True) calls `bytearray(n)` and `torch.FloatTensor(n)` with any n, and hashes keys of any kind.
+The pickle is therefore read without tensors first, by the unpickler of all other files. That checks the states of
+numpy's arrays as well, which torch would pass on.
 """
 
+import io
+import pickle
 import zipfile
+from collections import OrderedDict
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+from packaging.version import Version
 
 from dancedata.core.errors import DataError
+from dancedata.core.packages import MissingPackageError, require
 from dancedata.core.text import quoted, shown
-from dancedata.files.regular_file import open_regular
-from dancedata.formats.checked_unpickler import ClassName, UnsafePickleError, invalid
-from dancedata.formats.numpy_pickle import is_shape
-from dancedata.formats.safe_pickle import ARRAY_NAMES, MAX_PICKLE_BYTES, ArrayUnpickler, Names, require_shallow
+from dancedata.files.regular_file import read_regular
+from dancedata.formats.safe_pickle import (
+    ARRAY_NAMES,
+    MAX_PICKLE_BYTES,
+    ArrayUnpickler,
+    ClassName,
+    Names,
+    UnsafePickleError,
+    invalid,
+    is_shape,
+)
 
-#: First bytes of a zip archive.
-TORCH_HEAD = b"PK\x03\x04"
-MAX_MEMBERS = 10_000
+#: First bytes: of a zip archive, and of files from before torch 1.6, which begin with a number of 10 bytes.
+TORCH_HEADS = (b"PK\x03\x04", pickle.dumps(0x1950A86A20F9469CFC6C, 2))
 #: torch's class of storages -> type and bytes of an element.
 STORAGES = {
-    "DoubleStorage": ("float64", 8),
-    "FloatStorage": ("float32", 4),
-    "HalfStorage": ("float16", 2),
-    "BFloat16Storage": ("bfloat16", 2),
-    "LongStorage": ("int64", 8),
-    "IntStorage": ("int32", 4),
-    "ShortStorage": ("int16", 2),
-    "CharStorage": ("int8", 1),
-    "ByteStorage": ("uint8", 1),
-    "BoolStorage": ("bool", 1),
-}
-#: Largest counts, which are int64 in files from before the zip format.
-_MAX_COUNT = 1 << 63
+    "DoubleStorage": ("float64", 8), "FloatStorage": ("float32", 4), "HalfStorage": ("float16", 2),
+    "BFloat16Storage": ("bfloat16", 2), "LongStorage": ("int64", 8), "IntStorage": ("int32", 4),
+    "ShortStorage": ("int16", 2), "CharStorage": ("int8", 1), "ByteStorage": ("uint8", 1), "BoolStorage": ("bool", 1),
+}  # fmt: skip
 STORAGE_NAMES: Names = {("torch", name): ClassName(name) for name in STORAGES}
-
-Array = np.ndarray[Any, Any]
-
-
-class _Storage:
-    """The elements of a storage."""
-
-    def __init__(self, elements: Array) -> None:
-        self.elements = elements
+_NAMES: Names = {
+    **ARRAY_NAMES,
+    **STORAGE_NAMES,
+    ("torch", "Size"): lambda sizes: sizes,
+    ("torch", "device"): lambda *_: None,
+    **{("torch._utils", f"_rebuild_{what}"): lambda *_: None for what in ("tensor", "tensor_v2", "parameter")},
+}
+#: weights_only ran code before.
+_SAFE_TORCH = Version("2.6")
+#: Views of storages take no memory, but their copies do: together at most this, or this many times the file.
+_VIEWED_BYTES, _VIEWED_FACTOR = MAX_PICKLE_BYTES, 8
 
 
 def storage_of(pid: Any, length: int) -> tuple[str, int, str, int]:
@@ -52,109 +58,58 @@ def storage_of(pid: Any, length: int) -> tuple[str, int, str, int]:
     if type(pid) is not tuple or len(pid) != length or pid[0] != "storage" or not isinstance(pid[1], ClassName):
         raise invalid("a reference that torch never writes")
     _, kind, key, _, count = pid[:5]
-    if kind.name not in STORAGES or type(key) is not str or type(count) is not int or not 0 <= count < _MAX_COUNT:
+    if kind.name not in STORAGES or type(key) is not str or type(count) is not int or not 0 <= count < 1 << 63:
         raise invalid(f"a storage named {quoted(key)}")
     return *STORAGES[kind.name], key, count
 
 
 def require_layout(offset: object, shape: Any, stride: Any) -> None:
-    """Raise UnpicklingError unless these can be the place of a tensor in a storage."""
-    if type(offset) is not int or not is_shape(shape) or not is_shape(stride) or len(shape) != len(stride):
+    """Raise UnpicklingError unless these can be a tensor's offset, shape and stride."""
+    if type(offset) is not int or not (is_shape(shape) and is_shape(stride)) or len(shape) != len(stride):
         raise invalid("a tensor that torch never writes")
 
 
-def _tensor(storage: object, offset: Any, shape: Any, stride: Any, *_: object) -> Array:
-    """Stand for torch._utils._rebuild_tensor_v2."""
-    require_layout(offset, shape, stride)
-    if not isinstance(storage, _Storage):
-        raise invalid("a tensor that torch never writes")
-    if 0 in shape:
-        return storage.elements[:0].reshape(shape)
-    n = len(storage.elements)
-    last = offset + sum((size - 1) * step for size, step in zip(shape, stride, strict=True))
-    if not 0 <= offset <= last < n:
-        raise invalid(f"a tensor of shape {shown(shape)} that reaches beyond its storage")
-    steps = tuple(step * storage.elements.itemsize for step in stride)
-    return np.lib.stride_tricks.as_strided(storage.elements[offset:], shape, steps, writeable=False)
+class _Check(ArrayUnpickler):
+    """Reads all of a pickle but its tensors; their storages are together at most as large as the file."""
 
-
-def _parameter(tensor: Any, *_: object) -> Array:
-    if not isinstance(tensor, np.ndarray):
-        raise invalid("a parameter that is not a tensor")
-    return tensor
-
-
-_NAMES: Names = {
-    **ARRAY_NAMES,
-    ("torch._utils", "_rebuild_tensor_v2"): _tensor,
-    ("torch._utils", "_rebuild_parameter"): _parameter,
-    **STORAGE_NAMES,
-}
-
-
-class _Unpickler(ArrayUnpickler):
-    """Reads the storages that the pickle refers to, each once."""
-
-    def __init__(self, archive: zipfile.ZipFile, folder: str, data: bytes, size: int) -> None:
+    def __init__(self, data: bytes, size: int, pid_length: int) -> None:
         super().__init__(data, _NAMES, size)
-        self._archive = archive
-        self._folder = folder
-        self._order: Literal[">", "<"] = ">" if _member(archive, f"{folder}/byteorder", size) == b"big" else "<"
-        self._storages: dict[str, tuple[str, _Storage]] = {}
+        self._size, self._pid_length = size, pid_length
+        self.storages: dict[str, int] = {}
 
-    def persistent_load(self, pid: Any) -> _Storage:
-        dtype, _, key, count = storage_of(pid, 5)
-        storage = self._storages.get(key)
-        if storage is None:
-            storage = self._storages.setdefault(key, (dtype, self._read(key, dtype, count)))
-        if storage[0] != dtype or len(storage[1].elements) != count:
-            raise invalid(f"two kinds of the storage {quoted(key)}")
-        return storage[1]
+    def set_state(self, state: Any, target: Any) -> None:
+        if not isinstance(target, OrderedDict):  # a state dict has an attribute _metadata
+            super().set_state(state, target)
 
-    def _read(self, key: str, dtype: str, count: int) -> _Storage:
-        data = _member(self._archive, f"{self._folder}/data/{key}", self.size)
-        bfloat = dtype == "bfloat16"
-        kind = np.dtype("uint16" if bfloat else dtype).newbyteorder(self._order)
-        if data is None or len(data) != count * kind.itemsize:
-            raise invalid(f"the storage {quoted(key)} has {len(data or b''):,} bytes, not {count:,} elements")
-        self.count_built(len(data))
-        elements = np.frombuffer(data, kind)
-        # bfloat16 is the upper half of float32.
-        return _Storage((elements.astype("uint32") << 16).view("float32") if bfloat else elements)
-
-
-def _member(archive: zipfile.ZipFile, name: str, size: int) -> bytes | None:
-    try:
-        info = archive.getinfo(name)
-    except KeyError:
-        return None
-    if info.compress_type != zipfile.ZIP_STORED or info.file_size > size or info.compress_size > size:
-        raise invalid(f"{quoted(name)} is compressed, or larger than the file; torch writes neither")
-    return archive.read(info)
+    def persistent_load(self, pid: Any) -> None:
+        _, item_bytes, key, count = storage_of(pid, self._pid_length)
+        self.storages[key] = max(count * item_bytes, self.storages.get(key, 0))
+        if self.storages[key] > self._size or sum(self.storages.values()) > self._size:
+            raise invalid(f"a storage of {count:,} elements, which is larger than the file")
 
 
 def load_torch(path: Path) -> Any:
-    """Read what torch.save has written: tensors, as arrays, in plain containers.
+    """Read what torch.save has written, in any version: tensors, as arrays, in plain containers.
 
     Raises
     ------
     DataError
-        "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is truncated or
-        not such a file; "too_large".
+        "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is truncated, not
+        such a file, or larger than MAX_PICKLE_BYTES.
+    MissingPackageError
+        If torch is not installed, or older than 2.6.
     """
+    require("torch", what=f"{path}, a file of torch.save,")
+    import torch
+
+    if Version(torch.__version__) < _SAFE_TORCH:
+        raise MissingPackageError(f"{path} needs torch 2.6 or later", found=torch.__version__, fix="update torch")
     try:
-        with open_regular(path) as file:
-            size = path.stat().st_size
-            if size > MAX_PICKLE_BYTES:
-                raise invalid(f"{size:,} bytes, more than {MAX_PICKLE_BYTES:,}")
-            with zipfile.ZipFile(file) as archive:
-                names = archive.namelist()
-                heads = [name for name in names if name.count("/") == 1 and name.endswith("/data.pkl")]
-                if len(heads) != 1 or len(names) > MAX_MEMBERS:
-                    raise invalid("a zip archive without data.pkl, so not one of torch.save")
-                pickled = _member(archive, heads[0], size) or b""
-                content = _Unpickler(archive, heads[0].partition("/")[0], pickled, size).load()
-                require_shallow(content)
+        data = read_regular(path, MAX_PICKLE_BYTES)
+        _check(data, torch)
+        with torch.serialization.safe_globals(_numpy_names()):
+            content = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+        return _Arrays(len(data), torch).of(content)
     except UnsafePickleError as error:
         raise DataError(
             "the torch file refers to code; nothing was executed",
@@ -170,7 +125,58 @@ def load_torch(path: Path) -> Any:
             reason="broken_file",
             where=path,
             found=shown(error),
-            allowed="a file that torch.save (1.6 or later) has written",
-            fix="copy the file again; one of an older torch: torch.save(torch.load(old), new)",
+            allowed="a file that torch.save has written",
+            fix="copy the file again, or save its tensors alone: torch.save({name: tensor.cpu(), ...}, file)",
         ) from error
-    return content
+
+
+def _check(data: bytes, torch: Any) -> None:
+    if not data.startswith(TORCH_HEADS[0]):
+        check = _Check(data, len(data), 6)
+        *_, keys = [check.load() for _ in ("number", "version", "machine", "content", "keys of storages")]
+        if type(keys) is not list or set(keys) != check.storages.keys():
+            raise invalid("its storages are not those that its tensors have")
+        return
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        if sum(member.file_size for member in archive.infolist()) > len(data):
+            raise invalid("its members are compressed, which torch never does")
+    # By torch, so that it is the pickle that torch reads.
+    _Check(torch._C.PyTorchFileReader(io.BytesIO(data)).get_record("data.pkl"), len(data), 5).load()
+
+
+def _numpy_names() -> list[Any]:
+    """Return what numpy's arrays are made of in a pickle, whose states have been checked."""
+    reconstruct, scalar = np.zeros(1).__reduce__()[0], np.float64().__reduce__()[0]
+    dtypes = {type(np.dtype(code)) for code in "?bBhHiIlLqQefdSUO"}
+    return [
+        (np.ndarray, "numpy.ndarray"),
+        (np.dtype, "numpy.dtype"),
+        *((reconstruct, f"numpy.{core}.multiarray._reconstruct") for core in ("core", "_core")),
+        *((scalar, f"numpy.{core}.multiarray.scalar") for core in ("core", "_core")),
+        *((dtype, f"numpy.dtypes.{dtype.__name__}") for dtype in dtypes),
+    ]
+
+
+class _Arrays:
+    """Turns tensors to arrays, each once; what is counted is views that are copied, not storages."""
+
+    def __init__(self, size: int, torch: Any) -> None:
+        self._left = max(_VIEWED_BYTES, _VIEWED_FACTOR * size)
+        self._torch = torch
+        self._made: dict[int, Any] = {}
+
+    def of(self, value: Any) -> Any:
+        if id(value) not in self._made:
+            self._made[id(value)] = self._of(value)
+        return self._made[id(value)]
+
+    def _of(self, value: Any) -> Any:
+        if isinstance(value, self._torch.Tensor):
+            self._left -= value.nbytes
+            if self._left < 0:
+                raise invalid("its tensors show their storages far more often than the file is long")
+            tensor = value.detach()
+            return (tensor.float() if tensor.dtype == self._torch.bfloat16 else tensor).numpy()
+        if isinstance(value, Mapping):
+            return {key: self.of(inner) for key, inner in value.items()}
+        return [self.of(inner) for inner in value] if isinstance(value, list | tuple) else value

@@ -22,7 +22,7 @@ audio: {librosa35: {}}
 CPU_S, ADDRESS_SPACE = 120, 6 << 30
 
 
-@pytest.mark.parametrize(("target", "kind"), [("pickle", "PICKLES"), ("wav", "SOUNDS")])
+@pytest.mark.parametrize(("target", "kind"), [("pickle", "PICKLES"), ("torch_zip", "TORCH"), ("wav", "SOUNDS")])
 def test_each_is_refused_by_name(
     hunt: ModuleType, hostile: ModuleType, tmp_path: Path, target: str, kind: str
 ) -> None:

@@ -22,8 +22,7 @@ from typing import Any, ClassVar
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import quoted, shown
 from dancedata.core.typing import override
-from dancedata.formats.checked_unpickler import UnsafePickleError, invalid, ordered_dict
-from dancedata.formats.safe_pickle import ArrayUnpickler, Names
+from dancedata.formats.safe_pickle import ARRAY_NAMES, ArrayUnpickler, Names, UnsafePickleError, invalid
 from dancedata.formats.torch_file import STORAGE_NAMES, require_layout, storage_of
 
 MAGIC = 0x1950A86A20F9469CFC6C
@@ -96,7 +95,7 @@ def _parameter(tensor: Any, *_: object) -> Any:
 
 
 _NAMES: Names = {
-    ("collections", "OrderedDict"): ordered_dict,
+    ("collections", "OrderedDict"): ARRAY_NAMES["collections", "OrderedDict"],
     ("torch._utils", "_rebuild_tensor"): _tensor,
     ("torch._utils", "_rebuild_tensor_v2"): _tensor,
     ("torch._utils", "_rebuild_parameter"): _parameter,
@@ -133,7 +132,7 @@ class _Unpickler(ArrayUnpickler):
     }
 
     def __init__(self, data: bytes) -> None:
-        super().__init__(data, _NAMES, len(data))
+        super().__init__(data, _NAMES)
         self.storages: dict[str, tuple[int, int]] = {}  # item bytes and element count by key
 
     @override
