@@ -1,7 +1,7 @@
 """Rows of music that were computed elsewhere, from an .npy file of each clip or song."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
 from string import Formatter
@@ -84,9 +84,9 @@ class FileRows(AudioFeature):
     begins: Literal["music", "clip"] = "music"
     origin_s: Number = 0
     resample: Literal["none", "nearest", "linear"] = "none"
-    codebook: Codebook | None = field(default=None, metadata={"added": True})
-    first_codes: tuple[int, ...] = field(default=(), metadata={"added": True})
-    of: Literal["music", "motion"] = field(default="music", metadata={"added": True})
+    codebook: Codebook | None = None
+    first_codes: tuple[int, ...] = ()
+    of: Literal["music", "motion"] = "music"
 
     def __post_init__(self) -> None:
         # As text, so that 25, 25.0 and "25" are one recipe.

@@ -10,10 +10,9 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.lazy import lazy_names
 from dancedata.core.plugin_files import is_local, note_registered, unknown_plugin, without_file_key
 from dancedata.core.plugins import (
     AudioFeature,
@@ -248,6 +247,3 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "window filters": FILTERS,
     "metrics": METRICS,
 }
-
-if not TYPE_CHECKING:  # deprecated since 0.2.0: import it from its module
-    __getattr__, __dir__ = lazy_names(__name__, {"EXPORTS": "dancedata.exports.base.job"})

@@ -93,12 +93,12 @@ class SplitRule:
 
     def document(self) -> dict[str, Any]:
         """Return the rule as stored in recipes; equal rules give equal documents, however they were written."""
-        document = {_VAL: str(self.val), _TEST: str(self.test), "by": self.by, "seed": self.seed}
-        return document | ({"balance": True} if self.balance else {})
+        fractions = {_VAL: str(self.val), _TEST: str(self.test)}
+        return {**fractions, "by": self.by, "seed": self.seed, "balance": self.balance}
 
     def _text(self) -> str:
         """Return the rule as it is written in a recipe."""
-        texts = {key: "true" if value is True else value for key, value in self.document().items()}
+        texts = {key: str(value).lower() if key == "balance" else value for key, value in self.document().items()}
         return f"{{{', '.join(f'{key}: {value}' for key, value in texts.items())}}}"
 
     def split(self, group: str, seed: int | None = None) -> str:

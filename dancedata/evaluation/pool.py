@@ -3,7 +3,7 @@
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ class Pool:
     scaler
         Hash of the scaler that its columns were normalised by; "" if they were not.
     clips
-        (M,) number of the clip of each row, by the number of the measure; files of earlier versions have none.
+        (M,) number of the clip of each row, by the number of the measure.
     """
 
     protocol: str
@@ -62,8 +62,8 @@ class Pool:
     rows: Mapping[int, Float64Array]
     source: str
     undefined: Mapping[str, int]
-    scaler: str = ""
-    clips: Mapping[int, Float64Array] = field(default_factory=dict)
+    scaler: str
+    clips: Mapping[int, Float64Array]
 
     @property
     def n(self) -> int:
@@ -242,7 +242,7 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
             ids = [str(parse_json(line)) for line in _text(arrays.read(_IDS)).split("\n") if line]
             names = [name for name in arrays.names if name.startswith(_ROWS)]
             rows = {int(name.removeprefix(_ROWS)): checked_rows(arrays.read(name)) for name in names}
-            clips = {n: np.ravel(arrays.read(f"{_CLIPS}{n}")) for n in rows if f"{_CLIPS}{n}" in arrays.names}
+            clips = {n: np.ravel(arrays.read(f"{_CLIPS}{n}")) for n in rows}
             if any(len(clips[n]) != len(rows[n]) for n in clips):
                 raise ValueError("not one clip for each row")
         pool = Pool(

@@ -17,7 +17,6 @@ __all__ = [
     "Undefined",
     "beat_alignment",
     "beat_echo",
-    "bootstrap",
     "chance_level",
     "collisions",
     "constant_columns",
@@ -58,7 +57,7 @@ if TYPE_CHECKING:
         intersection_frequency,
         root_distances,
     )
-    from dancedata.metrics.intervals import Interval, bootstrap, jackknife
+    from dancedata.metrics.intervals import Interval, jackknife
     from dancedata.metrics.kinetic_features import kinetic
     from dancedata.metrics.motius_physics import physics
     from dancedata.metrics.physical_contact import pbc, pfc
@@ -69,13 +68,11 @@ else:  # type checkers take the imports above, and so find misspelt names
         __name__,
         {
             "Dance": "dancedata.core.dance",
-            "Evaluator": "dancedata.evaluation.evaluator",  # deprecated since 0.2.0: dancedata.Evaluator
             "Interval": "dancedata.metrics.intervals",
             "MusicBeats": "dancedata.core.dance",
             "Undefined": "dancedata.core.dance",
             "beat_alignment": "dancedata.metrics.beats",
             "beat_echo": "dancedata.metrics.groups",
-            "bootstrap": "dancedata.metrics.intervals",
             "chance_level": "dancedata.metrics.beats",
             "collisions": "dancedata.metrics.groups",
             "constant_columns": "dancedata.metrics.set_statistics",

@@ -97,10 +97,6 @@ def jackknife(
     return intervals
 
 
-#: Deprecated since 0.2.0: `jackknife`.
-bootstrap = jackknife
-
-
 def _interval(score: float, error: float, n: int, level: float, bounds: tuple[float, float]) -> Interval | None:
     """Return the interval of a score from its standard error, of n clips or groups; None without one."""
     from scipy.special import expit, logit, stdtrit  # Student's quantile; importing scipy.stats takes a second

@@ -62,9 +62,8 @@ class MotionKeys:
                 "motion",
                 version=[MOTION_STAGE, *field.version],
                 dataset=loading,
+                # With `optional`: of an optional field an entry may have no rows, which others must not find.
                 representation={field.name: field.document()},
-                # Of an optional field an entry may have no rows, which others must not find.
-                **({"optional": True} if field.optional else {}),
                 fps=str(field.grid),
                 windows=_window_cut(recipe) if recipe.scope == "window" else None,
                 packages={name: package_version(name) for name in ("numpy", "scipy")},
@@ -103,9 +102,7 @@ class MotionKeys:
 
 def clip_identity(ref: ClipRef) -> list[Any]:
     """Return all of a clip that `load` reads, except its file."""
-    part = (ref.source_start, ref.source_end)
-    revision = [{"revision": ref.revision}] if ref.revision else []
-    return [ref.id, ref.declared, *([[str(second) for second in part]] if any(part) else []), *revision]
+    return [ref.id, ref.declared, str(ref.source_start), str(ref.source_end), ref.revision]
 
 
 def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[str, str]:

@@ -32,15 +32,13 @@ from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
     LEAVES_FILE,
-    QUALITY_FILE,
     REJECTS_FILE,
     STATS_FILE,
     is_shard_name,
 )
 
-_SIDE_FILES = {STATS_FILE, REJECTS_FILE, QUALITY_FILE, LEAVES_FILE, CARD_FILE}
+_SIDE_FILES = {STATS_FILE, REJECTS_FILE, LEAVES_FILE, CARD_FILE}
 _ALLOWED = "an empty folder, a new one, or a dataset built before"
-_LEFTOVERS = ". If an interrupted build of an earlier version left them, remove the folder"
 
 
 @contextmanager
@@ -63,8 +61,7 @@ def check_out(out: Path, *, overwrite: bool) -> None:
     listed_files = set() if description is None else _files_of(description)
     foreign = [name for name in names if name not in listed_files]
     if foreign:
-        leftovers = "" if description is not None or not any(map(is_shard_name, foreign)) else _LEFTOVERS
-        raise foreign_files(out, foreign, allowed=_ALLOWED + leftovers, choose="another --out")
+        raise foreign_files(out, foreign, allowed=_ALLOWED, choose="another --out")
     card = description.files.get(CARD_FILE) if description is not None and overwrite else None
     if card is not None and (out / CARD_FILE).exists() and sha256_file(out / CARD_FILE) != card["sha256"]:
         raise StoreError(

@@ -155,10 +155,9 @@ def _is_free(path: Path) -> bool:
         return not os.path.lexists(path)
     try:
         record = read_json(record_path, _MAX_ABOUT_BYTES)
-        if not isinstance(record, dict) or record.get("file") != path.name or "signal_sha256" not in record:
+        if not isinstance(record, dict) or record.get("file") != path.name or "sha256" not in record:
             return False
-        # Those of earlier versions have no hash of the file.
-        return "sha256" not in record or not os.path.lexists(path) or sha256_file(path) == record["sha256"]
+        return not os.path.lexists(path) or sha256_file(path) == record["sha256"]
     except (OSError, ValueError):
         return False
 

@@ -168,7 +168,7 @@ class Published:
                 return SourceRecord.of_store(store)
         try:
             rows = [parse_json(line) for line in self._read(_CLIPS_FILE).split("\n") if line]
-            clips = SourceRecord.joined(self.dataset["source"]["clips"])
+            clips = dict(self.dataset["source"]["clips"])
             clips |= {str(row["id"]): str(row["made_of"]) for row in rows if row["made_of"]}
             about = {str(row["id"]): {**row, "lists": tuple(row["lists"])} for row in rows}
             rejects = tuple(Reject.from_json(row) for row in json_rejects(self._read(REJECTS_FILE)))

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dancedata.core.errors import RecipeError, StoreError, UsageError
+from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import ENGLISH, Lexicon, with_mirrored_words
@@ -129,9 +129,6 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
     with locked(folder):
         check_out(folder, overwrite=True)
         with open_store(folder, segments=file) as laid, open_store(folder) as store:
-            if store.meta["format"] == 1:  # it has no table of them
-                problem, fix = "a dataset of format 1 has no segments", "build the dataset again with --overwrite"
-                raise StoreError(problem, where=folder, fix=fix)
             augment, lexicons = _recipe(store)
             of_file = laid.overlay.segments
             stated = dict(zip(of_file, with_mirrored_words(list(of_file.values()), lexicons), strict=True))

@@ -61,9 +61,8 @@ class SourceRecord:
     @classmethod
     def of_store(cls, store: Store) -> SourceRecord:
         """Return the record of a built dataset."""
-        source = store.meta.get("source")
-        clips = cls.joined(source.get("clips") if isinstance(source, Mapping) else None)
-        clips |= {clip.id: clip.made_of for clip in store.clips if clip.made_of}
+        left_out = store.meta.get("source", {}).get("clips", {})
+        clips = {**left_out, **{clip.id: clip.made_of for clip in store.clips if clip.made_of}}
         content = store.meta.get("content")
         return cls(
             clips=clips if clips and all(len(value) == 3 * DIGITS for value in clips.values()) else None,
@@ -71,11 +70,6 @@ class SourceRecord:
             content=content if isinstance(content, Mapping) else {},
             about={c.id: {name: getattr(c, name) for name in _ABOUT} for c in store.clips if not c.source},
         )
-
-    @staticmethod
-    def joined(left_out: Mapping[str, Any] | None) -> dict[str, str]:
-        """Return the hashes of clips as `to_json` gives them, in one form for all formats."""
-        return {str(clip): _joined(value) for clip, value in (left_out or {}).items()}
 
     def to_json(self, stored: Container[str]) -> dict[str, str]:
         """Return the hashes of clips that are not stored, for dataset.json; nothing for more than MAX_CLIPS."""
@@ -99,7 +93,7 @@ def source_differences(
 ) -> list[SourceDifference]:
     """Return the differences between two sources, called `then` and `now`; with `about`, those of metadata too."""
     if old.clips is None or new.clips is None:
-        return [SourceDifference("which files differ is not recorded in a dataset of an earlier version", ())]
+        return [SourceDifference("which files differ is not recorded in the dataset", ())]
     common = [clip for clip in old.clips if clip in new.clips]
     differences = _changed_files(old, new, common)
     differences += _changed_about(old, new, common, then, now) if about else []
@@ -107,11 +101,6 @@ def source_differences(
     differences += _spare_files(old, new, then, now)
     content = sorted(key for key in {*old.content, *new.content} if old.content.get(key) != new.content.get(key))
     return [*differences, *([SourceDifference("other content", tuple(content))] if content else [])]
-
-
-def _joined(hashes: object) -> str:
-    """Return hashes without the spaces and the "-" for no music that format 1 puts between them."""
-    return str(hashes).replace("-", "0" * DIGITS).replace(" ", "")
 
 
 def _files(ref: ClipRef, source: Path) -> tuple[str, str]:

@@ -114,11 +114,6 @@ class CopySpec:
         return changed
 
 
-def augment_document(specs: tuple[CopySpec, ...]) -> dict[str, Any]:
-    """Return the slot `augment` as recipes have it; mirror is spelled out, as in the hashes of earlier versions."""
-    return {"mirror": False, **{spec.name: spec.document() for spec in specs}}
-
-
 def is_copied(split: str) -> bool:
     """Return whether clips of a split are copied: those of train are."""
     return split == _SPLIT

@@ -51,8 +51,8 @@ class CurateRule:
 
     def document(self) -> dict[str, Any]:
         """Return JSON data."""
-        splits = {} if self.splits is None else {"splits": list(self.splits)}
-        return {"limit": self.limit, "leave_out": self.leave_out, **splits}
+        splits = None if self.splits is None else list(self.splits)
+        return {"limit": self.limit, "leave_out": self.leave_out, "splits": splits}
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,8 @@ class CurationSpec:
     repairs: Repairs = Repairs()  # noqa: RUF009 (frozen)
 
     def document(self) -> dict[str, Any]:
-        """Return the keys of a recipe that are not absent, with every default."""
-        rules = {rule.score: rule.document() for rule in self.rules}
-        curate = {"curate": rules} if rules else {}
-        return curate | ({"repair": self.repairs.document()} if self.repairs else {})
+        """Return the keys of a recipe, with every default."""
+        return {"curate": {rule.score: rule.document() for rule in self.rules}, "repair": self.repairs.document()}
 
     def notes(self, splits: Collection[str]) -> list[str]:
         """Return notes on a source with these splits: what is left out, where no clip is, and what is repaired."""

@@ -12,13 +12,11 @@ def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
 
     A field is a path if its metadata contain ``{"path": True}``: its content is hashed with the source, and
     its place shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
-    as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key. Fields
-    marked ``{"added": True}`` came with a later version of the plug-in: at their default they are left out, so that
-    hashes and keys of earlier recipes hold. A local plug-in has the hash of its file, too.
+    as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key. A local
+    plug-in has the hash of its file, too.
     """
     skipped = ("path", "scan") if loading else ("path",)
     fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
-    fields = [f for f in fields if not (f.metadata.get("added") and getattr(plugin, f.name) == f.default)]
     document = {f.name: _anything().dump_python(getattr(plugin, f.name), mode="json") for f in fields}
     file = plugin_file(type(plugin))
     return document if file is None else document | {FILE_KEY: file.sha256}

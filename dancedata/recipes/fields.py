@@ -128,8 +128,8 @@ class MotionField(FieldSpec):
         return self.representation.version, 0 if self.contacts is None else self.contacts.version
 
     def document(self) -> dict[str, Any]:
-        """Return the representation's parameters, and the contact rule."""
-        document = document_of(self.representation)
+        """Return the representation's parameters, the contact rule, and whether it is optional."""
+        document = {**document_of(self.representation), "optional": self.optional}
         if self.contacts is not None:
             document["contacts"] = {self.contacts.name: document_of(self.contacts)}
         return document
@@ -162,8 +162,8 @@ class KeyMotionField(FieldSpec):
         return self.finder.version, 0
 
     def document(self) -> dict[str, Any]:
-        """Return the finder's parameters."""
-        return document_of(self.finder)
+        """Return the finder's parameters, and whether the field is optional."""
+        return {**document_of(self.finder), "optional": self.optional}
 
     def encode(self, motion: Motion) -> npt.NDArray[np.float32]:
         """Return (T, D) rows of a motion at the recipe's rate."""

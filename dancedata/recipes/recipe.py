@@ -14,7 +14,7 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.plugin_files import PluginFile, plugin_file
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.skeleton import Skeleton
-from dancedata.recipes.copies import CopySpec, augment_document
+from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.curation import CurationSpec
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
@@ -98,7 +98,7 @@ class Recipe:
     @cached_property
     def document(self) -> dict[str, Any]:
         """The recipe with every default spelled out, as JSON; without paths, which are not part of its hash."""
-        document = {
+        return {
             "recipe": 1,
             "name": self.name,
             "description": self.description,
@@ -106,29 +106,22 @@ class Recipe:
             "fps": str(self.grid),
             "scope": self.scope,
             "windows": self.windows.document(),
-            "motion": {field.name: _with_optional(field) for field in self.motion if field.repaired},
+            "motion": {field.name: field.document() for field in self.motion if field.repaired},
             "audio": {field.name: field.document() for field in self.audio},
-            "keymotion": {field.name: _with_optional(field) for field in self.keymotion},
-            "augment": augment_document(self.augment),
+            "keymotion": {field.name: field.document() for field in self.keymotion},
+            "augment": {spec.name: spec.document() for spec in self.augment},
             "store": {"shard_mb": self.shard_mb},
-            # Absent by default, so that the hashes of earlier recipes stay.
-            **({"groups": {"incomplete": "keep"}} if self.incomplete_groups == "keep" else {}),
+            "groups": {"incomplete": self.incomplete_groups},
+            "retarget": None if self.retarget is None else self.retarget.document(),
+            "segments": self.segments.document(),
+            **self.curation.document(),
         }
-        # Absent by default, so that hashes of earlier recipes hold.
-        document |= {} if self.retarget is None else {"retarget": self.retarget.document()}
-        document |= {"segments": segments} if (segments := self.segments.document()) else {}
-        return document | self.curation.document()
 
     @cached_property
     def sha256(self) -> str:
         """Hash of all that shapes the result: not the name or description."""
         shaping = {k: v for k, v in self.document.items() if k not in ("name", "description")}
         return json_sha256(shaping)
-
-
-def _with_optional(field: MotionField | KeyMotionField) -> dict[str, Any]:
-    # Absent by default, so that hashes of earlier recipes hold.
-    return {**field.document(), **({"optional": True} if field.optional else {})}
 
 
 def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:

@@ -65,9 +65,11 @@ class SegmentSpec:
 
     def document(self) -> dict[str, Any]:
         """Return JSON data; with the words of the lexicon, not its path."""
-        facts = {} if self.facts is None else {"facts": self.facts.document()}
-        lexicon = {} if self.lexicon is None else {"lexicon": asdict(self.lexicon)}
-        return {**facts, **({"genre": True} if self.genre else {}), **lexicon}
+        return {
+            "facts": None if self.facts is None else self.facts.document(),
+            "genre": self.genre,
+            "lexicon": None if self.lexicon is None else asdict(self.lexicon),
+        }
 
 
 def parse_segments(value: Any) -> SegmentSpec:

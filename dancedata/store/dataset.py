@@ -149,8 +149,8 @@ class Store(RowQueries, SegmentQueries):
             shards = tuple({self._shards[t.split][int(t.shard_of(row))] for t, row in places})
             splits = {tables.split for tables, _ in places}
         for split in splits:
-            entry = self._description.splits.get(split)
-            for file in (entry.tables, entry.segments) if entry is not None else ():
+            entry = self._description.splits[split]
+            for file in (entry.tables, entry.segments):
                 if file is not None:
                     self._files[file.file].require_bytes(sha256)
         for shard in shards:
@@ -209,8 +209,6 @@ class Store(RowQueries, SegmentQueries):
     @property
     def quality(self) -> list[dict[str, Any]]:
         """Quality flags: by clip in stored order, and by time."""
-        if self._description.format == 1:
-            return self._side_files.quality
         return quality_rows(self)
 
     def __len__(self) -> int:

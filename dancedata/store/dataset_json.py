@@ -18,7 +18,7 @@ from dancedata.files.strict_json import parse_json
 from dancedata.remote import PUBLICATION_FILE, origin_of
 from dancedata.store.schema import (
     DATASET_FILE,
-    FORMATS,
+    FORMAT,
     OPTIONAL_FIELDS,
     Field,
     is_shard_name,
@@ -38,7 +38,7 @@ NEEDS = (OPTIONAL_FIELDS,)
 _LARGE = 1e300
 #: Frames after which frames and rows coincide, at most: this multiple of a frame number fits into 64 bits.
 _MAX_PERIOD = 1 << 31
-#: Largest rejects.jsonl and quality.jsonl, bytes.
+#: Largest rejects.jsonl, bytes.
 MAX_LINES_BYTES = 1 << 28
 
 
@@ -55,14 +55,13 @@ class FileEntry:
 class ShardEntry(FileEntry):
     """The entry of a shard in dataset.json.
 
-    `fields` are first byte and number of rows by field; the byte is None where rows are read through h5py. Format 1
-    does not state them.
+    `fields` are first byte and number of rows by field; the byte is None where rows are read through h5py.
     """
 
     split: str
     clips: int
     windows: int
-    fields: Mapping[str, tuple[int | None, int]] | None = None
+    fields: Mapping[str, tuple[int | None, int]]
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class SplitEntry:
 class Description:
     """dataset.json, parsed.
 
-    `tables` are the types of columns by table and name; `splits` and `tables` are empty in format 1.
+    `tables` are the types of columns by table and name.
     """
 
     meta: Mapping[str, Any]
@@ -91,7 +90,6 @@ class Description:
     skeleton: Skeleton
     shards: tuple[ShardEntry, ...]
     files: Mapping[str, Mapping[str, Any]]
-    format: int
     tables: Mapping[str, Mapping[str, str]]
     splits: Mapping[str, SplitEntry]
 
@@ -137,12 +135,12 @@ def load_description(folder: Path) -> Description:
         raise StoreError(
             "dataset.json does not describe a dancedata dataset", where=str(path), found="no key 'format'"
         )
-    if document["format"] not in FORMATS:
+    if document["format"] != FORMAT:
         raise StoreError(
             "the dataset has another format version",
             where=str(path),
             found=document["format"],
-            allowed=listed(FORMATS),
+            allowed=FORMAT,
             fix="use the dancedata version that built it, or build it again",
         )
     unknown = [need for need in document.get("needs", ()) if need not in NEEDS]
@@ -175,11 +173,6 @@ def json_rejects(text: str) -> list[dict[str, Any]]:
 
 
 _REJECT = {**dict.fromkeys(("reason", "clip", "file", "detail", "music", "fix"), str), "window": int, "numbers": dict}
-
-
-def json_quality(text: str) -> list[dict[str, Any]]:
-    """Parse quality.jsonl; raises ValueError."""
-    return _json_lines(text, ("clip",), _FLAG)
 
 
 _FLAG = {"clip": str, "kind": str, "frame": int, "value": float, "unit": str, "joint": str}
@@ -256,13 +249,11 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
             skeleton=Skeleton.from_json(document["skeleton"]),
             shards=tuple(_shard(s) for s in document["shards"]),
             files={str(k): {"size": v["size"], "sha256": v["sha256"]} for k, v in document["files"].items()},
-            format=document["format"],
-            tables={str(t): _columns(v["columns"]) for t, v in document.get("tables", {}).items()},
-            splits={str(split): _split(str(split), entry) for split, entry in document.get("splits", {}).items()},
+            tables={str(t): _columns(v["columns"]) for t, v in document["tables"].items()},
+            splits={str(split): _split(str(split), entry) for split, entry in document["splits"].items()},
         )
         _check_rates(description)
-        if description.format > 1:
-            _check_tables(description)
+        _check_tables(description)
         return description
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, DanceDataError) as error:
         raise StoreError(
@@ -351,9 +342,9 @@ def _shard(entry: Mapping[str, Any]) -> ShardEntry:
     if not isinstance(file, str) or not is_shard_name(file) or Path(file).name != file:
         raise ValueError(f"{quoted(file)} is not the name of a shard")
     numbers = {name: _whole(entry[name]) for name in ("size", "clips", "windows")}
-    fields = entry.get("fields")
-    if fields is not None:
-        fields = {str(f): (None if first is None else _whole(first), _whole(n)) for f, (first, n) in fields.items()}
+    fields = {
+        str(f): (None if first is None else _whole(first), _whole(n)) for f, (first, n) in entry["fields"].items()
+    }
     return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), fields=fields, **numbers)
 
 
@@ -385,7 +376,7 @@ def _check_tables(description: Description) -> None:
         raise ValueError(f"tables of {listed(sorted(description.splits))}, shards of {listed(sorted(splits))}")
     names = {f.name for f in description.fields}
     for shard in description.shards:
-        if shard.fields is None or set(shard.fields) != names:
+        if set(shard.fields) != names:
             raise ValueError(f"{shown(shard.file)} does not state the rows of every field")
     for split, entry in description.splits.items():
         if not {"clips", "windows"} <= entry.rows.keys() or (entry.segments is None) != (

@@ -31,20 +31,19 @@ def ranged_shards(folder: Path, description: Description, stream: Stream) -> Map
     Raises
     ------
     StoreError
-        For a dataset without leaves, or whose rows are not pieces of its shards: format 1, or shards that another
-        tool has written.
+        For a dataset without leaves, or whose rows are not pieces of its shards: those that another tool has written.
     """
     if origin_of(folder) is None:
         return {}
     stated = description.meta.get("leaves")
-    places = [(s.file, first) for s in description.shards for first, _ in (s.fields or {"": (None, 0)}).values()]
+    places = [(s.file, first) for s in description.shards for first, _ in s.fields.values()]
     chunked = next((file for file, first in places if first is None), None)
     if not isinstance(stated, Mapping) or stated.get("size") != LEAF or chunked is not None:
         unknown = "the places of rows" if chunked else "the hashes of parts of shards"
         raise StoreError(
             f"the dataset cannot be read by ranges: it does not state {unknown}",
             where=str(folder),
-            found=f"format {description.format}" if description.format == 1 else chunked,
+            found=chunked,
             fix="open it without stream=True: its shards are then fetched whole",
         )
     require_file(folder / LEAVES_FILE)

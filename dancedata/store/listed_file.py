@@ -24,14 +24,13 @@ from dancedata.store.dataset_json import (
     REBUILD,
     Description,
     FileEntry,
-    json_quality,
     json_rejects,
     json_stats,
     load_description,
     require_sealed,
 )
 from dancedata.store.normalize import MinMax
-from dancedata.store.schema import DATASET_FILE, QUALITY_FILE, REJECTS_FILE, STATS_FILE, Field, sort_splits
+from dancedata.store.schema import DATASET_FILE, REJECTS_FILE, STATS_FILE, Field, sort_splits
 
 T = TypeVar("T")
 
@@ -51,11 +50,6 @@ class SideFiles:
     def rejects(self) -> list[dict[str, Any]]:
         """rejects.jsonl."""
         return self._load(REJECTS_FILE, json_rejects, MAX_LINES_BYTES)
-
-    @cached_property
-    def quality(self) -> list[dict[str, Any]]:
-        """quality.jsonl, of format 1."""
-        return self._load(QUALITY_FILE, json_quality, MAX_LINES_BYTES)
 
     def scaler(self, f: Field) -> MinMax:
         """Return the min-max scaler of a field that stats.json holds; StoreError if there is none."""

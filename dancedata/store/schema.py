@@ -19,9 +19,8 @@ from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted
 
-#: Version of the layout that is written. Readers also read format 1.
+#: Version of the layout.
 FORMAT = 2
-FORMATS = (1, 2)
 #: Name in `needs` of datasets with fields that not every clip has.
 OPTIONAL_FIELDS = "optional_fields"
 #: Every dataset's bytes start at a multiple of this, so that a mapped file gives aligned arrays.
@@ -31,7 +30,6 @@ SPLIT_ORDER = ("train", "val", "test")
 DATASET_FILE = "dataset.json"
 STATS_FILE = "stats.json"
 REJECTS_FILE = "rejects.jsonl"
-QUALITY_FILE = "quality.jsonl"  # of format 1
 LEAVES_FILE = "leaves.bin"
 CARD_FILE = "README.md"
 

@@ -26,8 +26,7 @@ class SegmentQueries(StoreTables):
     def segment_table(self, split: str) -> SegmentTable | None:
         """Return the columns of a split's segments, read on first use; None where it has none."""
         if split not in self._segments:
-            entry = self._description.splits.get(split)
-            stated = entry is not None and entry.segments
+            stated = self._description.splits[split].segments
             table = read_segments(self._files[stated.file], self._description, split) if stated else None
             self._segments[split] = table
         return self._segments[split]

@@ -233,7 +233,7 @@ def quality_segments(
 
 
 def quality_rows(store: Store) -> list[dict[str, Any]]:
-    """Return the quality flags of a store, as format 1 has them in quality.jsonl; StoreError for damaged ones."""
+    """Return the quality flags of a store; StoreError for damaged ones."""
     try:
         return [row for split in store.splits for row in _flags(store, split)]
     except (ValueError, IndexError) as error:

@@ -175,8 +175,8 @@ class ShardReader:
         return self._layout[field]
 
     def _stated_layout(self, f: Field) -> FieldLayout:
-        """Return the place of a field's rows as dataset.json states it, which format 1 does not."""
-        first, n_rows = (self._entry.fields or {}).get(f.name, (None, 0))
+        """Return the place of a field's rows as dataset.json states it."""
+        first, n_rows = self._entry.fields[f.name]
         layout = FieldLayout(first, n_rows, f.columns.width, f.disk_dtype, f"/{f.path}")
         if first is not None and first + n_rows * layout.row_bytes > self._entry.size:
             raise _too_short(self.path, first + n_rows * layout.row_bytes - self._entry.size, self._entry.size)

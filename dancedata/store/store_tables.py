@@ -14,7 +14,6 @@ from dancedata.store.listed_file import ListedFile, SideFiles
 from dancedata.store.schema import Field, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.shard_reader import ShardReader
-from dancedata.store.shard_tables import read_shard_tables
 from dancedata.store.table_file import SegmentTable, read_tables
 from dancedata.store.tables import Tables
 
@@ -71,12 +70,8 @@ class StoreTables:
         if split not in self._shards:
             raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
         if split not in self._tables:
-            entry = self._description.splits.get(split)
-            self._tables[split] = (
-                read_shard_tables(self._shards[split], self._description, split)
-                if entry is None
-                else read_tables(self._files[entry.tables.file], self._description, split)
-            )
+            entry = self._description.splits[split]
+            self._tables[split] = read_tables(self._files[entry.tables.file], self._description, split)
         return self._tables[split]
 
     def shards(self, split: str) -> tuple[ShardReader, ...]:

@@ -136,7 +136,7 @@ def _spans(
             np.asarray(source.column("clips", f"{f.path}/{name}", "int", n), dtype=np.int64)
             for name in f.span_columns
         )
-        in_shard = np.repeat([(shard.fields or {})[f.name][1] for shard in shards], counts).astype(np.int64)
+        in_shard = np.repeat([shard.fields[f.name][1] for shard in shards], counts).astype(np.int64)
         spans[f.name] = check_spans(f, start, length, offset[0] if offset else None, in_shard, source.where)
     return spans
 

@@ -21,7 +21,6 @@ from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
     LEAVES_FILE,
-    QUALITY_FILE,
     REJECTS_FILE,
     STATS_FILE,
     is_shard_name,
@@ -30,10 +29,7 @@ from dancedata.store.schema import (
 from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
 from dancedata.store.verify_shard import Problem, verify_split
 
-_SIDE_FILES = {
-    1: (STATS_FILE, REJECTS_FILE, QUALITY_FILE, CARD_FILE),
-    2: (LEAVES_FILE, STATS_FILE, REJECTS_FILE, CARD_FILE),
-}
+_SIDE_FILES = (LEAVES_FILE, STATS_FILE, REJECTS_FILE, CARD_FILE)
 _LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")
 #: Most names in one message.
 _SHOWN = 10
@@ -81,9 +77,9 @@ def verify_store(path: str | Path) -> list[Problem]:
     records: list[ClipRecord] = []
     for split in dict.fromkeys(entry.split for entry in description.shards):
         # A shard that differs is not parsed: its split is read without it, and only where it is whole.
-        tables = description.splits.get(split)
+        tables = description.splits[split]
         files = {entry.file for entry in description.shards if entry.split == split}
-        files |= {file.file for file in (tables.tables, tables.segments) if file} if tables else set()
+        files |= {file.file for file in (tables.tables, tables.segments) if file}
         if files & damaged:
             continue
         try:
@@ -111,7 +107,7 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
         yield Problem("error", where, str(error))
     if not description.shards:
         yield Problem("error", where, "it does not list any shards")
-    for name in (f for f in _SIDE_FILES[description.format] if f not in description.files):
+    for name in (f for f in _SIDE_FILES if f not in description.files):
         yield Problem("error", where, f"it does not list {name}")
     by_split: dict[str, list[str]] = defaultdict(list)
     for entry in description.shards:
@@ -204,11 +200,9 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
             "songs": len({songs[r.id] for r in clips if r.id in songs}),
             **({"groups": len({r.group for r in clips if r.group})} if any(r.group for r in clips) else {}),
         }
-        # Earlier versions counted names, also those of the stretched music of copies.
-        names = len({r.music for r in clips if r.music})
         for name, value in actual.items():
             stated = counts.get(name) if isinstance(counts, dict) else None
-            if stated != value and not (name == "songs" and stated == names):
+            if stated != value:
                 yield Problem("error", where, f"counts: {split} has {value} {name}, not {stated}")
 
 

@@ -12,9 +12,8 @@ from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import Description, ShardEntry
-from dancedata.store.schema import ALIGNMENT, Field
+from dancedata.store.schema import ALIGNMENT, FORMAT, Field
 from dancedata.store.shard_reader import ShardReader
-from dancedata.store.shard_tables import COLUMNS, LATER_COLUMNS
 from dancedata.store.table_columns import ListColumn, TextColumn, type_of
 from dancedata.store.tables import Tables
 
@@ -54,9 +53,7 @@ _SHOWN = 5
 def verify_split(store: Store, description: Description, split: str) -> Iterator[Problem]:
     """Yield the problems of a split's tables and shards."""
     shards = [entry for entry in description.shards if entry.split == split]
-    where = str(
-        store.path / (shards[0].file if split not in description.splits else description.splits[split].tables.file)
-    )
+    where = str(store.path / description.splits[split].tables.file)
     try:
         readers = store.shards(split)
         layout = [
@@ -72,15 +69,12 @@ def verify_split(store: Store, description: Description, split: str) -> Iterator
             *_check_clips(tables),
             *_check_spans(readers, tables, description),
             *_check_windows(tables, description),
+            *_check_offsets(tables),
+            *_check_by_id(tables),
+            *_check_licences(store, tables),
+            *_check_groups(tables),
+            *_check_segments(store, tables, description),
         ]
-        if description.format > 1:
-            messages += [
-                *_check_offsets(tables),
-                *_check_by_id(tables),
-                *_check_licences(store, tables),
-                *_check_groups(tables),
-            ]
-            messages += _check_segments(store, tables, description)
         yield from (Problem("error", where, message) for message in messages)
         for number, reader in enumerate(readers):
             for f in description.fields:
@@ -93,24 +87,21 @@ def verify_split(store: Store, description: Description, split: str) -> Iterator
 def _check_layout(reader: ShardReader, description: Description, entry: ShardEntry) -> Iterator[str]:
     """Check names, dtypes, shapes, contiguity and alignment of every dataset of a shard."""
     with reader.opened() as file:
-        if int(file.attrs.get("format", -1)) != description.format:
-            yield f"attribute format is {file.attrs.get('format')}, not {description.format}"
-        for path, (dtype, rows) in _expected(description, entry).items():
+        if int(file.attrs.get("format", -1)) != FORMAT:
+            yield f"attribute format is {file.attrs.get('format')}, not {FORMAT}"
+        for path, dtype, rows in ((f.path, f.disk_dtype, entry.fields[f.name][1]) for f in description.fields):
             dataset = file.get(path)
-            if dataset is None and entry.fields is None and path.removeprefix("clips/") in LATER_COLUMNS:
-                continue
             if dataset is None or not getattr(dataset, "shape", None):
                 yield f"/{path} is missing"
                 continue
-            wrong = dataset.dtype.kind not in dtype if isinstance(dtype, str) else dataset.dtype != dtype
-            if wrong:
+            if dataset.dtype != dtype:
                 yield f"/{path} is of type {dataset.dtype}, not {dtype}"
-            if dataset.shape[:1] != (rows,) and rows is not None:
+            if dataset.shape[:1] != (rows,):
                 yield f"/{path} has shape {dataset.shape}, not {rows} rows"
             yield from _check_place(dataset, path)
-            if not wrong:
+            if dataset.dtype == dtype:
                 hdf5.find_dataset(file, path)
-        for name, (first, _) in (entry.fields or {}).items():
+        for name, (first, _) in entry.fields.items():
             path = next(f.path for f in description.fields if f.name == name)
             actual = file[path].id.get_offset() if path in file else None
             if path in file and file[path].size and first != actual:
@@ -123,21 +114,6 @@ def _check_place(dataset: Any, path: str) -> Iterator[str]:
         yield f"/{path} is not contiguous"
     elif dataset.size and offset % ALIGNMENT:
         yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
-
-
-def _expected(description: Description, entry: ShardEntry) -> dict[str, tuple[Any, int | None]]:
-    """Return for each dataset its dtype, or kinds of dtypes, and number of rows (None: any)."""
-    if entry.fields is not None:
-        return {f.path: (f.disk_dtype, entry.fields[f.name][1]) for f in description.fields}
-    whole = np.dtype("<i8")
-    shapes: dict[str, tuple[Any, int | None]] = {f"clips/{n}": (kind, entry.clips) for n, kind in COLUMNS.items()}
-    shapes |= {f"windows/{n}": (whole, entry.windows) for n in ("clip", "start", "length", "index")}
-    for f in description.fields:
-        shapes[f.path] = (f.disk_dtype, None)
-        shapes[f"windows/rows/{f.name}"] = (whole, entry.windows)
-        if f.per_clip or description.scope == "track":
-            shapes |= {f"clips/{f.path}/{name}": (whole, entry.clips) for name in f.span_columns}
-    return shapes
 
 
 def _check_clips(tables: Tables) -> Iterator[str]:
@@ -300,11 +276,9 @@ def _check_rows(tables: Tables, f: Field, description: Description) -> str:
     clip, start = np.asarray(tables.window_clip, dtype=np.int64), np.asarray(tables.window_start, dtype=np.int64)
     spans = tables.spans.get(f.name)
     if spans is None:
-        n_rows = np.array(
-            [(s.fields or {}).get(f.name, (0, 0))[1] for s in description.shards if s.split == tables.split]
-        )
+        n_rows = np.array([s.fields[f.name][1] for s in description.shards if s.split == tables.split])
         rows = tables.window_rows[f.name]
-        bad = (rows < 0) | (rows + length > n_rows[tables.shard_of(clip)]) if description.format > 1 else rows < 0
+        bad = (rows < 0) | (rows + length > n_rows[tables.shard_of(clip)])
     elif description.scope == "track":
         inside, whole = description.grid.rows_of_all(start, of=f.grid)
         bad = (~whole | (inside + length > spans.available[clip])) & tables.having(f)[clip]

@@ -97,7 +97,7 @@ def build_picture() -> str:
         _arrow((144, 372), (144, 395)),
         _arrow((416, 372), (416, 395)),
         _box(left, 395, half, "dataset", "*.h5, stats.json,", "dataset.json: written last"),
-        _box(right, 395, half, "what to know", "rejects.jsonl: left out, why", "quality.jsonl: flagged"),
+        _box(right, 395, half, "what to know", "rejects.jsonl: left out, why", "segments: quality flags"),
         _text(WIDTH / 2, 488, "Results of encode and extract are kept in the cache:", anchor="middle"),
         _text(WIDTH / 2, 507, "a build that was interrupted continues there.", anchor="middle"),
     ]

@@ -85,19 +85,6 @@ def test_every_name_is_documented(name: str) -> None:
         assert parameter in text, parameter
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("dancedata.metrics:Evaluator", "dancedata.evaluation.evaluator"),
-        ("dancedata.core.plugins:Export", "dancedata.exports.base.job"),
-        ("dancedata.core.registry:EXPORTS", "dancedata.exports.base.job"),
-    ],
-)
-def test_old_names_are_those_of_their_new_modules(old: str, new: str) -> None:
-    module, _, name = old.partition(":")
-    assert getattr(importlib.import_module(module), name) is getattr(importlib.import_module(new), name)
-
-
 def test_a_misspelt_name_is_explained() -> None:
     with pytest.raises(AttributeError, match="module 'dancedata' has no attribute 'encoder'") as caught:
         _ = dancedata.encoder  # type: ignore[attr-defined]

@@ -54,12 +54,6 @@ def test_a_report_and_a_pool_file_have_halves(store: Store, tmp_path: Path) -> N
     assert report.to_json()["scores"]["fid_g"]["halves"] == scores["fid_g"].halves
     again = dancedata.evaluate(store, bootstrap=0, pool=tmp_path / "pool.npz")
     assert {s.name: s.halves for s in again.scores} == {s.name: s.halves for s in report.scores}
-    with np.load(tmp_path / "pool.npz") as arrays:
-        earlier = {name: arrays[name] for name in arrays.files if not name.startswith("clip_of_rows_")}
-    np.savez(tmp_path / "earlier.npz", **earlier)
-    old = dancedata.evaluate(store, bootstrap=0, pool=tmp_path / "earlier.npz")
-    assert old["fid_k"] == report["fid_k"]
-    assert {s.halves for s in old.scores} == {None}
 
 
 def test_a_metric_that_the_protocol_does_not_have(store: Store) -> None:

@@ -68,7 +68,7 @@ def test_beats_of_windows_where_a_protocol_takes_those_of_songs(store: Store, tm
     )
     windows = dancedata.open(tmp_path / "a")
     columns, music = (np.stack([windows.read(w, f) for w in windows.windows("train")]) for f in windows.fields)
-    evaluator = dancedata.metrics.Evaluator.of(windows, normalized=False)
+    evaluator = dancedata.Evaluator.of(windows, normalized=False)
     evaluator.update(columns)
     silent = evaluator.compute().warnings
     evaluator.update(columns + 1, ids=list("abcd"), music=music)

@@ -275,8 +275,7 @@ def test_keys_that_are_incomplete(keys: Any) -> None:
         Folder(keys=keys)
 
 
-def test_documents_of_earlier_recipes_hold() -> None:
-    assert not {"keys", "people"} & document_of(Folder()).keys()
+def test_people_shape_the_scan_and_keys_the_loading() -> None:
     assert document_of(Folder(people="split"))["people"] == "split"
     assert document_of(Folder(people="split", keys=KEYS), loading=True)["keys"] == KEYS
     assert "people" not in document_of(Folder(people="split"), loading=True)

@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -155,21 +154,6 @@ def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: p
     with raises_message(DanceDataError, "aist|backend|finished|overrides|reader|worker"):
         call()
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("old", "name", "home"),
-    [
-        ("commands", "build_part", "dancedata.pipeline.commands"),
-        ("commands", "build", "dancedata.pipeline.commands"),
-        ("arrays", "extract", "dancedata.pipeline.arrays"),
-        ("decoding", "decode_file", "dancedata.pipeline.decode_file"),
-        ("evaluation", "self_test", "dancedata.evaluation.run"),
-        ("export", "export", "dancedata.exports.base.run"),
-    ],
-)
-def test_old_addresses_lead_to_the_same_functions(old: str, name: str, home: str) -> None:
-    assert getattr(import_module(f"dancedata.api.{old}"), name) is getattr(import_module(home), name)
 
 
 def test_strict_raises(source: Path, out: Path) -> None:

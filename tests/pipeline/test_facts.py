@@ -141,10 +141,11 @@ def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:
     assert again.sha256 == store.meta["recipe_sha256"]
 
 
-def test_recipes_without_the_key_keep_their_hash() -> None:
+def test_no_facts_are_asked_for_by_default() -> None:
     plain, empty = (parse_recipe(document(**keys)) for keys in ({}, {"segments": {"facts": False}}))
     assert plain.sha256 == empty.sha256
-    assert "segments" not in plain.document
+    assert plain.document["segments"] == {"facts": None, "genre": False, "lexicon": None}
+    assert parse_recipe(plain.document).sha256 == plain.sha256
 
 
 @pytest.mark.parametrize(

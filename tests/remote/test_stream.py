@@ -235,13 +235,6 @@ def test_a_dataset_without_leaves_says_so(server: Server, published: Path, tmp_p
     assert not [name for name in server.requests if "-of-" in name]
 
 
-def test_format_1_says_so(server: Server) -> None:
-    frozen = Path(__file__).parents[1] / "store" / "format1"
-    server.folder = frozen
-    with pytest.raises(StoreError, match=r"cannot be read by ranges"):
-        dancedata.open(f"{server.url}/track", stream=True)
-
-
 # Faults of section D.
 
 

@@ -263,9 +263,10 @@ def test_a_bad_stage_is_a_problem_of_the_recipe(value: object) -> None:
         load_recipe("demo", {"retarget": value})
 
 
-def test_recipes_without_the_stage_keep_their_hash() -> None:
+def test_the_stage_is_part_of_the_hash() -> None:
     plain, staged = load_recipe("demo"), load_recipe("demo", ["retarget.skeleton=smpl24"])
-    assert "retarget" not in plain.document
+    assert plain.document["retarget"] is None
+    assert load_recipe(plain.document).sha256 == plain.sha256
     assert plain.sha256 != staged.sha256
     assert load_recipe(staged.document).sha256 == staged.sha256
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -207,20 +206,3 @@ def test_control_characters_of_quality_flags(tmp_path: Path) -> None:
     )  # fmt: skip
     text = everything(made.path)
     assert all(c.isprintable() or c == "\n" for c in text)
-
-
-@pytest.mark.parametrize(
-    "line", ['{"value": "much"}', '{"frame": true}', '{"unit": 3}', '{"joint": 7}', "[1, 2]", '{"frame": 1e999}', "{"]
-)
-def test_data_of_quality_flags_of_other_types_are_an_error(tmp_path: Path, line: str) -> None:
-    """The format 1 has them in quality.jsonl."""
-    folder = tmp_path / "store"
-    shutil.copytree(Path(__file__).parent / "format1" / "track", folder)
-    row = '{"clip": "train_c01", ' + line[1:] if line.startswith("{") else line
-    (folder / "quality.jsonl").write_text(row + "\n")
-    document = json.loads((folder / "dataset.json").read_text(encoding="utf-8"))
-    document["files"]["quality.jsonl"]["sha256"] = sha256_file(folder / "quality.jsonl")
-    document["self_sha256"] = self_hash(document)
-    (folder / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
-    with raises_message(StoreError, "build", where="store/quality.jsonl"):
-        describe_store(folder)

@@ -356,7 +356,7 @@ def test_folders_that_are_not_a_dataset(tmp_path: Path, make_store: Any) -> None
 @pytest.mark.parametrize(
     ("text", "message"),
     [("", "not valid JSON"), ("[1]", "does not describe a dancedata"), ('{"a": 1}', "does not describe a dancedata"),
-     ('{"format": 3}', "another format version"), ('{"format": 1}', "is incomplete")],
+     ('{"format": 3}', "another format version"), ('{"format": 2}', "is incomplete")],
 )  # fmt: skip
 def test_wrong_dataset_json(make_store: Any, text: str, message: str) -> None:
     made = make_store()

@@ -6,9 +6,6 @@ keys that a recipe may set. It has to define the abstract members, and may repla
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from dancedata.core.lazy import lazy_names
 from dancedata.core.plugins.audio_feature import AudioFeature
 from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
 from dancedata.core.plugins.metric import Better, Metric
@@ -31,6 +28,3 @@ __all__ = [
     "SampleField",
     "WindowFilter",
 ]
-
-if not TYPE_CHECKING:  # deprecated since 0.2.0: import it from its module
-    __getattr__, __dir__ = lazy_names(__name__, {"Export": "dancedata.exports.base.job"})

@@ -116,9 +116,9 @@ class Folder(Dataset):
     split: str | Mapping[str, Any] = field(default="train", metadata={"scan": True})
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
     music_dir: Path | None = field(default=None, metadata={"path": True})
-    keys: Mapping[str, str] | None = field(default=None, metadata={"added": True})
-    people: Literal["one", "split"] = field(default="one", metadata={"scan": True, "added": True})
-    language: str = field(default="", metadata={"scan": True, "added": True})
+    keys: Mapping[str, str] | None = None
+    people: Literal["one", "split"] = field(default="one", metadata={"scan": True})
+    language: str = field(default="", metadata={"scan": True})
 
     explicit_only: ClassVar[bool] = True
     version: ClassVar[int] = 3

@@ -80,7 +80,7 @@ class Motorica(Dataset):
     fingers: Literal["drop", "keep"] = "drop"
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
     music_dir: Path | None = field(default=None, metadata={"path": True})
-    takes: Literal["first", "both"] = field(default="first", metadata={"scan": True, "added": True})
+    takes: Literal["first", "both"] = field(default="first", metadata={"scan": True})
     labels: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1

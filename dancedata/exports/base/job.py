@@ -148,11 +148,6 @@ class Export(Plugin):
     reference: ClassVar[str] = ""
     listed_folders: ClassVar[tuple[str, ...]] = ()
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        if "lacks" in vars(cls) and "missing" not in vars(cls):  # the old name
-            cls.missing = vars(cls)["lacks"]  # type: ignore[method-assign]
-
     @abstractmethod
     def missing(self, job: ExportJob) -> list[Missing]:
         """Return everything that the dataset lacks for this export; nothing is written while there is something.
@@ -190,5 +185,3 @@ class Export(Plugin):
 
 
 EXPORTS = Registry("export", "dancedata.exports", Export)
-#: Deprecated since 0.2.0: `Missing`.
-Lack = Missing
