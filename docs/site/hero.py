@@ -22,9 +22,8 @@ another body, ? for all keys; a click turns the music on. <a href="{up}clip.html
 #: What the first screen shows beside the dancer.
 _START = r"""
 ```sh
-python3.11 -m venv .venv && .venv/bin/pip install -c constraints.txt -e ".[torch,dev]" \
+python3.11 -m venv .venv && .venv/bin/pip install -c constraints.txt ".[torch]" \
   && .venv/bin/dancedata build demo
-.venv/bin/python -m pytest -n auto
 ```
 
 ```python

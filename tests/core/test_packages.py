@@ -184,6 +184,7 @@ def test_extras_are_those_of_the_distribution() -> None:
     """Modules of the table, and the command that is printed, against pyproject.toml."""
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
     assert set(MODULES) == set(declared) - {"docs", "dev", "all"}
+    assert declared["all"] == [f"dancedata[{','.join(e for e in declared if e in set(MODULES) - {'spark'})}]"]
     names = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg", "distributed": "dask[distributed]"}
     names["ray"] = "ray[client]"
     brought = {"huggingface_hub": "transformers", "dask": "dask[distributed]"}  # by another one's needs
