@@ -31,7 +31,7 @@ MODULES = {
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
     "lightning": ("lightning", "torch"),
-    "video": ("imageio_ffmpeg", "PIL"),
+    "video": ("imageio_ffmpeg", "matplotlib"),
     "remote": ("huggingface_hub", "obstore"),
 }
 

@@ -1,4 +1,4 @@
-"""Clips and features as figures for papers and as videos. matplotlib and Pillow are loaded when they are used."""
+"""Clips and features as figures for papers and as videos. matplotlib is loaded when it is used."""
 
 from __future__ import annotations
 

@@ -1,31 +1,72 @@
-"""Bodies on pictures: the round cones of the viewer as polygons, in strips from the edge to the highlight."""
+"""Bodies on pictures: the round cones of the viewer, or the triangles of a body model, as polygons by depth."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
+from dancedata.formats.body_mesh import BodyMesh, Float32, vertex_normals
 from dancedata.viewer import Figure
-
-if TYPE_CHECKING:
-    from PIL.ImageDraw import ImageDraw
-
-    from dancedata.plot.frames import Camera
 
 #: From the edge inwards: share of the width, shift towards the light in radii, share of white, or of black below 0.
 STRIPS = ((1.0, 0.0, -0.5), (0.9, 0.02, -0.22), (0.76, 0.05, 0.0), (0.44, 0.12, 0.16), (0.2, 0.16, 0.3))
-#: Direction of the light on the picture, right and down.
-_LIGHT = (0.55, -0.83)
-#: Darkness below which nothing is drawn: it would only hide the lines of the floor.
-_FAINT = 0.2
+#: Direction of the light on the picture, right and up.
+_LIGHT = (0.55, 0.83)
 #: Points of each end of a cone.
 _ARC = np.linspace(0.0, 1.0, 9)
-#: How fast a shadow fades with the height of its joint, per metre, and the darkness of its rim and its middle.
-_FADE, _RIM, _MIDDLE = 2.4, 0.45, 0.9
+#: Light on a body model from above, ahead and the side, in the world; how much of it, of the sky and of the rim.
+_SUN = np.array((0.45, 0.75, 0.5), dtype=np.float32) / np.float32(0.982)
+_AMBIENT, _SKY, _KEY, _RIM = 0.4, 0.12, 0.52, 0.22
+#: Nearest distance to the camera that is drawn, metres.
+_NEAREST = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera at a point of the world.
+
+    Attributes
+    ----------
+    middle
+        (3,) metres, the point that is seen at (0, 0) of the picture.
+    turn_deg, tilt_deg
+        Turn about the vertical axis from the front, +Z, and downward tilt, degrees.
+    distance
+        From `middle`, metres; infinite: a parallel projection.
+    """
+
+    middle: Float64Array
+    turn_deg: float
+    tilt_deg: float = 0.0
+    distance: float = math.inf
+
+    @property
+    def axes(self) -> Float64Array:
+        """Rows are right, up, and the way from `middle` to the camera, in the world; (3, 3), each of length 1."""
+        turn, tilt = np.radians((self.turn_deg, self.tilt_deg))
+        (st, ct), (sp, cp) = (np.sin(turn), np.cos(turn)), (np.sin(tilt), np.cos(tilt))
+        return np.array([(ct, 0.0, -st), (-sp * st, cp, -sp * ct), (cp * st, sp, cp * ct)])
+
+    def __call__(self, places: Float64Array) -> Float64Array:
+        """Return places (..., 3), metres, as (..., 3): right and up, metres at `middle`, and nearness to the camera.
+
+        Places behind the camera are NaN.
+        """
+        turned = (np.asarray(places) - self.middle) @ self.axes.T
+        near = turned[..., 2]
+        return np.concatenate([turned[..., :2] * self.scale(near)[..., None], near[..., None]], axis=-1)
+
+    def scale(self, near: Float64Array) -> Float64Array:
+        """Return how much larger than at `middle` things at a nearness are drawn."""
+        return np.where(self.distance - near > _NEAREST, 1 / (1 - near / self.distance), np.nan)
 
 
 @cache
@@ -41,38 +82,72 @@ def shade(colour: str, white: float) -> str:
     return blend(colour, "#ffffff" if white > 0 else "#000000", 1 - abs(white))
 
 
-def draw_body(draw: ImageDraw, camera: Camera, figure: Figure, at: int, tones: Sequence[str]) -> None:
-    """Draw a figure at a frame, the farthest cones first; nothing where a part is behind the camera.
+def body(
+    figure: Figure, at: int, camera: Camera, tones: Sequence[str], place: tuple[float, float], zorder: float
+) -> Any:
+    """Return a figure at a frame as a matplotlib collection of polygons, the farthest first.
 
     Parameters
     ----------
     tones
         Colours of trunk and head, left and right limbs.
+    place
+        Right and up on the picture, metres, where the camera's middle is seen.
     """
-    look = None if figure.look is None else figure.look[at]
-    cones = figure.limbs.cones(figure.joints[at], look)
+    vertices = figure.vertices(at)
+    if vertices is None or figure.mesh is None:
+        polygons, colours = _cones(figure, at, camera, tones)
+    else:
+        polygons, colours = _faces(vertices, figure.mesh, camera, tones)
+    collection = load("matplotlib.collections", "report", "a figure").PolyCollection
+    # Without an edge of its own colour, the floor shines through between two triangles.
+    width = 0.0 if figure.mesh is None else 0.5
+    return collection(polygons + place, facecolors=colours, edgecolors="face", linewidths=width, zorder=zorder)
+
+
+def _cones(figure: Figure, at: int, camera: Camera, tones: Sequence[str]) -> tuple[Float64Array, Any]:
+    """Return the strips of the cones of a pose, (N, P, 2), and their colours; none if a part is behind the camera."""
+    cones = figure.limbs.cones(figure.joints[at], None if figure.look is None else figure.look[at])
     begin, end = camera(cones.begin), camera(cones.end)
-    if not (np.isfinite(begin).all() and np.isfinite(end).all()):
-        return
-    colours = [*tones, blend(tones[0], "#000000", 0.35)]
-    radii = cones.radii * np.stack([begin[:, 2], end[:, 2]], axis=1)
-    outlines = [cone_outlines(begin[:, :2], end[:, :2], radii, *strip[:2]) for strip in STRIPS]
-    for k in np.argsort(begin[:, 2] + end[:, 2], kind="stable"):
-        for outline, (_, _, white) in zip(outlines, STRIPS, strict=True):
-            draw.polygon(outline[k].ravel().tolist(), fill=shade(colours[cones.tones[k]], white))
+    radii = cones.radii * camera.scale(np.stack([begin[:, 2], end[:, 2]], axis=1))
+    outlines = np.stack([cone_outlines(begin[:, :2], end[:, :2], radii, *strip[:2]) for strip in STRIPS], axis=1)
+    colours = [*tones, shade(tones[0], -0.65)]
+    order = np.argsort(begin[:, 2] + end[:, 2], kind="stable")
+    order = order if np.isfinite(outlines).all() else order[:0]
+    fills = [shade(colours[cones.tones[k]], white) for k in order for *_, white in STRIPS]
+    return outlines[order].reshape(-1, *outlines.shape[2:]), fills
+
+
+def _faces(vertices: Float32, mesh: BodyMesh, camera: Camera, tones: Sequence[str]) -> tuple[Float64Array, Any]:
+    """Return the triangles of a body model that face the camera, (N, 3, 2), and their colours (N, 3), 0 to 1."""
+    corners = camera(vertices.astype(np.float64))[mesh.faces]
+    (ax, ay), (bx, by), (cx, cy) = (corners[:, k, :2].T for k in range(3))
+    # Counterclockwise from outside is counterclockwise on the picture; NaN, behind the camera, is not.
+    seen = np.flatnonzero((bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0)
+    seen = seen[np.argsort(corners[seen, :, 2].sum(axis=1), kind="stable")]
+    plain = mesh.sides @ load("matplotlib.colors", "report", "a figure").to_rgba_array(tones)[:, :3]
+    colours = plain * brightness(vertex_normals(vertices, mesh.faces), camera.axes[2])[:, None]
+    return corners[seen, :, :2], colours[mesh.faces[seen]].mean(axis=1).clip(0, 1)
+
+
+def brightness(normals: Float32, towards: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return how bright surfaces with unit normals (V, 3) are; `towards` is the way to the camera, (3,)."""
+    key = (0.5 + 0.5 * normals @ _SUN) ** 2
+    rim = (1 - np.abs(normals @ towards)) ** 3
+    return np.asarray(_AMBIENT + _SKY * normals[:, 1] + _KEY * key + _RIM * rim)
 
 
 def cone_outlines(
     begin: Float64Array, end: Float64Array, radii: Float64Array, share: float, shift: float
 ) -> Float64Array:
-    """Return the outlines of K round cones on the picture, (K, P, 2) pixels.
+    """Return the outlines of K round cones on the picture, (K, P, 2).
 
     Parameters
     ----------
     begin, end
-        (K, 2) pixels.
+        (K, 2), right and up on the picture.
     radii
-        (K, 2) pixels.
+        (K, 2), in the same unit.
     share, shift
         Share of the width, and shift towards the light in radii: a strip along the bone.
     """
@@ -89,25 +164,3 @@ def cone_outlines(
         aside = np.einsum("kpc,kc->kp", round_it, across)[..., None] * across[:, None]
         halves.append(place[:, None] + radius[:, None, None] * (round_it + (share - 1) * aside + towards[:, None]))
     return np.concatenate(halves, axis=1)
-
-
-def draw_shadow(
-    draw: ImageDraw, camera: Camera, figure: Figure, at: int, floor: float, colour: str, ground: str
-) -> None:
-    """Draw a blob on the floor under each joint, the darker the lower the joint is."""
-    joints, scale = figure.joints[at], figure.limbs.scale
-    flat = joints.copy()
-    flat[:, 1] = floor
-    places = camera(flat)
-    if not np.isfinite(places).all():
-        return
-    high = np.maximum(0.0, joints[:, 1] - floor) / scale
-    dark = np.exp(-_FADE * np.maximum(0.0, high - 0.03))
-    radii = (0.06 + np.max(figure.limbs.girths, axis=1) + 0.1 * high) * scale * places[:, 2]
-    for size, strength in ((1.0, _RIM), (0.65, _MIDDLE)):
-        for k in np.argsort(dark, kind="stable"):
-            if dark[k] < _FAINT:
-                continue
-            (x, y), a = places[k, :2], size * radii[k]
-            b = a * max(0.15, camera.tilt)
-            draw.ellipse((x - a, y - b, x + a, y + b), fill=blend(colour, ground, round(strength * dark[k], 2)))

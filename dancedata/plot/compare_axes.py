@@ -11,6 +11,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import Number
 from dancedata.core.packages import load
 from dancedata.core.text import shown
+from dancedata.plot.bodies import Camera
 from dancedata.plot.dancers import Dance, Dancer, bare, draw_pose, extent, figure_of, moments
 from dancedata.plot.motion_axes import places_of
 
@@ -83,19 +84,22 @@ def compare(
     at_s = [at / float(first.grid.rate) for at in frames]
     rate = float(figures[1].grid.rate)
     rows = (frames, [min(round(at * rate), figures[1].n_frames - 1) for at in at_s])
-    middles = [[f.joints[at, 0] for at in row] for f, row in zip(figures, rows, strict=True)]
+    cameras = [
+        [Camera(f.joints[at, 0] * (1, 0, 1) + (0, f.floor, 0), turn_deg) for at in row]
+        for f, row in zip(figures, rows, strict=True)
+    ]
     reach = np.array(
-        [[extent(f, at, middle, turn_deg) for at, middle in zip(row, of, strict=True)]
-         for f, row, of in zip(figures, rows, middles, strict=True)]
+        [[extent(f, at, camera) for at, camera in zip(row, of, strict=True)]
+         for f, row, of in zip(figures, rows, cameras, strict=True)]
     )  # fmt: skip
     places, width = places_of([(float(r[:, 0].min()), float(r[:, 1].max())) for r in reach.transpose(1, 0, 2)])
     size = (_INCHES * width + 0.9, _INCHES * (2 * _ROW + 0.2) + _CURVE)
     drawn = figure or load("matplotlib.figure", "report", "a figure").Figure(figsize=size, layout="constrained")
     stills, curve = drawn.subplots(2, 1, height_ratios=(size[1] - _CURVE, _CURVE))
-    for dance, row, of, floor in zip(figures, rows, middles, (_ROW, 0.0), strict=True):
+    for dance, row, of, floor in zip(figures, rows, cameras, (_ROW, 0.0), strict=True):
         stills.axhline(floor, color="#9aa4b1", linewidth=0.8, zorder=0)
-        for place, at, middle in zip(places, row, of, strict=True):
-            draw_pose(stills, Dancer(dance), at, middle, turn_deg, (place, floor), body=True)
+        for place, at, camera in zip(places, row, of, strict=True):
+            draw_pose(stills, Dancer(dance), at, camera, (place, floor), as_body=True)
     stills.set_aspect("equal")
     stills.set_xticks(places, [f"{at:.2f} s" for at in at_s])
     stills.set_yticks([_ROW + 0.9, 0.9], [shown(name, 30) for name in names], parse_math=False)

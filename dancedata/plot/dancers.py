@@ -12,16 +12,15 @@ import numpy.typing as npt
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
-from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.plot.bodies import STRIPS, cone_outlines, shade
+from dancedata.plot.bodies import Camera, body
 from dancedata.store import ClipView, Store, open_store
 from dancedata.viewer import Figure, Scene, Scenes
 from dancedata.viewer.motions import figures_of
-from dancedata.viewer.palette import colours_of
+from dancedata.viewer.palette import Theme, colours_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +28,9 @@ if TYPE_CHECKING:
 #: A motion, a clip of a dataset, or joint positions (T, J, 3), metres.
 Dance: TypeAlias = "Motion | ClipView | npt.ArrayLike"
 #: Colours of the middle, the left and the right of a body: distinguishable with every kind of colour vision.
-SIDES = ("#4a525c", "#2a8ccb", "#a04c00")
+SIDES: dict[Theme, tuple[str, str, str]] = {
+    "light": ("#4a525c", "#2a8ccb", "#a04c00"), "dark": ("#d5d9df", "#7accf8", "#d48500")
+}  # fmt: skip
 _CONTACT = "#00866a"
 
 
@@ -37,7 +38,7 @@ class Dancer(NamedTuple):
     """A figure, the colours of its middle, left and right, and its name among others."""
 
     figure: Figure
-    sides: tuple[str, str, str] = SIDES
+    sides: tuple[str, str, str] = SIDES["light"]
     name: str = ""
 
 
@@ -53,12 +54,12 @@ def scene_of(source: Store | str | Path, clip: str | None, field: str | None, fr
     return scene
 
 
-def dancers_of(scene: Scene) -> list[Dancer]:
+def dancers_of(scene: Scene, theme: Theme = "light") -> list[Dancer]:
     """Return the dancers of a scene, those of a group in a colour each."""
     figures = [(dancer.figure, dancer.item) for dancer in scene.dancers if dancer.figure is not None]
     if not scene.members:
-        return [Dancer(figures[0][0])]
-    return [Dancer(figure, colours_of(item, "light"), shown(item.part, 20)) for figure, item in figures]
+        return [Dancer(figures[0][0], SIDES[theme])]
+    return [Dancer(figure, colours_of(item, theme), shown(item.part, 20)) for figure, item in figures]
 
 
 def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) -> Figure:
@@ -95,37 +96,22 @@ def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) 
     return figures_of(clip, SMPL24)[0]
 
 
-def seen(places: Float64Array, middle: Float64Array, turn_deg: float) -> Float64Array:
-    """Return places (..., 3) from the camera's side: `middle` at 0 to the right, height, and nearness."""
-    angle = np.radians(turn_deg)
-    x, z = places[..., 0] - middle[0], places[..., 2] - middle[2]
-    across = x * np.cos(angle) - z * np.sin(angle)
-    return np.stack([across, places[..., 1], x * np.sin(angle) + z * np.cos(angle)], axis=-1)
-
-
-def extent(figure: Figure, at: int, middle: Float64Array, turn_deg: float) -> tuple[float, float]:
-    """Return how far a body reaches to the left and to the right of `middle`, metres."""
-    across = seen(figure.joints[at], middle, turn_deg)[:, 0]
+def extent(figure: Figure, at: int, camera: Camera) -> tuple[float, float]:
+    """Return how far a body reaches to the left and to the right of the camera's middle, metres."""
+    across = camera(figure.joints[at])[:, 0]
     girth = float(np.max(figure.limbs.girths))
     return float(across.min()) - girth, float(across.max()) + girth
 
 
 def draw_pose(
-    axes: Axes,
-    dancer: Dancer,
-    at: int,
-    middle: Float64Array,
-    turn_deg: float,
-    place: tuple[float, float],
-    *,
-    body: bool,
+    axes: Axes, dancer: Dancer, at: int, camera: Camera, place: tuple[float, float], *, as_body: bool
 ) -> None:
-    """Draw a pose with `middle` at a place (right, floor), as a body or as sticks; feet in contact are ringed."""
+    """Draw a pose with the camera's middle at a place (right, up), as body or sticks; feet in contact are ringed."""
     figure = dancer.figure
-    shift = np.array([place[0], place[1] - figure.floor])
-    points = seen(figure.joints[at], middle, turn_deg)[:, :2] + shift
-    if body:
-        _draw_body(axes, dancer, at, middle, turn_deg, shift)
+    points = camera(figure.joints[at])[:, :2] + place
+    if as_body:
+        axes.add_collection(body(figure, at, camera, dancer.sides, place, zorder=2))
+        axes.autoscale_view()
     else:
         _draw_sticks(axes, dancer, points)
     for touches, joint in zip(figure.contacts[at], figure.contact_joints, strict=True):
@@ -141,28 +127,6 @@ def _draw_sticks(axes: Axes, dancer: Dancer, points: Float64Array) -> None:
     if "head" in figure.skeleton.joints:
         head = points[figure.skeleton.joints.index("head")]
         axes.plot(*head, marker="o", markersize=9, color=dancer.sides[0])
-
-
-def _draw_body(
-    axes: Axes, dancer: Dancer, at: int, middle: Float64Array, turn_deg: float, shift: Float64Array
-) -> None:
-    """Draw the round cones of the viewer in strips, the farthest first."""
-    figure = dancer.figure
-    cones = figure.limbs.cones(figure.joints[at], None if figure.look is None else figure.look[at])
-    begin, end = seen(cones.begin, middle, turn_deg), seen(cones.end, middle, turn_deg)
-    # The strips are those of pictures, whose second axis points down.
-    down = np.array([1.0, -1.0])
-    outlines = [
-        cone_outlines(begin[:, :2] * down, end[:, :2] * down, cones.radii, *strip[:2]) * down + shift
-        for strip in STRIPS
-    ]
-    colours = [*dancer.sides, shade(dancer.sides[0], -0.65)]
-    order = np.argsort(begin[:, 2] + end[:, 2], kind="stable")
-    polygons = [outline[k] for k in order for outline in outlines]
-    fills = [shade(colours[cones.tones[k]], white) for k in order for *_, white in STRIPS]
-    collection = load("matplotlib.collections", "report", "a figure").PolyCollection
-    axes.add_collection(collection(polygons, facecolors=fills, edgecolors="none", zorder=2))
-    axes.autoscale_view()
 
 
 def moments(figure: Figure, poses: int, times: Sequence[float] | None = None) -> list[int]:

@@ -123,7 +123,7 @@ def _draw_pose(axes: Axes, h: Hexagon, joints: tuple[str, ...], size: float) -> 
         if parent is not None:
             side = 1 if name.startswith("left") else 2 if name.startswith("right") else 0
             ends = np.array([parent, place]) * scale + (h.x, h.y)
-            for colour, width in (("white", 3.0), (SIDES[side], 1.3)):
+            for colour, width in (("white", 3.0), (SIDES["light"][side], 1.3)):
                 axes.plot(
                     *ends.T,
                     color=colour,

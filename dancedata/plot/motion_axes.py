@@ -12,6 +12,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import shown
 from dancedata.plot.axes import axes_or_new
+from dancedata.plot.bodies import Camera
 from dancedata.plot.dancers import Dancer, bare, dancers_of, draw_pose, extent, figure_of, moments, scene_of
 from dancedata.store import Store
 from dancedata.viewer import Figure, Scene
@@ -86,16 +87,17 @@ def motion(
     frames = moments(figure, poses, _at_beats(scene, figure, poses) if isinstance(times, str) else times)
     roots = np.stack([[dancer.figure.joints[at, 0] for dancer in dancers] for at in frames])
     middles = (roots.min(axis=1) + roots.max(axis=1)) / 2
+    middles[:, 1] = min(dancer.figure.floor for dancer in dancers)
+    cameras = [Camera(middle, turn_deg) for middle in middles]
     reach = [
-        np.array([extent(dancer.figure, at, middle, turn_deg) for dancer in dancers])
-        for at, middle in zip(frames, middles, strict=True)
+        np.array([extent(dancer.figure, at, camera) for dancer in dancers])
+        for at, camera in zip(frames, cameras, strict=True)
     ]
     places, width = places_of([(float(r[:, 0].min()), float(r[:, 1].max())) for r in reach])
-    floor = min(dancer.figure.floor for dancer in dancers)
     axes = axes_or_new(ax, _INCHES * (width + 0.6), _INCHES * (_TALL + 0.7))
-    for place, at, middle in zip(places, frames, middles, strict=True):
+    for place, at, camera in zip(places, frames, cameras, strict=True):
         for dancer in dancers:
-            draw_pose(axes, dancer, at, middle, turn_deg, (place, dancer.figure.floor - floor), body=body)
+            draw_pose(axes, dancer, at, camera, (place, 0.0), as_body=body)
     if len(dancers) > 1:
         names = [dancer.name for dancer in dancers]
         handles = [axes.plot([], [], color=dancer.sides[0], linewidth=2.4)[0] for dancer in dancers]

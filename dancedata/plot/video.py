@@ -1,34 +1,28 @@
 """write_video: a clip with its music as an mp4 file, for papers and user studies."""
 
-import errno
 import io
 import math
-import os
-import shutil
-import signal
-import subprocess
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.packages import install, load, require
+from dancedata.core.packages import load, require
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.execution.reference_process import shielded
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.formats.body_mesh import BodyMesh
-from dancedata.plot.frames import THEMES, Frames
-from dancedata.plot.group_frames import GroupFrames
+from dancedata.plot.frames import Frames
+from dancedata.plot.timeline import THEMES
 from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
 from dancedata.viewer import Figure, Scene, Scenes
@@ -37,32 +31,10 @@ from dancedata.viewer.palette import Theme
 from dancedata.viewer.request import Shown, ViewRequest
 from dancedata.viewer.source import ClipSound, ClipSource
 
-#: Errors of a disk or quota without room.
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-def find_ffmpeg() -> str:
-    """Return the path of ffmpeg: that of the system, else that of the package imageio-ffmpeg.
-
-    Raises
-    ------
-    UsageError
-        If neither is installed.
-    """
-    installed = shutil.which("ffmpeg")
-    if installed is not None:
-        return installed
-    instead = "Or install ffmpeg with the packages of your system"
-    require("video", ["imageio_ffmpeg"], what="a video needs ffmpeg, or its Python package:", instead=instead)
-    try:
-        return str(load("imageio_ffmpeg", "video").get_ffmpeg_exe())
-    except RuntimeError as error:
-        raise UsageError("a video needs ffmpeg", found=shown(error), fix=instead) from error
-
 
 def write_mp4(
     path: Path,
-    frames: Iterable[bytes],
+    frames: Iterable[npt.NDArray[np.uint8]],
     size: tuple[int, int],
     rate: Fraction,
     sound: AudioSignal | None,
@@ -74,7 +46,7 @@ def write_mp4(
     Parameters
     ----------
     frames
-        RGB bytes of each frame.
+        RGBA of each frame, (height, width, 4).
     rate
         Frames per second.
     sound
@@ -84,34 +56,46 @@ def write_mp4(
 
     Raises
     ------
-    UsageError
+    MissingPackageError
         If there is no ffmpeg.
     StoreError
-        If ffmpeg fails, such as one without H.264.
+        If ffmpeg fails, as on a full disk; its own words are on the screen.
     OSError
-        If the file cannot be written, such as on a full disk.
+        If the folder or the sound cannot be written.
     """
-    program = find_ffmpeg()
+    ffmpeg = load("imageio_ffmpeg", "video")
+    exact = f"{rate.numerator}/{rate.denominator}"
     with atomic.atomic_file(path) as temporary, TemporaryDirectory(prefix="dancedata-video-") as folder:
-        command = [program, "-hide_banner", "-loglevel", "error", "-y",
-                   "-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{size[0]}x{size[1]}",
-                   "-framerate", f"{rate.numerator}/{rate.denominator}", "-i", "pipe:0"]  # fmt: skip
+        wav = Path(folder, "sound.wav")
         if sound is not None:
-            wav = Path(folder, "sound.wav")
             _write_wav(wav, sound)
-            command += ["-i", str(wav), "-map", "0:v", "-map", "1:a", "-c:a", "aac", "-b:a", "160k"]
-        command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "20", "-pix_fmt", "yuv420p",
-                    "-movflags", "+faststart", "-fflags", "+bitexact", "-flags:v", "+bitexact",
-                    "-flags:a", "+bitexact", "-map_metadata", "-1", "-metadata", f"comment={comment}",
-                    "-f", "mp4", str(temporary)]  # fmt: skip
-        messages_text = _run(command, frames, Path(folder, "messages"))
-        if messages_text is not None:
-            raise StoreError(
-                "ffmpeg cannot write the video",
-                where=path,
-                found=shown(messages_text.replace(str(temporary), path.name), 600),
-                fix="use an ffmpeg with libx264 and aac; imageio-ffmpeg brings one: " + install("video"),
-            )
+        options = {} if sound is None else {"audio_path": str(wav), "audio_codec": "aac"}
+        output = ["-preset", "veryfast", "-crf", "20", "-movflags", "+faststart", "-fflags", "+bitexact",
+                  "-flags:v", "+bitexact", "-flags:a", "+bitexact", "-map_metadata", "-1",
+                  "-metadata", f"comment={comment}", "-f", "mp4"]  # fmt: skip
+        output += ["-b:a", "160k"] if sound is not None else []
+        writer = ffmpeg.write_frames(
+            str(temporary), size, pix_fmt_in="rgba", fps=float(rate), input_params=["-r", exact], codec="libx264",
+            quality=None, macro_block_size=2, ffmpeg_log_level="error", output_params=output, **options,
+        )  # fmt: skip
+        try:
+            with shielded():  # a signal while ffmpeg starts would leave it running
+                writer.send(None)
+            count = sum(1 for frame in frames if writer.send(frame) is None)
+            writer.close()  # waits for ffmpeg, but does not tell how it ended: the file is asked what it holds
+            held, _ = ffmpeg.count_frames_and_secs(str(temporary))
+        except (OSError, RuntimeError) as error:
+            lines = str(error).replace(str(temporary), path.name).strip().splitlines()
+            raise _failed(path, lines[0 if isinstance(error, OSError) else -1]) from error
+        finally:
+            writer.close()
+        if held != count:
+            raise _failed(path, f"{held} of {count} frames")
+
+
+def _failed(path: Path, found: str) -> StoreError:
+    fix = "name a file on a disk with free space; an ffmpeg in IMAGEIO_FFMPEG_EXE must have libx264 and aac"
+    return StoreError("ffmpeg cannot write the video", where=path, found=shown(found, 600), fix=fix)
 
 
 def _write_wav(path: Path, sound: AudioSignal) -> None:
@@ -121,34 +105,6 @@ def _write_wav(path: Path, sound: AudioSignal) -> None:
     soundfile.write(data, sound.samples, sound.sample_rate, subtype="PCM_16", format="WAV")
     with data.getbuffer() as content:
         path.write_bytes(content)
-
-
-def _run(command: list[str], frames: Iterable[bytes], messages: Path) -> str | None:
-    """Run ffmpeg; returns its messages if it failed, OSError if the disk is full."""
-    # No argument passes a shell. Messages go to a file: a pipe that nothing reads would stop ffmpeg once it is full.
-    with messages.open("wb") as errors, ExitStack() as stack:
-        with shielded():  # a signal while it starts would leave it running
-            process = stack.enter_context(
-                subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors)  # noqa: S603
-            )
-            stack.callback(process.kill)
-        _feed(cast("IO[bytes]", process.stdin), frames)
-        process.wait()
-    if not process.returncode:
-        return None
-    text = messages.read_bytes().decode(errors="replace").strip()
-    full = [number for number in _FULL if os.strerror(number) in text]
-    if full or process.returncode == -signal.SIGXFSZ:
-        number = full[0] if full else errno.EFBIG
-        raise OSError(number, os.strerror(number))
-    return text
-
-
-def _feed(pipe: IO[bytes], frames: Iterable[bytes]) -> None:
-    with suppress(BrokenPipeError):  # it has ended with an error, shown by its exit code
-        for frame in frames:
-            pipe.write(frame)
-        pipe.close()
 
 
 #: Smallest and largest side of the picture, pixels; H.264 needs even ones.
@@ -182,7 +138,7 @@ def write_scene(
     Raises
     ------
     UsageError
-        If Pillow or ffmpeg is not installed, an argument is invalid, or nothing of the scene can be drawn.
+        If matplotlib or ffmpeg is not installed, an argument is invalid, or nothing of the scene can be drawn.
     StoreError
         If the file cannot be written.
     """
@@ -192,9 +148,7 @@ def write_scene(
         raise UsageError("nothing of this clip can be drawn", where=scene.item.id, found="; ".join(scene.notes))
     times = _times(scene, figure, start_s, length_s)
     music = None if sound is None else _part(sound.signal, times, figure)
-    frames = (GroupFrames if scene.members else Frames)(
-        scene, figure, size, times, theme, credit, None if sound is None else sound.signal
-    )  # fmt: skip
+    frames = Frames(scene, size, times, theme, credit, None if sound is None else sound.signal)
     try:
         write_mp4(target, frames, size, figure.grid.rate, music, comment=credit)
     except OSError as error:
@@ -260,8 +214,8 @@ def write_video(
     Raises
     ------
     UsageError
-        If Pillow or ffmpeg is not installed, the licence does not allow the music to be passed on, there is no music
-        for the clip, or an argument is invalid.
+        If matplotlib or ffmpeg is not installed, the licence does not allow the music to be passed on, there is no
+        music for the clip, or an argument is invalid.
     DataError, StoreError
         If the clip or the music cannot be read, or the file cannot be written.
 
@@ -367,8 +321,7 @@ def _require_drawable(size: tuple[int, int], theme: str) -> None:
         raise UsageError("invalid size of a video", found=f"{size}", allowed=f"even numbers from {low} to {high}")
     if theme not in THEMES:
         raise UsageError("unknown theme", found=shown(theme), allowed=" or ".join(THEMES))
-    require("video", ["PIL"], what="a video")
-    find_ffmpeg()
+    require("video", ["imageio_ffmpeg", "matplotlib"], what="a video")
 
 
 def _times(scene: Scene, figure: Figure, start_s: float, length_s: float | None) -> Float64Array:

@@ -24,7 +24,6 @@ from dancedata.core.packages import MODULES, MissingPackageError, install, requi
 from dancedata.execution.executors.dask import connected
 from dancedata.files.regular_file import sha256_file
 from dancedata.plot.axes import axes_or_new
-from dancedata.plot.video import find_ffmpeg
 from tests.messages import raises_message
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,6 +45,7 @@ COMMANDS = {
     "beats": [
         ["build", *TINY, "--out", "out", "--set", 'audio={"beats": {"source": "beat_this", "weights": "x"}}'],
     ],
+    "video": [["view", "DEMO", "clip", "--video", "a.mp4"]],
     "ray": [["build", *TINY, "--out", "out", "--scheduler", "ray://auto"]],
     "joblib": [["build", *TINY, "--out", "out", "--scheduler", "joblib:loky"]],
     "spark": [["build", *TINY, "--out", "out", "--scheduler", "joblib:spark"]],
@@ -66,7 +66,7 @@ CALLS: dict[str, list[Callable[[], object]]] = {
     "beats": [lambda: Beats(source="beat_this", weights=Path("x")).resolved(sha256_file)],
     "dask": [lambda: connected("tcp://127.0.0.1:1").__enter__()],
     "report": [lambda: axes_or_new(None, 1, 1)],
-    "video": [find_ffmpeg],
+    "video": [lambda: dancedata.plot.write_video("DEMO", "clip", "a.mp4")],
 }
 
 
@@ -126,7 +126,7 @@ def test_commands_name_what_is_missing(
         assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(("extra", "missing"), [(e, m) for e in CALLS for m in MODULES[e] if m != "PIL"])
+@pytest.mark.parametrize(("extra", "missing"), [(e, m) for e in CALLS for m in MODULES[e]])
 def test_calls_name_what_is_missing(without: Callable[[str], None], extra: str, missing: str) -> None:
     for module in MODULES[extra]:
         pytest.importorskip(module)  # else it is named as well
@@ -136,14 +136,6 @@ def test_calls_name_what_is_missing(without: Callable[[str], None], extra: str, 
             call()
         assert isinstance(caught.value, MissingPackageError), number
         assert install(extra) in str(caught.value)
-
-
-def test_a_video_needs_pillow(without: Callable[[str], None]) -> None:
-    without("PIL")
-    with raises_message(MissingPackageError, "installed"):
-        dancedata.plot.write_video("DEMO", "clip", "a.mp4")
-    done = CliRunner().invoke(app, ["view", "DEMO", "clip", "--video", "a.mp4"])
-    assert (done.exit_code, install("video") in done.stderr) == (2, True)
 
 
 def test_several_are_named_at_once(without: Callable[[str], None]) -> None:
@@ -184,8 +176,7 @@ def test_extras_are_those_of_the_distribution() -> None:
     """Modules of the table, and the command that is printed, against pyproject.toml."""
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
     assert set(MODULES) == set(declared) - {"docs", "dev", "all"}
-    assert declared["all"] == [f"dancedata[{','.join(e for e in declared if e in set(MODULES) - {'spark'})}]"]
-    names = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg", "distributed": "dask[distributed]"}
+    names = {"imageio_ffmpeg": "imageio-ffmpeg", "distributed": "dask[distributed]"}
     names["ray"] = "ray[client]"
     brought = {"huggingface_hub": "transformers", "dask": "dask[distributed]"}  # by another one's needs
     for extra, modules in MODULES.items():
@@ -194,7 +185,7 @@ def test_extras_are_those_of_the_distribution() -> None:
         assert stated == {*own, *(brought.get(m, names.get(m, m)) for m in modules if m not in own)}
     required = [f'{text}; extra == "{extra}"' for extra in MODULES for text in declared[extra]] + ["numpy>=2.0"]
     assert install("torch", required) == 'pip install "torch>=2.5"'
-    assert install("video", required) == 'pip install "imageio-ffmpeg>=0.6" "pillow>=11"'
+    assert install("video", required) == 'pip install "imageio-ffmpeg>=0.6" "matplotlib>=3.9"'
 
 
 def test_without_metadata_the_checkout_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +13,8 @@ from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh
+from dancedata.plot.bodies import Camera, body
 from dancedata.plot.frames import Frames
-from dancedata.plot.meshes import rasterised
 from dancedata.store.motion_fields import Pose
 from dancedata.testing.examples import random_motion
 from dancedata.viewer import Figure, Scenes
@@ -27,8 +26,6 @@ from tests.body_models import body_model
 from tests.commands import run
 from tests.messages import raises_message
 from tests.plot.test_video import SIZE, pictures
-
-RED, BLUE = [255.0, 0.0, 0.0], [0.0, 0.0, 255.0]
 
 
 @pytest.fixture(scope="module")
@@ -46,60 +43,30 @@ def figure() -> Figure:
     return Figure.of_pose(Pose.of_motion(random_motion(SMPL24, 30)), SMPL24, "test")
 
 
-def drawn(places: Any, faces: Any, colours: Any, size: tuple[int, int] = (40, 30)) -> np.ndarray:
-    """Return the whole picture, 0 where nothing is drawn."""
-    picture = np.zeros((size[1], size[0], 3), np.uint8)
-    found = rasterised(np.array(places, float), np.array(faces, np.int32), np.array(colours, float), size)
-    if found is not None:
-        part, mask, (x, y) = found
-        window = picture[y : y + len(part), x : x + len(part[0])]
-        window[mask > 0] = part[mask > 0]
-    return picture
-
-
-def test_triangles_that_share_an_edge_leave_no_gap() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        corners = np.array([[3, 2], [36, 4], [33, 27], [5, 25]]) + rng.uniform(-2, 2, (4, 2))
-        middle = rng.uniform((12, 10), (26, 20))
-        places = np.pad(np.vstack([corners, middle]), [(0, 0), (0, 1)], constant_values=1)
-        fan = [[k, 4, (k + 1) % 4] for k in range(4)]
-        one = drawn(places, fan, [RED] * 5)[..., 0] > 0
-        two = drawn(places, [[0, 3, 1], [1, 3, 2]], [RED] * 5)[..., 0] > 0
-        np.testing.assert_array_equal(one, two)
-        assert one.sum() > 400
-
-
-def test_the_nearest_is_in_front_and_backs_are_not_drawn() -> None:
-    near, far = [[5, 5, 2], [5, 25, 2], [35, 15, 2]], [[30, 2, 1], [2, 15, 1], [30, 28, 1]]
-    for places, order in ((near + far, [RED, BLUE]), (far + near, [BLUE, RED])):
-        picture = drawn(places, [[0, 1, 2], [3, 4, 5]], np.repeat(order, 3, axis=0))
-        assert picture[15, 10].tolist() == RED
-        assert picture[4, 28].tolist() == BLUE
-    assert not drawn(near, [[2, 1, 0]], [RED] * 3).any()
-    assert not drawn(np.add(near, [100, 0, 0]), [[0, 1, 2]], [RED] * 3).any()
-    tilted = [[5, 5, 3], [5, 25, 3], [35, 15, 0.1]]
-    picture = drawn(tilted + far, [[0, 1, 2], [3, 4, 5]], [RED] * 3 + [BLUE] * 3)
-    assert picture[15, 8].tolist() == RED
-    assert picture[15, 26].tolist() == BLUE
-
-
-def test_colours_are_linear_and_pictures_end_at_their_edges() -> None:
-    places = [[-60, -60, 1], [-60, 90, 1], [90, -60, 1]]
-    picture = drawn(places, [[0, 1, 2]], [[0, 0, 0], [0, 150, 0], [150, 0, 0]])
-    rows, columns = np.mgrid[0:30, 0:40]
-    inside = rows + columns + 1 < 30 + 0
-    np.testing.assert_allclose(picture[inside][:, 1], (rows + 60.5)[inside], atol=1.01)
-    np.testing.assert_allclose(picture[inside][:, 0], (columns + 60.5)[inside], atol=1.01)
+def test_triangles_are_sorted_by_depth_and_backs_are_not_drawn(figure: Figure, mesh: BodyMesh) -> None:
+    pytest.importorskip("matplotlib")
+    shown, place = figure.with_mesh(mesh), (5.0, 0.0)
+    for distance in (np.inf, 4.0):
+        camera = Camera(shown.joints[3, 0], 30.0, 10.0, distance)
+        drawn = body(shown, 3, camera, ("#ff0000", "#00ff00", "#0000ff"), place, 1)
+        corners = camera(shown.vertices(3))[mesh.faces]
+        across, up = np.moveaxis(np.diff(corners, axis=1)[..., :2], -1, 0)
+        front = corners[across[:, 0] * up[:, 1] - up[:, 0] * across[:, 1] > 0]
+        assert 0.3 * len(corners) < len(front) < 0.7 * len(corners)
+        wanted = front[np.argsort(front[..., 2].mean(axis=1))][..., :2] + place
+        np.testing.assert_allclose([path.vertices[:3] for path in drawn.get_paths()], wanted)
+        assert (drawn.get_facecolor()[:, :3].max(axis=0) > 0.3).all()
+    behind = Camera(shown.joints[3, 0] - (0, 0, 9), 0.0, distance=4.0)
+    assert not body(shown, 3, behind, ("#ff0000",) * 3, place, 1).get_paths()
 
 
 def test_a_figure_becomes_a_body_model(figure: Figure, mesh: BodyMesh) -> None:
     assert figure.motion is not None
     assert figure.vertices(3) is None
-    body = figure.with_mesh(mesh)
+    shown = figure.with_mesh(mesh)
     posed = list(mesh.posed(mesh.on(figure.motion)))
-    np.testing.assert_allclose(body.vertices(7), posed[7], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(body.joints, figure.joints, atol=1e-9)  # the model has SMPL's bones
+    np.testing.assert_allclose(shown.vertices(7), posed[7], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(shown.joints, figure.joints, atol=1e-9)  # the model has SMPL's bones
     by = np.array([1.0, 0.25, -2.0])
     for whole, wanted in (
         (figure.shifted(by), posed[7] + by),
@@ -116,17 +83,17 @@ def test_a_figure_becomes_a_body_model(figure: Figure, mesh: BodyMesh) -> None:
     mirrored = figure.mirrored().with_mesh(mesh)
     off = np.linalg.norm(mirrored.joints - figure.mirrored().joints, axis=-1)
     assert 1e-4 < off.mean() < 0.03
-    swapped = body.mirrored()
+    swapped = shown.mirrored()
     np.testing.assert_allclose(swapped.vertices(7), mirrored.vertices(7), rtol=0, atol=3e-6)
 
 
 def test_a_taller_model_has_its_own_bones_and_feet(figure: Figure, mesh: BodyMesh, tmp_path: Path) -> None:
     other = BodyMesh.read(body_model(tmp_path / "m.npz", SMPLX55))
-    body = figure.with_mesh(other)
-    assert [body.skeleton.joints[joint] for joint in body.contact_joints] == [
+    shown = figure.with_mesh(other)
+    assert [shown.skeleton.joints[joint] for joint in shown.contact_joints] == [
         figure.skeleton.joints[joint] for joint in figure.contact_joints
     ]
-    np.testing.assert_allclose(body.joints[:, 0], figure.joints[:, 0], atol=1e-9)
+    np.testing.assert_allclose(shown.joints[:, 0], figure.joints[:, 0], atol=1e-9)
     turned = Figure.of_pose(Pose.of_motion(random_motion(MOTORICA21, 30)), SMPL24, "test")
     for whole in (replace(figure, rotations=None), turned):
         with raises_message(UsageError, "smpl24"):
@@ -140,13 +107,12 @@ def test_a_body_model_is_drawn_with_its_sides(demo: Path, mesh: BodyMesh) -> Non
     times = np.arange(scene.figure.n_frames) / 30
     counts = []
     for shown in (scene, scene.mirrored()):
-        frames = Frames(shown, shown.figure, (640, 480), times, "dark")
-        picture = np.asarray(frames.image(20))[:390].astype(int)
-        blue = (picture[..., 2] - picture[..., 0] > 60).sum()
-        orange = (picture[..., 0] - picture[..., 2] > 60).sum()
+        first, second = (picture[:390, :, :3].astype(int) for picture in Frames(shown, (640, 480), times[[20, 60]]))
+        blue = (first[..., 2] - first[..., 0] > 60).sum()
+        orange = (first[..., 0] - first[..., 2] > 60).sum()
         assert min(blue, orange) > 150
-        assert len(np.unique(picture[picture[..., 2] - picture[..., 0] > 60] // 16, axis=0)) > 20
-        counts.append((picture != np.asarray(frames.image(60))[:390]).sum())
+        assert len(np.unique(first[first[..., 2] - first[..., 0] > 60] // 16, axis=0)) > 20
+        counts.append((first != second).sum())
     assert min(counts) > 1000
 
 
@@ -154,11 +120,11 @@ def test_videos_show_the_model(demo: Path, model: Path, tmp_path: Path) -> None:
     ds = dancedata.open(demo)
     clip, options = ds.clips[0].id, {"length_s": 0.2, "size": SIZE}
     limbs = plot.write_video(ds, clip, tmp_path / "a.mp4", **options)
-    body = plot.write_video(ds, clip, tmp_path / "b.mp4", body_model=model, **options)
-    assert len(pictures(body)) == len(pictures(limbs)) == 6
-    assert np.abs(pictures(body).astype(int) - pictures(limbs)).max() > 60
+    skin = plot.write_video(ds, clip, tmp_path / "b.mp4", body_model=model, **options)
+    assert len(pictures(skin)) == len(pictures(limbs)) == 6
+    assert np.abs(pictures(skin).astype(int) - pictures(limbs)).max() > 60
     tall = plot.write_video(ds, clip, tmp_path / "c.mp4", body_model=model, betas=[50.0], **options)
-    assert np.abs(pictures(tall).astype(int) - pictures(body)).max() > 60
+    assert np.abs(pictures(tall).astype(int) - pictures(skin)).max() > 60
     command = ["view", demo, clip, "--body-model", model, "--window", 0, "--size", "192x160"]
     result = run(*command, "--video", tmp_path / "d.mp4")
     assert str(tmp_path / "d.mp4") in result.output

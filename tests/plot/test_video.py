@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +17,18 @@ from dancedata import plot
 from dancedata.cli import interrupts
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.plot import video as mux
-from dancedata.plot.bodies import draw_shadow
-from dancedata.plot.frames import Camera, Frames
-from dancedata.plot.video import find_ffmpeg
+from dancedata.plot.frames import Frames
 from dancedata.store.licence import require_shareable
-from dancedata.viewer import Scenes
+from dancedata.viewer import Scene, Scenes
 from tests.messages import raises_message
 
-pytest.importorskip("PIL")
-pytest.importorskip("imageio_ffmpeg")
+pytest.importorskip("matplotlib")
+imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
 SIZE = (192, 160)
 
 
 def decoded(path: Path, *options: str) -> bytes:
-    command = [find_ffmpeg(), "-loglevel", "error", "-i", str(path), *options, "pipe:1"]
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-i", str(path), *options, "pipe:1"]
     return subprocess.run(command, check=True, capture_output=True).stdout
 
 
@@ -68,66 +66,57 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: 
     scenes = Scenes(ds)
     scene = scenes.scene(scenes.find(clip.id))
     music = AudioSignal(signal.samples[: round(scene.seconds * signal.sample_rate)], signal.sample_rate)
-    frames = Frames(scene, scene.figure, SIZE, np.arange(30, 90) / 30, "light", require_shareable(ds), music)
-    wanted = np.asarray(frames.image(45)).astype(int)
+    frames = Frames(scene, SIZE, np.arange(30, 90) / 30, "light", require_shareable(ds), music)
+    wanted = list(frames)[45][..., :3].astype(int)
     gaps = [np.abs(wanted - picture).mean() for picture in shown]
     assert int(np.argmin(gaps)) == 45
     assert min(gaps) < 4
 
 
-def test_the_dancer_is_drawn_where_the_joints_are(demo: Path) -> None:
+def first_scene(demo: Path) -> Scene:
     scenes = Scenes(dancedata.open(demo))
-    scene = scenes.scene(scenes.items[0])
-    frames = Frames(scene, scene.figure, (640, 480), np.arange(scene.figure.n_frames) / 30, "dark")
-    picture = np.asarray(frames.image(20))[:390]
-    left, right = (
-        (np.abs(picture.astype(int) - rgb).sum(axis=2) < 12).sum() for rgb in ((122, 204, 248), (212, 133, 0))
-    )
-    assert left > 300
-    assert right > 300
-    moved = np.asarray(frames.image(60))[:390]
-    assert (picture != moved).any()
-    np.testing.assert_array_equal(np.asarray(frames.image(20))[:390], picture)
+    return scenes.scene(scenes.items[0])
+
+
+def test_the_dancer_is_drawn_where_the_joints_are(demo: Path) -> None:
+    scene = first_scene(demo)
+    pictures = [picture[:390, :, :3] for picture in Frames(scene, (640, 480), np.array([20, 60, 20]) / 30)]
+    # The camera of the last frame follows as that of the first: pictures do not depend on those before.
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+    assert (pictures[0] != pictures[1]).any()
+    for rgb in ((122, 204, 248), (212, 133, 0)):
+        assert (np.abs(pictures[0].astype(int) - rgb).sum(axis=2) < 12).sum() > 300
 
 
 def test_bodies_are_shaded_and_shadows_fade_with_height(demo: Path) -> None:
-    from PIL import Image, ImageDraw
-
-    scenes = Scenes(dancedata.open(demo))
-    scene = scenes.scene(scenes.items[0])
-    assert scene.figure is not None
-
-    frames = Frames(scene, scene.figure, (640, 480), np.zeros(1), "light")
-    picture = np.asarray(frames.image(0))[:390].astype(int)
-    blue = picture[picture[..., 2] - picture[..., 0] > 60]
+    scene = first_scene(demo)
+    (picture,) = Frames(scene, (640, 480), np.zeros(1), "light")
+    blue = picture[:390].astype(int)[picture[:390, :, 2] - picture[:390, :, 0].astype(int) > 60]
     assert len(blue) > 500
     assert len(np.unique(blue // 24, axis=0)) > 12  # strips from the edge to the highlight
 
-    def darkness(lift: float) -> float:
-        image = Image.new("L", (640, 480), "white")
-        figure = replace(scene.figure, joints=scene.figure.joints + np.array([0, lift, 0]))
-        root, floor = scene.figure.joints[0, 0], scene.figure.floor
-        camera = Camera(640, 480, (root[0], floor, root[2]))
-        draw_shadow(ImageDraw.Draw(image), camera, figure, 0, floor, "#000000", "#ffffff")
-        return float(255 - np.asarray(image).min())
+    def shadow(lift: float) -> int:
+        """Return how many pixels of the picture are shadow, of one dancer on the floor and one above it."""
+        assert scene.figure is not None
+        members = tuple(replace(scene, figure=scene.figure.shifted(by)) for by in ((0, 0, 0), (1.5, lift, 0)))
+        (pair,) = Frames(replace(scene, members=members), (640, 480), np.zeros(1), "light")
+        tones = pair[100:370, :, :3].astype(int)
+        return int(((tones.max(axis=2) < 208) & (np.ptp(tones, axis=2) < 20)).sum())
 
-    assert darkness(0.0) > 200
-    assert 30 < darkness(0.6) < 0.4 * darkness(0.0)
-    assert darkness(2.0) == 0
+    low, higher, high = (shadow(lift) for lift in (0.0, 0.6, 2.0))
+    assert low - high > 1.5 * (higher - high) > 0
+    assert high > 0.3 * low
 
 
 def test_the_music_of_the_timeline_is_its_waveform(demo: Path) -> None:
-    scenes = Scenes(dancedata.open(demo))
-    scene = scenes.scene(scenes.items[0])
-    assert scene.figure is not None
+    scene = first_scene(demo)
     samples = np.zeros(round(scene.seconds * 1000), np.float32)
     samples[len(samples) // 2 :: 2] = -0.4
     samples[3 * len(samples) // 4 :] *= 0.5
     music = AudioSignal(samples, 1000)
     scene = replace(scene, rhythm=replace(scene.rhythm, beats=np.zeros(0)))
-    frames = Frames(scene, scene.figure, (1280, 720), np.zeros(1), "dark", "", music)
-    picture = np.asarray(frames.image(0)).astype(int)
-    wave = (np.abs(picture[600:, 200:1240] - (0x7A, 0x86, 0x98)).sum(axis=-1) < 40)[:40].sum(axis=0)
+    (picture,) = Frames(scene, (1280, 720), np.zeros(1), "dark", "", music)
+    wave = (np.abs(picture[600:640, 200:1240, :3].astype(int) - (0x7A, 0x86, 0x98)).sum(axis=-1) < 40).sum(axis=0)
     quarter = [wave[240:480].mean(), wave[560:740].mean(), wave[830:1000].mean()]
     assert quarter[0] <= 2  # silence is a line
     assert quarter[2] == pytest.approx(quarter[1] / 2, rel=0.15)
@@ -184,66 +173,72 @@ def test_an_existing_file_stays(demo: Path, tmp_path: Path) -> None:
 
 def test_without_ffmpeg_the_error_names_the_fix(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clip = dancedata.open(demo).clips[0].id
-    monkeypatch.setattr(mux.shutil, "which", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
     with raises_message(UsageError, "imageio_ffmpeg"):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
 
 
-def test_an_ffmpeg_that_fails_leaves_nothing(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    program = _ffmpeg(tmp_path / "bin", "echo 'Unknown encoder libx264' >&2; exit 3")
-    monkeypatch.setattr(mux.shutil, "which", lambda name: str(program))
-    clip = dancedata.open(demo).clips[0].id
-    out = tmp_path / "out"
-    out.mkdir()
-    with raises_message(StoreError, "ffmpeg", where="out/a.mp4"):
-        plot.write_video(demo, clip, out / "a.mp4", length_s=1, size=SIZE)
-    assert list(out.iterdir()) == []
-
-
-def _ffmpeg(folder: Path, script: str) -> Path:
-    folder.mkdir()
-    program = folder / "ffmpeg"
-    program.write_text(f"#!/bin/sh\n{script}\n")
-    program.chmod(0o755)
-    return program
-
-
+# imageio-ffmpeg does not close the pipe of a program that has ended.
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(
     "script",
-    ["echo 'Error writing trailer: No space left on device' >&2; exit 1", "kill -XFSZ $$"],
-    ids=["message", "signal"],
+    ["exit 3", "cat > /dev/null; exit 1", "cat > /dev/null; for file; do :; done; head -c 99999 /dev/zero > $file"],
+    ids=["start", "end", "silent"],
 )
-def test_a_full_disk_is_not_the_fault_of_ffmpeg(
+def test_an_ffmpeg_that_fails_leaves_nothing(
     demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str
 ) -> None:
-    program = str(_ffmpeg(tmp_path / "bin", script))
-    monkeypatch.setattr(mux.shutil, "which", lambda name: program)
+    program = tmp_path / "ffmpeg"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(program))
     out = tmp_path / "out"
     out.mkdir()
-    with raises_message(StoreError, "video", where="out/a.mp4"):
-        plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=0.1, size=SIZE)
+    with raises_message(StoreError, "ffmpeg.* disk", where="out/a.mp4"):
+        plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=1, size=SIZE)
     assert list(out.iterdir()) == []
 
 
-def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path) -> None:
-    # The pipe fills up, and the command waits.
-    _ffmpeg(tmp_path / "bin", f"echo $$ > {tmp_path}/pid; while kill -0 $PPID; do sleep 0.1; done")
+def test_a_full_disk_leaves_nothing(demo: Path, tmp_path: Path) -> None:
+    clip = dancedata.open(demo).clips[0].id
+    code = f"from dancedata import plot; plot.write_video({str(demo)!r}, {clip!r}, 'a.mp4', size={SIZE})"
+    result = subprocess.run(
+        ["sh", "-c", 'ulimit -f 8; exec "$@"', "sh", sys.executable, "-c", code],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert "a.mp4: ffmpeg cannot write the video" in result.stderr
+    assert "disk" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("after", [0.0, 0.3])
+def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path, after: float) -> None:
     for name in ("out", "tmp"):
         (tmp_path / name).mkdir()
     clip = dancedata.open(demo).clips[0].id
     process = subprocess.Popen(
         [sys.executable, "-m", "dancedata", "view", demo, clip, "--video", tmp_path / "out" / "a.mp4"],
-        env={**os.environ, "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}", "TMPDIR": str(tmp_path / "tmp")},
+        env={**os.environ, "TMPDIR": str(tmp_path / "tmp")},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    while process.poll() is None and not (tmp_path / "pid").is_file():
+    while process.poll() is None and not list((tmp_path / "out").iterdir()):
         time.sleep(0.01)
+    time.sleep(after)
     process.terminate()
     printed, errors = process.communicate(timeout=60)
-    assert (process.returncode, printed, errors) == (128 + signal.SIGTERM, "", f"{interrupts.LINE}\n")
-    assert not Path("/proc", (tmp_path / "pid").read_text().strip()).exists()
+    assert (process.returncode, printed) == (128 + signal.SIGTERM, "")
+    assert errors.endswith(f"{interrupts.LINE}\n")
     assert [list((tmp_path / name).iterdir()) for name in ("out", "tmp")] == [[], []]
+
+
+@pytest.mark.parametrize("fps", [25, "30000/1001", 60])
+def test_the_rate_is_exact(demo: Path, tmp_path: Path, fps: int | str) -> None:
+    motion = dancedata.decode(dancedata.open(demo).clips[0].read("edge151")[:12], "edge151", fps=fps)
+    plot.write_video({"mine": motion}, "", tmp_path / "a.mp4", size=SIZE)
+    assert len(pictures(tmp_path / "a.mp4")) == 12
+    meta = next(imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4")))
+    assert meta["fps"] == pytest.approx(float(Fraction(fps)), abs=0.01)
+    assert meta["duration"] == pytest.approx(12 / Fraction(fps), abs=0.01)
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_with_its_name(demo: Path) -> None:

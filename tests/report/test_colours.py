@@ -5,7 +5,8 @@ from importlib.resources import files
 
 import pytest
 
-from dancedata.plot.frames import THEMES
+from dancedata.plot.dancers import SIDES
+from dancedata.plot.timeline import THEMES
 
 STYLE = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"color-scheme: (light|dark);\n(.*?)\}", STYLE, flags=re.DOTALL)
@@ -47,11 +48,11 @@ def test_contrast(block: int) -> None:
 @pytest.mark.parametrize("theme", list(THEMES))
 def test_contrast_of_videos(theme: str) -> None:
     palette = THEMES[theme]
-    _, left, right = palette["sides"].split()
+    _, left, right = SIDES[theme]
     assert luminance(left) > luminance(right)
     assert contrast(left, right) >= 1.6  # two tones of grey in print
     for ground in ("bg", "panel"):
         for name in ("ink", "dim"):
             assert contrast(palette[name], palette[ground]) >= 4.5, (name, ground)
-        for colour in (*palette["sides"].split(), palette["contact"], palette["path"], palette["wave"]):
+        for colour in (*SIDES[theme], palette["contact"], palette["path"], palette["wave"]):
             assert contrast(colour, palette[ground]) >= 3, (colour, ground)

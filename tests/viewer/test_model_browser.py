@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image, ImageDraw
 from scipy import ndimage
 
 from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh
-from dancedata.plot.meshes import rasterised
 from dancedata.viewer import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.body_models import body_model
@@ -53,14 +53,11 @@ def test_the_model_is_drawn_where_numpy_puts_it(
     across, along = moved[:, 0] * cy - moved[:, 2] * sy, moved[:, 0] * sy + moved[:, 2] * cy
     height, width = picture.shape[:2]
     scale = 1.25 * height / (far - moved[:, 1] * sp - along * cp)
-    places = np.stack(
-        [width / 2 + across * scale, height / 2 - (moved[:, 1] * cp - along * sp) * scale, scale], axis=1
-    )
-    drawn = rasterised(places, mesh.faces, np.ones((len(vertices), 3)), (width, height))
-    assert drawn is not None
-    _, mask, (x, y) = drawn
-    wanted = np.zeros((height, width), bool)
-    wanted[y : y + len(mask), x : x + len(mask[0])] = mask > 0
+    places = np.stack([width / 2 + across * scale, height / 2 - (moved[:, 1] * cp - along * sp) * scale], axis=1)
+    image = Image.new("1", (width, height))
+    for triangle in places[mesh.faces, :2]:
+        ImageDraw.Draw(image).polygon(triangle.ravel().tolist(), fill=1)
+    wanted = np.asarray(image)
     inside = wanted & np.roll(wanted, 1, 0) & np.roll(wanted, -1, 0) & np.roll(wanted, 1, 1) & np.roll(wanted, -1, 1)
     assert inside.sum() > 500
     webgl_browser.js(f"{V}.state.follow = false; {V}.camera.x += 50")
