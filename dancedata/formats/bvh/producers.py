@@ -1,15 +1,16 @@
 """Producers of BVH files: the names of their joints, as data, and which of them a file comes from.
 
 A producer is a JSON file in the folder `producers`: ``joints``, SMPL's joint -> names, the preferred one first
-(``{side}`` is left and right, ``{Side}`` Left and Right, ``{S}`` L and R); ``evidence``, names that are typical of it
-("mixamorig:" is a namespace); ``without``, names that it does not have. Where `joints` changes, raise the version of
-`dancedata.datasets.folder`: the names are not part of cache keys.
+(``{side}`` is left and right, ``{Side}`` Left and Right, ``{S}`` L and R), or the producer that has the same;
+``evidence``, names that are typical of it ("mixamorig:" is a namespace or a prefix); ``without``, names that it does
+not have. Where `joints` changes, raise the version of `dancedata.datasets.folder`: names are not part of cache keys.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import takewhile
 from pathlib import Path
 
 from dancedata.core.errors import DataError, did_you_mean
@@ -63,6 +64,12 @@ class Producer:
                 found[SMPL24.index(joint)] = index
         return found
 
+    def affixes(self, names: Sequence[str], joint: str) -> set[tuple[str, str]]:
+        """Return what stands before and behind its names of one of SMPL's joints in the `plain` names of a file."""
+        known = {plain(name) for name in self.joints[joint]}
+        parts = (name.partition(core) for name in names for core in known if core in name)
+        return {(prefix, suffix) for prefix, _, suffix in parts} - {("", "")}
+
 
 @dataclass(frozen=True)
 class Detected:
@@ -76,16 +83,21 @@ class Detected:
         The names that are typical of them, in the file.
     of
         Index in SMPL24 -> index in the file.
+    affixes
+        What all these joints have before and behind the producers' names, as written: "Character1_", "".
     """
 
     producers: tuple[Producer, ...]
     evidence: tuple[str, ...]
     of: Mapping[int, int]
+    affixes: tuple[str, str] = ("", "")
 
     def __str__(self) -> str:
         names = " or ".join(producer.name for producer in self.producers)
         by = f"by {', '.join(self.evidence)}" if self.evidence else "nothing typical of one of them, and one map"
-        return f"{names} ({by})" if names and (self.evidence or len(self.producers) > 1) else names
+        text = f"{names} ({by})" if names and (self.evidence or len(self.producers) > 1) else names
+        named = [f"{kind} {affix!r}" for kind, affix in zip(("prefix", "suffix"), self.affixes, strict=True) if affix]
+        return ", ".join([text, *named])
 
 
 @lru_cache(maxsize=1)
@@ -96,7 +108,11 @@ def producers() -> Mapping[str, Producer]:
 
 def _read(path: Path) -> Producer:
     document = read_json(path, _LIMIT)
-    joints = {}
+    if isinstance(document["joints"], str):
+        joints = dict(_read(path.with_stem(document["joints"])).joints)
+        document["joints"] = {}
+    else:
+        joints = {}
     for joint, names in document["joints"].items():
         for side in ("left", "right") if "{" in joint else ("",):
             filled = tuple(name.format(Side=side.capitalize(), S=side[:1].upper()) for name in names)
@@ -138,51 +154,103 @@ def detect(path: Path, names: Sequence[str], declared: Mapping[str, str], chosen
             allowed=did_you_mean(chosen, tuple(known)),
             fix="name a producer, or map the joints: joint_map {left_hip: NAME, ...}",
         )
-    index_of: dict[str, int] = {}
-    for k, name in enumerate(names):
-        index_of.setdefault(plain(name), k)
+    considered = [known[chosen]] if chosen else list(known.values())
+    need = [joint for joint in REQUIRED if joint not in declared]
     taken = {names.index(name) for name in declared.values() if name}
-    found = {}
-    for producer in [known[chosen]] if chosen else known.values():
-        matches = producer.matches(index_of)
+    free = {k: name for k, name in enumerate(names) if k not in taken}
+    found = [_Match.of_names(producer, free, declared) for producer in considered]
+    if not any(match.has(need) for match in found) and need:
+        found += [match for producer in considered for match in _affixed(producer, free, declared, need)]
+    best = _best(path, names, found, need)
+    _require_unique(path, names, best.of)
+    alike = [match for match in found if match.of == best.of] if best.of else []
+    most = max((len(match.evidence) for match in alike), default=0)
+    left = [match for match in alike if len(match.evidence) == most]
+    affixes = _as_written([names[k] for k in best.of.values()], best.affixes)
+    return Detected(tuple(m.producer for m in left), left[0].evidence if left else (), best.of, affixes)
+
+
+@dataclass(frozen=True)
+class _Match:
+    """The joints that one producer names in a file, all with one prefix and suffix, as `plain` names have them."""
+
+    producer: Producer
+    of: dict[int, int]
+    evidence: tuple[str, ...]
+    affixes: tuple[str, str] = ("", "")
+
+    @classmethod
+    def of_names(
+        cls,
+        producer: Producer,
+        names: Mapping[int, str],
+        declared: Iterable[str],
+        affixes: tuple[str, str] = ("", ""),
+    ) -> "_Match":
+        index_of: dict[str, int] = {}
+        for k, name in names.items():
+            index_of.setdefault(plain(name), k)
         skipped = {SMPL24.index(joint) for joint in declared}
-        found[producer.name] = {s: k for s, k in matches.items() if s not in skipped and k not in taken}
-    most = max(len(of) for of in found.values())
-    of = next(of for of in found.values() if len(of) == most)
-    if not chosen:
-        _require_one(path, names, found, of, set(declared))
-    _require_unique(path, names, of)
-    alike = [known[name] for name, other in found.items() if other == of] if most else []
-    evidence = {producer.name: producer.found_in(names) for producer in alike}
-    best = max(map(len, evidence.values()), default=0)
-    left = tuple(producer for producer in alike if len(evidence[producer.name]) == best)
-    return Detected(left, evidence[left[0].name] if left else (), of)
+        of = {s: k for s, k in producer.matches(index_of).items() if s not in skipped}
+        return cls(producer, of, producer.found_in(list(names.values())), affixes)
+
+    def has(self, joints: Iterable[str]) -> bool:
+        return all(SMPL24.index(joint) in self.of for joint in joints)
 
 
-def _require_one(
-    path: Path, names: Sequence[str], found: Mapping[str, dict[int, int]], of: Mapping[int, int], declared: set[str]
-) -> None:
-    """Raise DataError if two producers name all joints that a body needs, and name different ones."""
-    required = [SMPL24.index(joint) for joint in REQUIRED if joint not in declared]
-    ours = [of.get(s) for s in required]
-    others = {
-        name: other
-        for name, other in found.items()
-        if None not in (theirs := [other.get(s) for s in required]) and theirs != ours
-    }
-    if None in ours or not others:
-        return
-    same = [name for name, other in found.items() if other == of]
-    name, other = next(iter(others.items()))
-    place = next(s for s in required if of[s] != other[s])
-    of_each = " or ".join(f"{names[m[place]]} (as {who} has it)" for who, m in ((same[0], of), (name, other)))
+def _affixed(
+    producer: Producer, names: Mapping[int, str], declared: Iterable[str], need: Sequence[str]
+) -> Iterator[_Match]:
+    """Yield the matches that have all needed joints, each with the same prefix and suffix: "Character1_Hips"."""
+    plains = {k: plain(name) for k, name in names.items()}
+    for prefix, suffix in sorted(producer.affixes(list(plains.values()), need[-1])):
+        cores = {
+            k: f"{prefix}:{name[len(prefix) : len(name) - len(suffix)]}"
+            for k, name in plains.items()
+            if len(name) > len(prefix + suffix) and name.startswith(prefix) and name.endswith(suffix)
+        }
+        match = _Match.of_names(producer, cores, declared, (prefix, suffix))
+        if match.has(need):
+            yield match
+
+
+def _as_written(names: Sequence[str], affixes: tuple[str, str]) -> tuple[str, str]:
+    """Return the prefix and the suffix of `plain` names as a file has them."""
+    letters = (zip(*(name[::way] for name in names), strict=False) for way in (1, -1))
+    prefix, suffix = ("".join(c[0] for c in takewhile(lambda c: len(set(c)) == 1, run)) for run in letters)
+    return prefix if affixes[0] else "", suffix[::-1] if affixes[1] else ""
+
+
+def _best(path: Path, names: Sequence[str], found: Sequence[_Match], need: Sequence[str]) -> _Match:
+    """Return the match with most joints; of those that have all that a body needs, one that others do not contradict.
+
+    Where they name different joints, those with evidence count.
+    """
+    complete = [match for match in found if match.has(need)]
+    required = [SMPL24.index(joint) for joint in need]
+
+    def maps(matches: Iterable[_Match]) -> set[tuple[int, ...]]:
+        return {tuple(match.of[s] for s in required) for match in matches}
+
+    if len(maps(complete)) > 1:
+        complete = [match for match in complete if match.evidence] or complete
+    best = max(complete or found, key=lambda match: len(match.of))
+    other = next((match for match in complete if maps([match]) != maps([best])), None)
+    if other is None:
+        return best
+    place = next(s for s in required if best.of[s] != other.of[s])
+    both = [f"{names[match.of[place]]} (as {match.producer.name} has it)" for match in (best, other)]
+    of_name = [f"joint_map: {match.producer.name}" for match in (best, other)]
     raise DataError(
-        "the joints of this file have the names of several producers",
+        "the joints of this file have the names of several producers, or of several bodies",
         reason="ambiguous_joint_map",
         where=str(path),
-        found=f"all required joints of {listed([*same, *others])}; {SMPL24.joints[place]} is {of_each}",
-        allowed="one producer",
-        fix=f"declare joint_map: {same[0]} or joint_map: {name}, in a column of the manifest or in the recipe",
+        found=f"all required joints of {listed(list(dict.fromkeys(m.producer.name for m in complete)))}; "
+        f"{SMPL24.joints[place]} is {' or '.join(both)}",
+        allowed="one of them",
+        fix=f"declare {' or '.join(of_name)}, in a column of the manifest or in the recipe"
+        if of_name[0] != of_name[1]
+        else "map the joints: joint_map {left_hip: NAME, ...}",
     )
 
 
