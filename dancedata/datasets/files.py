@@ -10,7 +10,7 @@ from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import listed, quoted
 from dancedata.files.regular_file import read_regular
-from dancedata.formats.arrays import VALUE_SUFFIXES
+from dancedata.formats.values import VALUE_SUFFIXES
 
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.

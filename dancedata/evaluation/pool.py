@@ -21,7 +21,7 @@ from dancedata.evaluation.music import Resources
 from dancedata.evaluation.protocol import Protocol
 from dancedata.files.atomic import write_bytes
 from dancedata.files.strict_json import parse_json
-from dancedata.formats.arrays import open_arrays
+from dancedata.formats.values import open_arrays
 from dancedata.metrics.set_statistics import checked_rows
 from dancedata.recipes.documents import document_of
 

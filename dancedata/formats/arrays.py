@@ -1,4 +1,4 @@
-"""Arrays in files of numpy, pickle, joblib and torch: no code is run; headers are checked before memory is taken."""
+"""Arrays in files of numpy: no code is run; headers are checked before memory is taken."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import math
 import os
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,8 +21,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.text import listed, quoted, shown
 from dancedata.core.typing import override
 from dancedata.files.regular_file import open_regular
-from dancedata.formats.safe_pickle import BOMB_BYTES, BOMB_RATIO, MAX_PICKLE_BYTES, as_array, load_pickle
-from dancedata.formats.torch_file import TORCH_HEADS, load_torch
+from dancedata.formats.safe_pickle import BOMB_BYTES, BOMB_RATIO, MAX_PICKLE_BYTES, unpickled
 
 #: Kinds of dtypes that are read as numbers; truth values as 0 and 1.
 NUMBERS = "fiub"
@@ -118,9 +118,6 @@ def too_large(path: Path, found: str, allowed: str) -> DataError:
     )
 
 
-#: Names of pickles, files of joblib.dump and files of torch.save; each is recognised by its content.
-VALUE_SUFFIXES = (".pkl", ".pk", ".joblib", ".pt", ".pth")
-
 #: Four hours of SMPL-X at 120 FPS in float64 take 2.3 GB; a single motion is far below that.
 MAX_ARRAY_BYTES = 1 << 30
 MAX_MEMBERS = 1000
@@ -130,39 +127,20 @@ MAX_HEADER_BYTES = 10_000
 MAX_TEXT_BYTES = 4096
 
 
-@contextmanager
-def open_arrays(path: Path) -> Iterator[ArrayFile]:
-    """Open a file; its suffix decides the format (anything but .npz and VALUE_SUFFIXES is read as .npy).
+class NpyFile(ArrayFile):
+    """An .npy file of numbers; errors as `formats.values.open_arrays`."""
 
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (not numbers), ``too_large``.
-    """
-    kind = path.suffix.lower()
-    if kind in VALUE_SUFFIXES:
-        yield ValueArrays(path, load_values(path))
-    elif kind == ".npz":
-        with ExitStack() as stack:
-            with _named(path):
-                archive = stack.enter_context(zipfile.ZipFile(stack.enter_context(open_regular(path))))
-            yield _Npz(path, archive)
-    else:
-        yield _Npy(path)
-
-
-class _Npy(ArrayFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path, ("",))
 
     @override
     def shape(self, name: str) -> tuple[int, ...]:
-        with _named(self.path), open_regular(self.path) as file:
+        with reading(self.path), open_regular(self.path) as file:
             return self._header(file).shape
 
     @override
     def read(self, name: str) -> NDArray[np.float64]:
-        with _named(self.path), open_regular(self.path) as file:
+        with reading(self.path), open_regular(self.path) as file:
             self._header(file)
             file.seek(0)
             return as_numbers(np.lib.format.read_array(file, allow_pickle=False))
@@ -171,28 +149,30 @@ class _Npy(ArrayFile):
     def text(self, name: str) -> str:
         return ""
 
-    def _header(self, file: IO[bytes]) -> _Header:
+    def _header(self, file: IO[bytes]) -> Header:
         size = os.fstat(file.fileno()).st_size
         return _numeric_header(self.path, "", file, size, size)
 
 
 def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Return shape and dtype of an .npy file of numbers; DataError as `open_arrays`."""
-    with _named(path), open_regular(path) as file:
+    """Return shape and dtype of an .npy file of numbers; DataError as `formats.values.open_arrays`."""
+    with reading(path), open_regular(path) as file:
         header = _numeric_header(path, "", file, size := os.fstat(file.fileno()).st_size, size)
         return header.shape, header.dtype
 
 
 def read_npy(path: Path) -> Array:
-    """Return an .npy file of numbers in its own dtype; DataError as `open_arrays`."""
-    with _named(path), open_regular(path) as file:
+    """Return an .npy file of numbers in its own dtype; DataError as `formats.values.open_arrays`."""
+    with reading(path), open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         _numeric_header(path, "", file, size, size)
         file.seek(0)
         return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
 
 
-class _Npz(ArrayFile):
+class NpzFile(ArrayFile):
+    """The arrays of an .npz archive."""
+
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
         if len(members) > MAX_MEMBERS:
@@ -203,12 +183,12 @@ class _Npz(ArrayFile):
 
     @override
     def shape(self, name: str) -> tuple[int, ...]:
-        with _named(self.path), self._open(name) as file:
+        with reading(self.path), self._open(name) as file:
             return self._header(name, file).shape
 
     @override
     def read(self, name: str) -> NDArray[np.float64]:
-        with _named(self.path), self._open(name) as file:
+        with reading(self.path), self._open(name) as file:
             header = self._header(name, file)
         array = self._array(name)
         if (array.shape, array.dtype) != (header.shape, header.dtype):
@@ -220,14 +200,46 @@ class _Npz(ArrayFile):
         size = self._members[name].file_size
         if size > MAX_TEXT_BYTES:
             return ""
-        with _named(self.path), self._open(name) as file:
-            header = _read_header(self.path, file)
+        with reading(self.path), self._open(name) as file:
+            header = read_header(self.path, file)
             if not header.dtype.hasobject:
                 _require_size(self.path, name, header, size)
         return text_of(self._array(name))
 
+    @property
+    def holds_objects(self) -> bool:
+        """Whether it has pickled objects and no array of two dimensions besides."""
+        headers = [self._any_header(name) for name in self.names]
+        objects = [header.dtype.hasobject for header in headers]
+        return any(objects) and not any(len(h.shape) > 1 and h.dtype.kind in NUMBERS for h in headers)
+
+    def values(self) -> dict[str, object]:
+        """Return all members by name, objects as the pickles in them."""
+        found: dict[str, object] = {}
+        for name in self.names:
+            header = self._any_header(name)
+            if header.dtype.hasobject:
+                found[name] = unpickled(partial(self._unpacked, name), self.path, start=header.start)
+            elif header.n_bytes <= MAX_TEXT_BYTES:
+                found[name] = self._array(name)
+        return found
+
+    def _unpacked(self, name: str) -> tuple[bytes, int]:
+        """Return the bytes of a member, and their size in the file."""
+        size = self._members[name].compress_size
+        allowed = min(MAX_PICKLE_BYTES, max(BOMB_BYTES, BOMB_RATIO * size))
+        with self._open(name) as file:
+            data = file.read(allowed + 1)
+        if len(data) > allowed:
+            raise ValueError(f"{name}: {size:,} bytes unpack to more than {allowed:,}")
+        return data, size
+
+    def _any_header(self, name: str) -> Header:
+        with reading(self.path), self._open(name) as file:
+            return read_header(self.path, file)
+
     def _array(self, name: str) -> Array:
-        with _named(self.path), self._open(name) as file:
+        with reading(self.path), self._open(name) as file:
             # From memory: read_array allocates by the stored bytes, not by the size that the header announces.
             array: Array = np.lib.format.read_array(io.BytesIO(file.read()), allow_pickle=False)
         return array
@@ -242,13 +254,13 @@ class _Npz(ArrayFile):
             raise broken(self.path, f"{name} announces {info.compress_size:,} compressed bytes in a file of {size:,}")
         return self._archive.open(info)
 
-    def _header(self, name: str, file: IO[bytes]) -> _Header:
+    def _header(self, name: str, file: IO[bytes]) -> Header:
         info = self._members[name]
         return _numeric_header(self.path, name, file, info.file_size, info.compress_size)
 
 
 @dataclass(frozen=True)
-class _Header:
+class Header:
     """The header of an .npy file or of a member of an .npz archive."""
 
     shape: tuple[int, ...]
@@ -258,7 +270,7 @@ class _Header:
     n_bytes: int
 
 
-def _read_header(path: Path, file: IO[bytes]) -> _Header:
+def read_header(path: Path, file: IO[bytes]) -> Header:
     """Parse a header within bounds, or raise DataError (``broken_file``): the only parser of such headers."""
     try:
         version = np.lib.format.read_magic(file)
@@ -275,10 +287,10 @@ def _read_header(path: Path, file: IO[bytes]) -> _Header:
         raise broken(path, f"no .npy header: {shown(error)}") from error
     if any(type(n) is not int or not 0 <= n <= MAX_ARRAY_BYTES for n in shape):
         raise broken(path, f"an array of shape {str(shape)[:80]}")
-    return _Header(shape, dtype, file.tell(), math.prod(shape) * dtype.itemsize)
+    return Header(shape, dtype, file.tell(), math.prod(shape) * dtype.itemsize)
 
 
-def _require_size(path: Path, name: str, header: _Header, size: int) -> None:
+def _require_size(path: Path, name: str, header: Header, size: int) -> None:
     """Raise DataError (``broken_file``) unless the file, or member, holds exactly what its header announces."""
     announced = header.start + header.n_bytes
     if size != announced:
@@ -286,9 +298,9 @@ def _require_size(path: Path, name: str, header: _Header, size: int) -> None:
         raise broken(path, f"{what}: {size:,} bytes, but its header announces {announced:,}")
 
 
-def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compressed: int) -> _Header:
+def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compressed: int) -> Header:
     """Check the header of an array of numbers against the stored and the compressed size of header and values."""
-    header = _read_header(path, file)
+    header = read_header(path, file)
     if header.dtype.hasobject:
         raise DataError(
             "the file holds pickled Python objects, which are not read",
@@ -314,7 +326,7 @@ def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compresse
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
+def reading(path: Path) -> Iterator[None]:
     """Turn any exception that numpy or zipfile raise for a broken file into a DataError."""
     try:
         with warnings.catch_warnings():
@@ -327,97 +339,10 @@ def _named(path: Path) -> Iterator[None]:
         raise broken(path, shown(error)) from error
 
 
-def load_values(path: Path) -> object:
-    """Return the content of a pickle, a file of joblib.dump or one of torch.save, under any name.
-
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle``, ``too_large``.
-    """
-    size = path.stat().st_size if path.is_file() else 0
-    if size > MAX_PICKLE_BYTES:
-        raise DataError(
-            "the file is larger than the limit",
-            reason="too_large",
-            where=str(path),
-            found=f"{size:,} bytes",
-            allowed=f"at most {MAX_PICKLE_BYTES:,}",
-            fix="save it without what is not the motion, such as WHAM's verts, or run the program on shorter videos",
-        )
-    return load_torch(path) if _is_torch(path) else load_pickle(path)
-
-
-def load_object(path: Path) -> object:
-    """Return the object in an .npy file with an array () of objects, such as the dict of ``numpy.save(file, {...})``.
-
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle``; ``bad_shape`` for any other array.
-    """
-    with _named(path), open_regular(path) as file:
-        header = _read_header(path, file)
-    if header.shape != () or not header.dtype.hasobject:
-        raise DataError(
-            "the file does not hold a dict",
-            reason="bad_shape",
-            where=str(path),
-            found=f"an array {header.shape} of {header.dtype}",
-            allowed="an .npy file as numpy.save writes it for a dict: an array () of objects",
-            fix="save the motion as a dict, or download the file again",
-        )
-    cell = load_pickle(path, start=header.start)
-    if not isinstance(cell, np.ndarray) or cell.shape != () or cell.dtype != object:
-        raise broken(path, f"a pickle of {type(cell).__name__}")
-    return cell[()]
-
-
-def _is_torch(path: Path) -> bool:
-    try:
-        with open_regular(path) as file:
-            return file.read(20).startswith(TORCH_HEADS)
-    except OSError:
-        return False  # load_pickle gives the error
-
-
-class ValueArrays(ArrayFile):
-    """The named values of a container; one that has no names is itself the value "".
-
-    Parameters
-    ----------
-    content
-        Of the file, or of a part of it.
-    """
-
-    def __init__(self, path: Path, content: object) -> None:
-        if not isinstance(content, Mapping):
-            content = {"": content}
-        self._content = {name: value for name, value in content.items() if isinstance(name, str)}
-        super().__init__(path, tuple(self._content))
-
-    @override
-    def shape(self, name: str) -> tuple[int, ...]:
-        return self._array(name).shape
-
-    @override
-    def read(self, name: str) -> NDArray[np.float64]:
-        return as_numbers(self._array(name))
-
-    @override
-    def text(self, name: str) -> str:
-        value = self._content[name]
-        if isinstance(value, bytes):
-            return value[:20].decode("latin1")
-        if isinstance(value, str | bool):
-            return str(value)[:20]
-        return text_of(np.asarray(value)) if isinstance(value, np.ndarray | np.generic) else ""
-
-    def _array(self, name: str) -> Array:
-        array = as_array(self._content[name])
-        if array is None:
-            value = self._content[name]
-            raise not_numbers(self.path, name, f"{type(value).__name__}, {shown(value)}")
-        if array.dtype.kind not in NUMBERS:
-            raise not_numbers(self.path, name, f"dtype {array.dtype}")
-        return array
+@contextmanager
+def open_npz(path: Path) -> Iterator[NpzFile]:
+    """Open an archive of arrays; DataError ``broken_file``, ``too_large``."""
+    with ExitStack() as stack:
+        with reading(path):
+            archive = stack.enter_context(zipfile.ZipFile(stack.enter_context(open_regular(path))))
+        yield NpzFile(path, archive)

@@ -21,9 +21,9 @@ from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
-from dancedata.formats.arrays import open_arrays
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 from dancedata.formats.model_pickle import open_model_pickle
+from dancedata.formats.values import open_arrays
 
 GENDERS = ("neutral", "male", "female")
 #: SMPL-X files with at least this many shapes hold 300 of the body, then those of the face; older ones 10 and 10.

@@ -7,7 +7,6 @@ import numpy as np
 
 from dancedata.core.errors import DataError
 from dancedata.core.text import shown
-from dancedata.formats.arrays import ValueArrays
 from dancedata.formats.safe_pickle import (
     ARRAY_NAMES,
     ClassName,
@@ -18,6 +17,7 @@ from dancedata.formats.safe_pickle import (
     load_pickle,
     make,
 )
+from dancedata.formats.values import ValueArrays
 
 _CH, _SELECT, _CSC, _CSR = "chumpy.ch.Ch", "chumpy.reordering.Select", "csc_matrix", "csr_matrix"
 #: Elements of a dense matrix; SMPL-X's regressor has 55 x 10,475.

@@ -365,10 +365,13 @@ def as_array(value: object) -> np.ndarray[Any, Any] | None:
 
     Nested lists are not expanded: where they are shared, a small file can describe more than fits into memory.
     """
+    if isinstance(value, np.ndarray) and value.dtype.hasobject:  # as tables of pandas are saved
+        numbers = as_array(value.reshape(-1).tolist()) if value.size else None
+        return value if numbers is None or numbers.dtype.hasobject else numbers.reshape(value.shape)
     if isinstance(value, np.ndarray | np.generic):
         return np.asarray(value)
-    numbers = value if isinstance(value, list | tuple) else [value]
-    if not all(isinstance(v, int | float | np.number) and not isinstance(v, bool) for v in numbers):
+    values = value if isinstance(value, list | tuple) else [value]
+    if not all(isinstance(v, int | float | np.number) and not isinstance(v, bool) for v in values):
         return None
     return np.asarray(value)
 
@@ -384,8 +387,13 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
         "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is truncated,
         not a pickle, unreadable, or larger than MAX_PICKLE_BYTES.
     """
+    return unpickled(lambda: read_unpacked(path, MAX_PICKLE_BYTES), path, names, start)
+
+
+def unpickled(read: Callable[[], tuple[bytes, int]], path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
+    """Return the content of the bytes that a call reads, with their size on disk; DataError as `load_pickle`."""
     try:
-        data, size = read_unpacked(path, MAX_PICKLE_BYTES)
+        data, size = read()
         return ArrayUnpickler(data[start:] if start else data, names, size).load()
     except UnsafePickleError as error:
         raise DataError(

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.text import counted, shown
-from dancedata.formats.arrays import ValueArrays, as_numbers, load_values
+from dancedata.formats.arrays import as_numbers
 from dancedata.formats.safe_pickle import as_array
+from dancedata.formats.values import ValueArrays, load_values
 
 #: Programs whose files are recognised; what they write are rotations.
 TOOLS = ("wham", "phalp", "gvhmr")
@@ -51,14 +52,19 @@ class PersonArrays(ValueArrays):
         The file's own name for the person, such as "1"; "" for a file that is not divided by people.
     tool
         One of TOOLS, or "" for any other layout.
+    tracks
+        The file's own names for this person, where it has several, see `joined`.
     frames
         (T,) the frames of the video in which the person was seen; None where the file does not have them.
     """
 
-    def __init__(self, path: Path, values: object, person: str = "", tool: str = "") -> None:
+    def __init__(
+        self, path: Path, values: object, person: str = "", tool: str = "", tracks: tuple[str, ...] = ()
+    ) -> None:
         super().__init__(path, values)
         self.person = person
         self.tool = tool
+        self.tracks = tracks
 
     @property
     def frames(self) -> NDArray[np.int64] | None:

@@ -19,10 +19,11 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.text import shown
 from dancedata.files import atomic
-from dancedata.formats.arrays import Array, ArrayFile, open_arrays
+from dancedata.formats.arrays import Array, ArrayFile
 from dancedata.formats.body_mesh import BodyMesh, obj_text
 from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
+from dancedata.formats.values import open_arrays
 from dancedata.pipeline.decoding import Decoder, Like, ScalerLike
 
 _log = logging.getLogger(__name__)

@@ -425,7 +425,7 @@ def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path, monkeypatch:
 
 def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_folder_arrays, "MAX_ARRAY_BYTES", 1000)
-    monkeypatch.setattr("dancedata.formats.arrays.MAX_PICKLE_BYTES", 1000)
+    monkeypatch.setattr("dancedata.formats.values.MAX_PICKLE_BYTES", 1000)
     monkeypatch.setattr(_folder_arrays, "MAX_MEMBERS", 1)
     np.save(tmp_path / "a.npy", np.zeros((5, 315)))
     np.savez(tmp_path / "a.npz", **GOOD)

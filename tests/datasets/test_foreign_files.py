@@ -19,8 +19,8 @@ from dancedata.datasets.finedance.load import length_note, motion_length
 from dancedata.datasets.finedance.load import load_motion as load_finedance
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import read_manifest
-from dancedata.formats.arrays import open_arrays
 from dancedata.formats.bvh.parse import read_bvh_header
+from dancedata.formats.values import open_arrays
 from dancedata.recipes.parse import load_recipe
 from tests.messages import raises_message
 

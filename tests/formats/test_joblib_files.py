@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from dancedata.core.errors import DataError
-from dancedata.formats.arrays import load_values
+from dancedata.formats.values import load_values
 from tests.video_files import joblib_bytes, torch_file, wham, wham_person
 
 COMPRESSIONS = [0, 3, ("gzip", 3), ("bz2", 1), ("lzma", 1), ("xz", 1)]

@@ -22,7 +22,7 @@ from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.legacy_file import LegacyFile
-from dancedata.formats.arrays import load_object
+from dancedata.formats.values import load_object
 
 Arrays = dict[str, np.ndarray]
 

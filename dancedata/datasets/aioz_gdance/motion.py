@@ -16,7 +16,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, no_frames, require_dancer, require_finite, require_keys
-from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.values import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 RATE = 30

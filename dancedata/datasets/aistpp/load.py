@@ -13,8 +13,8 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted
 from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, bad_shape, lengths_differ, no_frames, require_finite
-from dancedata.formats.arrays import ValueArrays
 from dancedata.formats.safe_pickle import load_pickle
+from dancedata.formats.values import ValueArrays
 
 KEYS = ("smpl_poses", "smpl_trans", "smpl_scaling")
 JOINTS = 24

@@ -22,7 +22,7 @@ from dancedata.datasets.motion_checks import (
     require_finite,
     require_keys,
 )
-from dancedata.formats.arrays import ValueArrays, load_object
+from dancedata.formats.values import ValueArrays, load_object
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 RATE = 30

@@ -11,7 +11,8 @@ from dancedata.datasets._rotations import check_rows, rotations_of
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE
 from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, no_frames, require_finite
 from dancedata.files.regular_file import open_regular
-from dancedata.formats.arrays import ArrayFile, open_arrays
+from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.values import open_arrays
 
 
 def length_note(motion: Path, music: Path, frame_rate: int) -> str:

@@ -13,11 +13,11 @@ from dancedata.core.errors import DataError
 from dancedata.core.rotations import slerp
 from dancedata.core.text import counted, listed, quoted
 from dancedata.datasets.folder.manifest import id_problem
-from dancedata.formats.arrays import VALUE_SUFFIXES, ArrayFile, open_arrays
+from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.values import holds_values, open_arrays
 from dancedata.formats.video_pose import PersonArrays, open_people
+from dancedata.formats.video_tracks import MAX_GAP, joined
 
-#: Frames in a row without the person that are interpolated: a third of a second at 30 FPS.
-MAX_GAP = 10
 #: Frames before a person appears; an hour at 30 FPS.
 MAX_LEAD = 108_000
 
@@ -46,10 +46,11 @@ def split_people(clips: Sequence[ClipRef], rejects: Sequence[Reject]) -> tuple[l
 
 def _people_of(clip: ClipRef) -> tuple[str, ...]:
     """Return the names of the people of a clip's file; ("",) for one person without a name."""
-    if clip.motion_path.suffix.lower() not in VALUE_SUFFIXES or any(name == "person" for name, _ in clip.declared):
+    if any(name == "person" for name, _ in clip.declared) or not holds_values(clip.motion_path):
         return ("",)
     try:
-        return tuple(person.person for person in open_people(clip.motion_path))
+        people = joined(open_people(clip.motion_path))
+        return ("",) if len(people) == 1 and people[0].tracks else tuple(person.person for person in people)
     except DataError:
         return ("",)
 
@@ -63,13 +64,14 @@ def open_person(path: Path, person: str | None) -> Iterator[ArrayFile]:
     DataError
         As `open_arrays` does; ``several_people`` if none of several is chosen, ``missing_person``.
     """
-    if path.suffix.lower() not in VALUE_SUFFIXES:
+    if not holds_values(path):
         with open_arrays(path) as arrays:
             if person is not None:
                 raise _missing(path, person, "a file that is not divided by people")
             yield arrays
         return
-    people = open_people(path)
+    tracks = open_people(path)
+    people = joined(tracks)
     if person is None and len(people) > 1:
         raise DataError(
             f"the file has {counted(len(people), 'person').replace('persons', 'people')}, and none of them is chosen",
@@ -78,7 +80,7 @@ def open_person(path: Path, person: str | None) -> Iterator[ArrayFile]:
             found=listed(map(str, people)),
             fix="make each a clip (--set dataset.folder.people=split), or choose one in the manifest's column person",
         )
-    chosen = [one for one in people if person is None or one.person == person]
+    chosen = [one for one in (*people, *tracks) if person is None or one.person == person]
     if not chosen:
         found = f"people {listed(map(str, people))}" if people[0].person else "one person without a name"
         raise _missing(path, person, found)

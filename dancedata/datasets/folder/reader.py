@@ -50,6 +50,7 @@ from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.bvh.producers import producers
 from dancedata.formats.bvh.retarget import uneven_bones
+from dancedata.formats.video_pose import PersonArrays
 
 #: Most kinds of files that the notes distinguish.
 _MAX_KINDS = 12
@@ -121,7 +122,7 @@ class Folder(Dataset):
     language: str = field(default="", metadata={"scan": True})
 
     explicit_only: ClassVar[bool] = True
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
     licence: ClassVar[str] = "Your own data: state their terms yourself."
     citation: ClassVar[str] = "Your own data: cite their origin."
 
@@ -377,9 +378,15 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
         span = seen_in(arrays)
+        tracks = arrays.tracks if isinstance(arrays, PersonArrays) else ()
     joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
     text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
     video = (f"Video: {span[0]}",) if span is not None and str(span[0]) else ()
+    if tracks:
+        video = (
+            f"Video: people {', '.join(tracks)} joined to one: each begins where the one before was lost",
+            *video,
+        )
     body = layout.skeleton.name if reading.body_model is None else ""
     return (text, *video, *_drift(facts)), body, facts.rate.value
 

@@ -30,7 +30,7 @@ from dancedata.datasets.motion_checks import (
     require_finite,
     require_keys,
 )
-from dancedata.formats.arrays import open_arrays
+from dancedata.formats.values import open_arrays
 from dancedata.representations.humanml264 import Humanml264
 from dancedata.synthetic import synthesise_motion
 

@@ -22,7 +22,7 @@ from dancedata.datasets.motion_checks import (
     require_keys,
     require_matrices,
 )
-from dancedata.formats.arrays import open_arrays
+from dancedata.formats.values import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 Scale = Literal["multiply", "none"]
