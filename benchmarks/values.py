@@ -47,7 +47,7 @@ SHARED = {  # case: function that makes the source, recipe, settings
     "bvh": ("real_bvh", "bvh.yaml", ()),
 }
 BVH = {
-    "recipe": 1, "name": "bvh", "dataset": {"folder": {"audio": False, "unit": "cm"}}, "fps": 30,
+    "recipe": 1, "name": "bvh", "dataset": {"folder": {"music": "optional", "unit": "cm"}}, "fps": 30,
     "windows": {"length_s": 1, "stride_s": 0.5}, "retarget": {"skeleton": "smpl24"},
     "motion": {"edge151": {}, "joints": {}, "humanml263": {}},
 }  # fmt: skip
@@ -136,8 +136,11 @@ def inside(what: str, case: str, folder: str, side: str = "") -> None:
     work = Path(folder)
     source = work / "source" / source_name(case)
     if what == "source":
-        source.mkdir(parents=True)
-        make_source(case, source)
+        part = source.with_name(f"{source.name}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        make_source(case, part)
+        part.rename(source)
         return
     import dancedata
 
