@@ -51,8 +51,6 @@ EXTRAS = {
     "smpl": f"{PYTEST} tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
     "dask": f"{PYTEST} tests/fault/test_workers.py -k dask_gives_the_same_bytes",
     "ray": f"{PYTEST} tests/fault/test_clusters.py -k ray_gives_the_same_bytes",
-    "joblib": "dancedata build demo --scheduler joblib:loky --quiet && dancedata check data/demo",
-    "spark": "dancedata build demo --scheduler joblib:spark --quiet && dancedata check data/demo",  # Java as well
     "parquet": f"{HERE} && dancedata export data/demo --to parquet --out parquet && "
     "python -c 'import pyarrow.parquet as p; assert p.read_table(\"parquet/data\").num_rows == 756'",
     "lightning": f"{PYTEST} tests/training",
@@ -99,7 +97,6 @@ def rows() -> list[Row]:
     # The lowest versions that have wheels for the Python: those that are older than it cannot be built with it.
     needs = {name: tuple(map(package, extras[name])) for name in EXTRAS}
     names = sorted({*map(package, project["dependencies"]), *(name for of_one in needs.values() for name in of_one)})
-    names.remove("pyspark")  # it has no wheels; its sdist is pure Python
     wheels = [word for name in names for word in ("--only-binary", name)]
     lowest = ("--resolution", "lowest-direct", *wheels, "-e")
     table += [

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import resource
 import shutil
 import subprocess
@@ -37,7 +36,7 @@ from dancedata.core.plugins import AudioFeature, Dataset, Representation
 from dancedata.core.registry import DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.execution.cache import Cache
-from dancedata.execution.executors.base import Executor
+from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units, start_workers
 from dancedata.pipeline.build import build
@@ -226,7 +225,7 @@ def units(n: int = 2000) -> None:
         print(f"{'publishing 90 kB, flushed to disk (units above 0.5 s)':<58} {spent:8.1f} us per unit")
 
 
-ENGINES = ("processes", "tcp", "ray://auto", "joblib:loky", "joblib:threading", "joblib:spark")
+ENGINES = ("processes", "tcp", "ray://auto")
 
 
 def clusters(rounds: int = 3) -> None:
@@ -235,7 +234,6 @@ def clusters(rounds: int = 3) -> None:
     Units do nothing, or sleep 50 ms: then, how much longer the stage takes than half of the sum.
     """
     spent: dict[str, list[tuple[float, float]]] = {engine: [] for engine in ENGINES}
-    os.environ.setdefault("PYSPARK_SUBMIT_ARGS", "--master local[2] pyspark-shell")
     with tempfile.TemporaryDirectory(prefix="scaling-") as name, ExitStack() as stack:
         executors = {}
         for engine in ENGINES:

@@ -37,9 +37,9 @@ def _command() -> None:
 
 def _end_workers() -> None:
     # Only commands that build load this module.
-    loky = sys.modules.get("dancedata.execution.executors.loky")
-    if loky is not None:
-        loky.end_workers()
+    executors = sys.modules.get("dancedata.execution.executors")
+    if executors is not None:
+        executors.end_workers()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Clusters on this machine: of Dask, Ray and Spark."""
+"""Clusters on this machine: of Dask and Ray."""
 
 import socket
 import subprocess
@@ -46,9 +46,6 @@ sys.stdin.read()
 """
 
 
-SPARK = {"PYSPARK_SUBMIT_ARGS": "--master local[2] pyspark-shell", "SPARK_LOCAL_IP": "127.0.0.1"}
-
-
 @contextmanager
 def ray_settings() -> Iterator[dict[str, str]]:
     """Give the environment of a Ray cluster for a test: its folder, and a token that keeps others out."""
@@ -83,34 +80,16 @@ def processes_of(parent: int) -> list[int]:
     return found + [pid for child in found for pid in processes_of(child)]
 
 
-#: The server of Ray Client; the first processes that it starts for clients, as many as asked for, die at once.
-CLIENT_SERVER = """
-import os
-import sys
-from ray.util.client.server import proxier, server
-start, deaths = proxier.start_ray_client_server, [None] * int(sys.argv.pop(1))
-def start_or_die(*arguments, **options):
-    process = start(*arguments, **options)
-    if deaths:
-        deaths.pop()
-        process.process.kill()
-        os.waitid(os.P_PID, process.process.pid, os.WEXITED | os.WNOWAIT)
-    return process
-proxier.start_ray_client_server = start_or_die
-server.main()
-"""
-
-
 @contextmanager
-def ray_client_server(environment: MutableMapping[str, str], deaths: int = 0) -> Iterator[int]:
+def ray_client_server(environment: MutableMapping[str, str]) -> Iterator[int]:
     """Run the server of Ray Client beside a cluster, as `ray start --head` does; gives its port.
 
-    Processes that it forks die now and then, as in `CLIENT_SERVER`, where gRPC handles forks.
+    Processes that it forks die now and then, where gRPC handles forks.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-c", CLIENT_SERVER, str(deaths), "--host=127.0.0.1", f"--port={port}"]
+    command = [sys.executable, "-m", "ray.util.client.server", "--host=127.0.0.1", f"--port={port}"]
     command += [f"--address={environment['RAY_ADDRESS']}"]
     settings = {**environment, "GRPC_ENABLE_FORK_SUPPORT": "0"}
     with subprocess.Popen(command, env=settings, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:

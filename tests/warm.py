@@ -102,7 +102,7 @@ def _serve() -> None:
     import dancedata.datasets.aistpp
     import dancedata.datasets.folder
     import dancedata.evaluation.run
-    import dancedata.execution.executors.loky
+    import dancedata.execution.executors
     import dancedata.pipeline.commands
     import dancedata.representations.edge151  # noqa: F401
 

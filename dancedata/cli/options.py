@@ -28,9 +28,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
 CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
 CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
-BACKEND_HELP = "loky (processes of this machine), dask, ray or joblib; default: that of --scheduler, else loky."
+BACKEND_HELP = "loky (processes of this machine), dask or ray; default: that of --scheduler, else loky."
 Backend = Annotated[str | None, typer.Option(help=BACKEND_HELP)]
-SCHEDULER_HELP = "Cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT, ray://auto, or joblib:NAME such as joblib:spark."
+SCHEDULER_HELP = "Cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT or ray://auto."
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)]
 NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; must be stated, here or in their files."
 SCALER_HELP = "File of normalizer.save(...): the scaler that normalises the columns, instead of the dataset's."

@@ -24,8 +24,6 @@ MODULES = {
     "beats": ("torch", "safetensors"),
     "dask": ("dask", "distributed"),
     "ray": ("ray",),
-    "joblib": ("joblib",),
-    "spark": ("joblib", "joblibspark", "pyspark"),
     "smpl": ("smplx", "torch"),
     "report": ("matplotlib",),
     "pandas": ("pandas",),

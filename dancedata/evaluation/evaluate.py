@@ -11,7 +11,7 @@ from dancedata.evaluation.pool import Pool, measured_pool, save_pool
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.request import Inputs, Request
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
-from dancedata.execution.executors.loky import LokyExecutor
+from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import start_workers
 
@@ -58,7 +58,7 @@ def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> P
     pool, numbers = request.pool_input()
 
     def measured(cache: Cache) -> Pool | None:
-        resources = Resources(cache, LokyExecutor(jobs), progress)
+        resources = Resources(cache, Executor(jobs), progress)
         return measured_pool(resources, request.protocol, pool, numbers)
 
     return with_lost_entries(root, measured, progress)

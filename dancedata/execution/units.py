@@ -4,10 +4,9 @@ A unit is a call of a function with small arguments that leaves its arrays in th
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,28 +14,23 @@ from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.plugin_files import with_known_files
 from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache
-from dancedata.execution.executors.base import Call, Executor, OnResult, WorkerDiedError, unit_name
-from dancedata.execution.executors.loky import LokyExecutor
-from dancedata.execution.executors.remote import worker_requirements
+from dancedata.execution.executors import Call, Executor, OnResult, first_line
 from dancedata.execution.progress import Progress
+from dancedata.execution.reference_process import ReferenceProcessError, named_if_it_crashes
+from dancedata.execution.requirements import requirements_of
 
 R = TypeVar("R")
 #: A number of processes on this machine, or an executor.
 Jobs = int | Executor
 
-#: Backends that need a scheduler, and the form of its address.
-SCHEDULERS = {
-    "dask": "tcp://HOST:8786",
-    "ray": "ray://HOST:10001, or ray://auto on a machine of the cluster",
-    "joblib": "joblib:NAME, such as joblib:spark",
-}
+#: Engines of clusters: the form of their addresses, and examples.
+SCHEDULERS = {"dask": "tcp://HOST:8786", "ray": "ray://HOST:10001, or ray://auto on a machine of the cluster"}
 _HOST = r"(\[[^\]\s]+\]|[^\s:/\[\]]+)"
 _ADDRESSES = {
     "dask": re.compile(rf"((tcp|tls|ucx|wss?)://)?{_HOST}:\d+(/\S*)?|inproc://\S+"),
     "ray": re.compile(rf"ray://{_HOST}(:\d+)?/?"),
-    "joblib": re.compile(r"joblib:\S+"),
 }
-#: After how many deaths of a worker that runs nothing else a unit is named as their cause.
+#: After how many runs that end with the death of a worker, which runs nothing else, a unit is named as its cause.
 DEATHS_ALONE = 2
 #: Consecutive deaths of workers that have not run a unit, after which a stage ends.
 BLIND_DEATHS = 3
@@ -63,10 +57,12 @@ def start_workers(
     """
     engine = check_backend(backend, scheduler)
     if scheduler is None:
-        yield LokyExecutor(n)
+        yield Executor(n)
         return
-    started = import_module(f"{__package__}.executors.{engine}").started  # builds without a cluster load none of it
-    with worker_requirements(cache, source, packages) as requirements, started(scheduler, requirements) as executor:
+    from dancedata.execution.clusters import dask, ray
+
+    connect = dask if engine == "dask" else ray
+    with requirements_of(cache, source, packages) as required, connect(scheduler, required) as executor:
         yield executor
 
 
@@ -85,7 +81,7 @@ def check_backend(backend: str | None, scheduler: str | None) -> str:
             fix = f"give its address: --scheduler {SCHEDULERS[backend]}"
             raise UsageError(f"the backend {backend} needs a scheduler", fix=fix)
         return "loky"
-    engine = next((name for name in ("ray", "joblib") if scheduler.startswith(f"{name}:")), "dask")
+    engine = "ray" if scheduler.startswith("ray:") else "dask"
     if backend not in (None, engine):
         raise UsageError(
             f"the scheduler has an address of {engine}", found=f"--backend {backend}", fix="leave --backend out"
@@ -139,71 +135,84 @@ def run_units(
             results[index] = result
             advance(1)
 
-        if missing:
-            executor = (LokyExecutor(jobs) if isinstance(jobs, int) else jobs).for_calls(len(missing))
-            # Local plug-ins among the arguments are unpickled after the function, here and in a reference process.
-            run = with_known_files(partial(as_in_builds(exact), with_known_files(function)))
+        # Local plug-ins among the arguments are unpickled after the function, here and in a reference process.
+        run = with_known_files(partial(as_in_builds(exact), with_known_files(function)))
+        executor = Executor(jobs) if isinstance(jobs, int) else jobs
+        if executor.is_here(len(missing)):
+            for index, call in missing.items():
+                with named_if_it_crashes(f"{label}, {unit_name(call)}"):
+                    try:
+                        result = run(*call)
+                    except ReferenceProcessError as error:
+                        error.where = unit_name(call)
+                        raise
+                keep(index, result)
+        else:
             _run(executor, run, missing, label, keep)
     return results
 
 
 def _run(
-    executor: Executor, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult
+    executor: Executor, function: Callable[..., Any], left: dict[int, Call], label: str, on_result: OnResult
 ) -> None:
-    left = dict(calls)
+    """Run calls until none is left; suspects alone."""
 
     def finish(index: int, result: Any) -> None:
         del left[index]
         on_result(index, result)
 
     while left:
-        try:
-            executor.run(function, dict(left), label, finish)
-        except WorkerDiedError as death:
-            _check_that_workers_start(executor, function, label)
-            for index in death.suspects:
-                _run_alone(executor, function, index, left[index], label, finish)
+        suspects = executor.run(function, dict(left), label, finish)
+        if suspects and (death := _death(executor, _import, 0, (function,), label, BLIND_DEATHS, _ignore)):
+            # No unit is blamed where workers die before they run one.
+            raise DanceDataError(
+                f"worker processes die during {label} before they run a unit of work",
+                found=f"{BLIND_DEATHS} times: {first_line(death)}",
+                fix="run the same command again to resume; if memory ran out, with fewer --jobs",
+            ) from death
+        for index in suspects:
+            call = left[index]
+            if death := _death(executor, function, index, call, label, DEATHS_ALONE, finish):
+                raise DanceDataError(
+                    f"this unit of work kills its worker process ({label})",
+                    where=unit_name(call),
+                    found=f"{DEATHS_ALONE} times, running alone: {first_line(death)}",
+                    fix="if memory ran out, use a machine with more; else remove the file from the source",
+                ) from death
 
 
-def _check_that_workers_start(executor: Executor, function: Callable[..., Any], label: str) -> None:
-    """Raise if workers die before they run a unit, so that no unit is blamed for it."""
-    calls = {0: (function,)}
-    death = _last_death(BLIND_DEATHS, lambda: executor.run(_import, calls, label, lambda index, result: None))
-    if death is not None:
-        raise DanceDataError(
-            f"worker processes die during {label} before they run a unit of work",
-            found=f"{death.deaths} times: {death}",
-            fix="run the same command again to resume; if memory ran out, with fewer --jobs",
-        ) from death
-
-
-def _run_alone(
-    executor: Executor, function: Callable[..., Any], index: int, call: Call, label: str, on_result: OnResult
-) -> None:
-    death = _last_death(DEATHS_ALONE, lambda: executor.run(function, {index: call}, label, on_result))
-    if death is not None:
-        raise DanceDataError(
-            f"this unit of work kills its worker process ({label})",
-            where=unit_name(call),
-            found=f"{death.deaths} times, running alone: {death}",
-            fix="if memory ran out, use a machine with more; else remove the file from the source and report it",
-        ) from death
-
-
-def _last_death(limit: int, run: Callable[[], None]) -> WorkerDiedError | None:
-    """Call `run` until no worker dies; after `limit` deaths return the last one, with the number of all."""
-    deaths = 0
-    while True:
-        try:
-            run()
-        except WorkerDiedError as death:
-            deaths += death.deaths
-            if deaths >= limit:
-                death.deaths = deaths
-                return death
-        else:
+def _death(
+    executor: Executor,
+    function: Callable[..., Any],
+    index: int,
+    call: Call,
+    label: str,
+    tries: int,
+    on_result: OnResult,
+) -> BaseException | None:
+    """Run a call by itself; return the error if its worker dies at each of some tries."""
+    dead: dict[int, BaseException] = {}
+    for _ in range(tries):
+        dead = executor.run(function, {index: call}, label, on_result)
+        if not dead:
             return None
+    return dead[index]
+
+
+def _ignore(index: int, result: Any) -> None: ...
 
 
 def _import(function: Callable[..., Any]) -> None:
     """Do nothing: a worker that has received the function has imported its modules."""
+
+
+def unit_name(call: Call) -> str:
+    """Return the clip and the file that a unit of work reads, found among its arguments, for messages."""
+    for argument in call:
+        path = getattr(argument, "motion_path", None)
+        if path is not None:
+            return f"clip {argument.id} ({path})"
+        path = argument if isinstance(argument, Path) else getattr(argument, "path", None)
+        if isinstance(path, Path):
+            return str(path)
+    return "unit"

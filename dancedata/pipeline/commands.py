@@ -68,8 +68,8 @@ def build(
         Folder of the cache. Default: $DANCEDATA_CACHE, else the user's cache folder.
     backend, scheduler
         A cluster, on whose workers units run; `jobs` does not count then. `scheduler` is its address:
-        "tcp://HOST:8786" (Dask), "ray://HOST:10001", "ray://auto", or "joblib:NAME" for a backend that is registered
-        with joblib. `backend` follows from it. Default: processes of this machine ("loky").
+        "tcp://HOST:8786" (Dask), "ray://HOST:10001" or "ray://auto". `backend` follows from it. Default: processes of
+        this machine ("loky").
     progress
         Show progress on stderr: a bar on a terminal or in a notebook, lines elsewhere.
 
@@ -287,7 +287,7 @@ def folder_of(path: str | Path | None) -> Path | None:
 def jobs_of(jobs: int | None) -> int:
     """Return a number of worker processes: one per core for None; UsageError below 1."""
     if jobs is None:
-        from loky import cpu_count
+        from joblib import cpu_count
 
         return int(cpu_count())
     if jobs < 1:

@@ -18,7 +18,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.licence import Licence
 from dancedata.core.plugins import AudioFeature
 from dancedata.execution.cache import Cache, CachedArray
-from dancedata.execution.executors.base import Executor
+from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.pipeline.audio import (

@@ -20,7 +20,7 @@ from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report as Evaluation
 from dancedata.evaluation.request import Inputs, Request
 from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.executors.loky import LokyExecutor
+from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.report.document import Document
 from dancedata.report.measure import ClipNumbers, Measured, clip_numbers, measure
@@ -210,7 +210,7 @@ def write_samples_report(
             what=store, protocol=named, split=of_truth or None, field=field, source=files, draws=bootstrap
         )
         truth = evaluate_inputs(truth_request.inputs(), cache=root, progress=reporter)
-        music, _ = clip_music(Resources(Cache(root), LokyExecutor(1), reporter), named, inputs.clip_set, inputs.music)
+        music, _ = clip_music(Resources(Cache(root), Executor(1), reporter), named, inputs.clip_set, inputs.music)
         beats = {clip: of_clip.beats.seconds for clip, of_clip in music.items()}
         scenes = MotionScenes(inputs.clip_set.clips, path.name, None, store.skeleton, beats)
         report, dancers = _compared(scenes, measure(store, reporter), inputs, music, (scores, truth, of_truth))

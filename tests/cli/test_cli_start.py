@@ -18,7 +18,7 @@ from dancedata.recipes.parse import load_recipe
 #: Each of these takes a good part of a second, or needs an extra.
 HEAVY = {"torch", "librosa", "scipy", "numba", "sklearn", "pandas", "matplotlib", "soundfile", "soxr"}
 #: And these a command needs only once it runs.
-LATER = HEAVY | {"h5py", "joblib", "loky", "yaml", "rich", "numpy"}
+LATER = HEAVY | {"h5py", "joblib", "yaml", "rich", "numpy"}
 
 
 def imported(*args: str) -> set[str]:
@@ -47,17 +47,17 @@ def test_help_is_light(args: list[str]):
 
 def test_reading_is_light():
     names = imported("-c", "import dancedata; dancedata.open")
-    assert names & (HEAVY | {"joblib", "loky", "pydantic", "typer"}) == set()
+    assert names & (HEAVY | {"joblib", "pydantic", "typer"}) == set()
 
 
 def test_listing_is_light():
     """It shows the fields of plug-ins' classes: these need numpy, and nothing that reads, computes or writes."""
     code = "from dancedata.cli.plugins import *; assert 'edge151' in describe_catalogue(catalogue())"
     names = modules("-c", code)
-    assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "loky", "pydantic", "typer", "rich"}) == set()
+    assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "joblib", "pydantic", "typer", "rich"}) == set()
     rooms = {name.split(".")[1] for name in names if name.startswith("dancedata.")}
     assert rooms & {"pipeline", "store", "api", "readers", "testing"} == set()
-    assert imported("-m", "dancedata", "list") & (HEAVY | {"h5py", "loky", "rich", "pydantic"}) == set()
+    assert imported("-m", "dancedata", "list") & (HEAVY | {"h5py", "joblib", "rich", "pydantic"}) == set()
 
 
 def test_listing_does_not_import_numeric_libraries():
@@ -102,7 +102,7 @@ def test_a_worker_that_encodes_motion_loads_no_feature(corpus: Path, tmp_path: P
     code = "import pickle, sys\nfunction, call = pickle.load(open(sys.argv[1], 'rb'))\nfunction(*call)"
     names = modules("-c", code, str(tmp_path / "unit"))
     assert "dancedata.representations.edge151" in names
-    heavy = HEAVY | {"pydantic", "h5py", "typer", "loky", "importlib.metadata"}
+    heavy = HEAVY | {"pydantic", "h5py", "typer", "joblib", "importlib.metadata"}
     assert names & heavy == set()
     assert [name for name in names if name.startswith("dancedata.audio")] == []
     (made,) = recipe.motion
@@ -139,7 +139,7 @@ def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, tmp_path
             main()
         except SystemExit as end:
             assert not end.code, end
-        assert "loky" in sys.modules
+        assert "joblib" in sys.modules
         children = Path(f"/proc/self/task/{Path('/proc/self').resolve().name}/children").read_text().split()
         commands = [Path(f"/proc/{child}/cmdline").read_bytes() for child in children]
         assert not [command for command in commands if b"popen_loky" in command], commands

@@ -21,7 +21,7 @@ from dancedata.core import packages
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import MODULES, MissingPackageError, install, require
-from dancedata.execution.executors.dask import connected
+from dancedata.execution.clusters import dask
 from dancedata.files.regular_file import sha256_file
 from dancedata.plot.axes import axes_or_new
 from tests.messages import raises_message
@@ -47,8 +47,6 @@ COMMANDS = {
     ],
     "video": [["view", "DEMO", "clip", "--video", "a.mp4"]],
     "ray": [["build", *TINY, "--out", "out", "--scheduler", "ray://auto"]],
-    "joblib": [["build", *TINY, "--out", "out", "--scheduler", "joblib:loky"]],
-    "spark": [["build", *TINY, "--out", "out", "--scheduler", "joblib:spark"]],
 }  # fmt: skip
 CALLS: dict[str, list[Callable[[], object]]] = {
     "hf": [
@@ -64,7 +62,7 @@ CALLS: dict[str, list[Callable[[], object]]] = {
         lambda: dancedata.extract("jukebox", "SONG", weights="x"),
     ],
     "beats": [lambda: Beats(source="beat_this", weights=Path("x")).resolved(sha256_file)],
-    "dask": [lambda: connected("tcp://127.0.0.1:1").__enter__()],
+    "dask": [lambda: dask("tcp://127.0.0.1:1", None).__enter__()],
     "report": [lambda: axes_or_new(None, 1, 1)],
     "video": [lambda: dancedata.plot.write_video("DEMO", "clip", "a.mp4")],
 }

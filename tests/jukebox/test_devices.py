@@ -25,7 +25,7 @@ from dancedata.audio.networks import devices as _devices
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.execution.executors.loky import LokyExecutor
+from dancedata.execution.executors import Executor
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import audio as audio_units
 from dancedata.pipeline.audio import FeatureKeys, SignalId
@@ -61,7 +61,7 @@ def test_one_process_a_card(two_cards: dict[str, str], tiny: SimpleNamespace) ->
     assert feature.precision == "fp16"
     assert feature.windows_per_call == 32
     assert _jobs_for(feature, 16) == 2
-    assert _jobs_for(feature, LokyExecutor(16)).n == 2  # type: ignore[union-attr]
+    assert _jobs_for(feature, Executor(16)).n == 2  # type: ignore[union-attr]
     assert [_claim(tuple(two_cards)) for _ in range(3)] == ["cuda:0", "cuda:1", "cuda:0"]
     one = Jukebox(weights=tiny.folder, layer=6, device="cuda:1")
     assert one.workers(16) == 1

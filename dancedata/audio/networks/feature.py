@@ -111,7 +111,7 @@ class NetworkFeature(AudioFeature):
         """Use all cores on a CPU within the context: a build runs one process of such a feature there."""
         if self.cards():
             return nullcontext()
-        from loky import cpu_count
+        from joblib import cpu_count
         from threadpoolctl import threadpool_limits
 
         # The cores that this process may use: a batch system assigns a part of the machine.

@@ -1,0 +1,260 @@
+"""Engines that run units of work: worker processes of this machine, a Dask cluster, a Ray cluster.
+
+An engine is how a call becomes a future of concurrent.futures; `Executor.run` is the same for all. A unit and its
+answer are bytes, so that no engine looks for its own objects among arguments, and an error of a future is never the
+unit's.
+
+Workers of this machine are those of loky, which joblib brings: unlike multiprocessing's, they do not import the
+user's main module again, so that `dancedata.build` works in a notebook and in a script without
+``if __name__ == "__main__"``. joblib's own backends do not tell which unit a worker was running that died.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Future, as_completed
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from typing import Any
+from weakref import WeakSet
+
+import cloudpickle
+
+from dancedata.core.errors import DanceDataError
+from dancedata.core.text import shown
+from dancedata.execution.arithmetic import adopted_by_children
+from dancedata.execution.reference_process import ReferenceProcessError, shielded
+from dancedata.execution.requirements import Requirements, check_worker, worker_name
+
+#: Arguments of a unit of work.
+Call = tuple[Any, ...]
+#: Takes the number of a call and its result.
+OnResult = Callable[[int, Any], None]
+#: Starts a function with arguments in a worker.
+Start = Callable[..., Future[Any]]
+#: Seconds after which an idle worker ends: the next stage, or the next build in a notebook, finds it running.
+IDLE_S = 300
+#: Units run on one thread. BLAS libraries would start a thread for each core of the machine in every worker.
+_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS")}
+#: Most bytes of free memory that workers keep: otherwise glibc returns it after each array, and a fifth of
+#: the time of encoding motion is spent in clearing it again. Larger arrays than the first number are returned.
+_KEEPS_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 27)}
+
+
+@dataclass(frozen=True)
+class Executor:
+    """Worker processes of this machine, or workers of a cluster.
+
+    Attributes
+    ----------
+    n
+        Number of processes at most; a cluster has others.
+    engine
+        Whose workers these are, for messages.
+    deaths
+        Errors of a future whose worker died.
+    required
+        Requirements of a cluster's workers, each checked before its first unit: workers may join at any time.
+    starting
+        Yields, for the name of a stage, what starts a function with arguments on a cluster; cancels where the context
+        raises.
+    """
+
+    n: int = 1
+    engine: str = "this machine"
+    deaths: tuple[type[BaseException], ...] = (BrokenExecutor, ReferenceProcessError)
+    required: Requirements | None = None
+    starting: Callable[[str], AbstractContextManager[Start]] | None = None
+
+    def is_here(self, n_calls: int) -> bool:
+        """Return whether so many calls run in this process, without workers.
+
+        For one job, for a single unit, and in a daemonic process, such as one of multiprocessing.Pool, which may not
+        start others.
+        """
+        return self.starting is None and (min(self.n, n_calls) < 2 or multiprocessing.current_process().daemon)
+
+    def run(
+        self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult
+    ) -> dict[int, BaseException]:
+        """Compute function(*call) for every call in workers, and pass each result on as it comes, in any order.
+
+        Parameters
+        ----------
+        calls
+            Arguments by number. All are sent at once: workers may join later.
+        label
+            Name of the stage.
+
+        Returns
+        -------
+        dict
+            The suspects: calls that may have been running when a worker died, with its error. They and all other
+            calls without a result have to be run again.
+
+        Raises
+        ------
+        Exception
+            The first exception that a call raises. Other calls are cancelled.
+        """
+        dead: dict[int, BaseException] = {}
+        with self.starting(label) if self.starting else _processes(min(self.n, len(calls)), self.n) as start:
+            futures: dict[Future[Any], int] = {}
+            with shielded():  # workers start: an interrupt is raised at the end
+                for number, call in calls.items():
+                    try:
+                        futures[start(run_packed, self.required, cloudpickle.dumps((function, call)))] = number
+                    except self.deaths as error:
+                        dead[number] = error
+                    except Exception as error:
+                        raise lost(self.engine, error) from error
+            for future in as_completed(futures):
+                try:
+                    result = _unpacked(self._answer(future))
+                except self.deaths as error:
+                    dead[futures[future]] = error
+                else:
+                    on_result(futures[future], result)
+        if dead and self.starting is None:
+            # All futures of a pool break with one worker. Units start in order: the oldest were running.
+            _kept.clear()
+            return {number: dead[number] for number in sorted(dead)[: self.n]}
+        return dead
+
+    def _answer(self, future: Future[bytes]) -> bytes:
+        try:
+            return future.result()
+        except self.deaths:
+            raise
+        except Exception as error:
+            raise lost(self.engine, error) from error
+
+
+@contextmanager
+def _processes(least: int, most: int) -> Iterator[Start]:
+    """Yield what starts calls in worker processes, of which there are so many."""
+    # Workers that end, such as idle ones, are replaced at any time.
+    with adopted_by_children():
+        resource_tracker.ensure_running()  # started with the workers, it would unblock SIGINT for them
+        pool = _pool(least, most)
+        try:
+            yield pool.submit
+        except BaseException:
+            pool.shutdown(kill_workers=True)
+            _kept.clear()
+            raise
+
+
+#: The pool that the next stage finds, with what it was started for; and all pools, such as those of other threads.
+_kept: dict[tuple[Any, ...], Any] = {}
+_pools: WeakSet[Any] = WeakSet()
+
+
+def _pool(least: int, most: int) -> Any:
+    """Return a pool of at least and at most so many workers, started in this folder by this process.
+
+    In this folder, so that relative paths name the same files. A fork does not have its parent's workers.
+    """
+    from joblib.externals.loky import ProcessPoolExecutor
+
+    folder, environment = os.getcwd(), _environment()
+    started_for = (os.getpid(), folder, tuple(environment.items()))
+    for (n, *other), pool in list(_kept.items()):
+        if tuple(other) == started_for and least <= n <= most:
+            return pool
+    pool = ProcessPoolExecutor(least, timeout=IDLE_S, env=environment, initializer=os.chdir, initargs=(folder,))
+    _kept.clear()
+    _kept[least, *started_for] = pool
+    _pools.add(pool)
+    return pool
+
+
+def _environment() -> dict[str, str]:
+    """Return additional environment variables of workers; a user's settings of the C library's memory stay."""
+    tuned = "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", "")
+    chosen = tuned or any(name.startswith("MALLOC_") for name in os.environ)
+    return _ONE_THREAD if chosen else {**_ONE_THREAD, **_KEEPS_MEMORY}
+
+
+def end_workers() -> None:
+    """Kill all workers, for a process that ends: they are idle, and take a tenth of a second to end by themselves."""
+    for pool in list(_pools):
+        pool.shutdown(kill_workers=True)
+
+
+#: Held while a unit runs in a worker.
+_running = threading.Lock()
+
+
+def run_packed(required: Requirements | None, message: bytes) -> bytes:
+    """Run a unit in a worker that meets the requirements; return, pickled, (False, result) or (True, error).
+
+    The worker is checked before it imports the unit's modules.
+    """
+    try:
+        return bytes(cloudpickle.dumps((False, _run(required, message))))
+    except Exception as error:  # noqa: BLE001  (it is raised in the process that builds)
+        try:
+            return bytes(cloudpickle.dumps((True, error)))
+        except Exception as cause:  # noqa: BLE001  (a result or an error that cannot travel)
+            return pickle.dumps((True, _not_sendable(cause)))
+
+
+def _run(required: Requirements | None, message: bytes) -> Any:
+    if not _running.acquire(blocking=False):
+        # They would undo each other's limit on BLAS, and change last digits.
+        fix = "start workers with one thread each (dask worker --nthreads 1), and more of them"
+        raise DanceDataError("a worker runs several units at once in threads", where=worker_name(), fix=fix)
+    try:
+        if required is not None:
+            check_worker(required)
+        try:
+            function, call = pickle.loads(message)  # noqa: S301  (from the process that builds)
+        except DanceDataError:
+            raise
+        except Exception as error:
+            raise _not_sendable(error) from error
+        return function(*call)
+    finally:
+        _running.release()
+
+
+def _unpacked(message: bytes) -> Any:
+    """Return the result that `run_packed` has returned as bytes, or raise the error."""
+    try:
+        is_error, result = pickle.loads(message)  # noqa: S301  (from a worker of this build)
+    except Exception as error:
+        raise _not_sendable(error) from error
+    if is_error:
+        raise result
+    return result
+
+
+def _not_sendable(error: BaseException) -> DanceDataError:
+    """Return the error for a unit or a result that another process cannot unpickle."""
+    return DanceDataError(
+        "a unit of work or its result cannot be sent between processes",
+        found=shown(f"{type(error).__name__}: {error}"),
+        fix="correct the plug-in: its module must import, and its errors must unpickle, in worker processes",
+    )
+
+
+def first_line(error: BaseException) -> str:
+    """Return the first line of an error's message."""
+    return str(error).strip().split("\n")[0]
+
+
+def lost(engine: str, error: BaseException) -> DanceDataError:
+    """Return the error for workers that are gone, or that cannot run `run_packed`."""
+    cause = getattr(error, "cause", None)
+    cause = cause if isinstance(cause, BaseException) else error
+    return DanceDataError(
+        f"the workers of {engine} were lost, or cannot run units",
+        found=f"{type(cause).__name__}: {first_line(cause)}",
+        fix="check that all have the environment of the machine that builds; the same command resumes",
+    )
