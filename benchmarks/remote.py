@@ -8,7 +8,7 @@
 A window is (150, 151) and (150, 35) float32, 112 kB; windows do not overlap, so that formats that store each window
 by itself have no more bytes: with overlapping windows they have as many times more. All clients ask one server on
 this machine, a process of its own, which gives files, parts of files and what S3 clients ask for, without a delay; it
-counts requests and bytes. The 64 windows of one shard are asked from moto, too.
+counts requests and bytes.
 
 A measurement is a process of its own, from the call that opens the dataset to the last batch of 64; packages are
 imported before. "First batch" is the time to the first of them. "Cold": an empty cache. "Warm" and "local": the mean
@@ -19,12 +19,10 @@ within rounds.
 
 - local: `BatchLoader` on the folder itself, in blocks of 256 windows, as all of this package's.
 - bare download: the bytes of the train split's files to a disk by six threads of urllib; nothing is compared.
-- whole shards: the address opened, shards fetched whole, compared and kept. Ranges: stream=True, compared, not kept.
+- whole shards: the address opened, shards fetched whole, compared and kept.
 - `datasets`: parquet files, a window a row, streaming=True. WebDataset: tar files of .npy, by curl, its default. Both
   in the order of the files. s3fs + h5py: the shards by file objects of s3fs (its default cache), h5py on them, the
   windows of the same order as this package's.
-- 64 windows: 64 random windows of one shard, from an opened dataset or file system on. `cat_ranges`: s3fs with known
-  places of the rows, nothing compared.
 
 Peers that are not installed (datasets, webdataset, s3fs) are named and skipped. s3fs pins an older botocore than moto
 asks for: use an environment of its own.
@@ -64,12 +62,10 @@ from dancedata.testing.stores import random_fields, write_random_store
 BATCH, LENGTH, FRAMES, BLOCK = 64, 150, 150 * 67, 256
 FIELDS = {"edge151": 151, "librosa35": 35}
 #: Measured over the slow line, too.
-SLOW = ("bare download", "whole shards, cold", "ranges", "datasets, streaming", "WebDataset", "s3fs + h5py")
+SLOW = ("bare download", "whole shards, cold", "datasets, streaming", "WebDataset", "s3fs + h5py")
 GOALS = {
     "warm / local": 1.02,
     "cold / bare download, 1 Gbit/s": 1.2,
-    "64 windows by ranges / s3fs cat_ranges": 0.5,
-    "64 windows by ranges / s3fs cat_ranges, moto": 0.5,
 }
 Batches = Iterable[Any]
 
@@ -250,9 +246,9 @@ def upload(store: Path, port: int) -> None:
 # What is measured. Each function returns an iterable of batches, or does its work when it is called.
 
 
-def blocks(where: str | Path, **stream: Any) -> Batches:
+def blocks(where: str | Path) -> Batches:
     """Return this package's batches, in blocks."""
-    ds = WindowDataset(where, fields=list(FIELDS), normalize=False, **stream)
+    ds = WindowDataset(where, fields=list(FIELDS), normalize=False)
     return BatchLoader(ds, BATCH, sampler=EpochSampler(ds, seed=0, block=BLOCK))
 
 
@@ -315,76 +311,15 @@ def s3fs_h5py(base: str, root: Path, port: int | None = None) -> Batches:
     return (batch(order[k : k + BATCH]) for k in range(0, len(order), BATCH))
 
 
-def some_windows(root: Path) -> tuple[Any, list[Any]]:
-    """Return the local dataset, and 64 random windows of its first shard."""
-    ds = WindowDataset(root / "dances/store", fields=list(FIELDS), normalize=False)
-    of_first = np.flatnonzero(ds.store.shards_of(ds.windows)[1] == 0)
-    return ds, sorted(np.random.default_rng(0).choice(of_first, 64, replace=False).tolist())
-
-
-def ranges_64(base: str, root: Path) -> Batches:
-    """Read 64 windows by ranges of a bucket."""
-    _, indices = some_windows(root)
-    ds = WindowDataset("s3://dances/store", fields=list(FIELDS), normalize=False, stream=True)
-    read = (ds.samples(part) for part in [indices])
-    return ({name: np.stack([sample[name].numpy() for sample in samples]) for name in FIELDS} for samples in read)
-
-
-def cat_ranges_64(base: str, root: Path) -> Batches:
-    """Read 64 windows with s3fs, whose places are known."""
-    import s3fs
-
-    ds, indices = some_windows(root)
-    system = s3fs.S3FileSystem(endpoint_url=base.removesuffix("/dances"), skip_instance_cache=True)
-    begins, ends = [], []
-    for name in FIELDS:
-        for index in indices:
-            span = ds.store.locate(ds.windows[index], name)
-            layout = span.shard.layout(name)
-            begins.append(layout.offset + span.first * layout.row_bytes)
-            ends.append(begins[-1] + span.length * layout.row_bytes)
-    path = f"dances/store/{span.shard.path.name}"
-
-    def read() -> Iterator[Any]:
-        pieces = system.cat_ranges([path] * len(begins), begins, ends)
-        arrays = [np.frombuffer(piece, np.float32).reshape(LENGTH, -1) for piece in pieces]
-        yield {name: np.stack(arrays[k * 64 : (k + 1) * 64]) for k, name in enumerate(FIELDS)}
-
-    return read()
-
-
-def h5py_64(base: str, root: Path) -> Batches:
-    """Read 64 windows with h5py on a file object of s3fs."""
-    import h5py
-    import s3fs
-
-    ds, indices = some_windows(root)
-    system = s3fs.S3FileSystem(endpoint_url=base.removesuffix("/dances"), skip_instance_cache=True)
-    spans = {name: [ds.store.locate(ds.windows[index], name) for index in indices] for name in FIELDS}
-
-    def read() -> Iterator[Any]:
-        path = f"dances/store/{spans['edge151'][0].shard.path.name}"
-        with h5py.File(system.open(path, "rb"), "r") as file:
-            rows = {name: file[ds.store.field(name).path] for name in FIELDS}
-            yield {name: np.stack([rows[name][s.first : s.first + s.length] for s in spans[name]]) for name in FIELDS}
-
-    return read()
-
-
 MEASURES: dict[str, tuple[Callable[[str, Path], Batches], tuple[str, ...]]] = {
     "local": (lambda base, root: blocks(root / "dances/store"), ()),
     "bare download": (bare_download, ()),
     "whole shards, cold": (lambda base, root: blocks(f"{base}/store"), ()),
     "whole shards, warm": (lambda base, root: blocks(f"{base}/store"), ()),
     "whole shards of a bucket, cold": (lambda base, root: blocks("s3://dances/store"), ("obstore",)),
-    "ranges": (lambda base, root: blocks(f"{base}/store", stream=True), ()),
-    "ranges of a bucket": (lambda base, root: blocks("s3://dances/store", stream=True), ("obstore",)),
     "datasets, streaming": (hf_datasets, ("datasets",)),
     "WebDataset": (web_dataset, ("webdataset",)),
     "s3fs + h5py": (s3fs_h5py, ("s3fs", "h5py")),
-    "64 windows: ranges": (ranges_64, ("obstore",)),
-    "64 windows: s3fs cat_ranges": (cat_ranges_64, ("s3fs",)),
-    "64 windows: s3fs + h5py": (h5py_64, ("s3fs", "h5py")),
 }
 
 
@@ -401,8 +336,6 @@ def one(name: str, base: str, root: Path, cache: Path, results: Any) -> None:
     if name in ("local", "whole shards, warm"):
         total = sum(summed(batch) for batch in batches)  # the page cache
         batches, epochs = chain.from_iterable([batches] * 10), 10
-        begin = time.perf_counter()
-    if name.startswith("64"):  # what is opened, and where rows lie, is known
         begin = time.perf_counter()
     for batch in batches:
         first = first or time.perf_counter() - begin
@@ -425,8 +358,7 @@ def measure(
     found: dict[str, list[dict[str, float]]] = {}
     names = [n for n, (_, packages) in MEASURES.items() if all(map(importlib.util.find_spec, packages))]
     print("skipped: " + (", ".join(sorted(MEASURES.keys() - set(names))) or "nothing"), flush=True)
-    runs = [(name, "") for name in names] + [(name, ", moto") for name in names if name.startswith("64")]
-    runs += [(name, ", 1 Gbit/s") for name in SLOW if name in names]
+    runs = [(name, "") for name in names] + [(name, ", 1 Gbit/s") for name in SLOW if name in names]
     plain = servers[""]
     for _ in range(rounds):
         random.shuffle(runs)
@@ -498,16 +430,10 @@ def ratios(found: dict[str, Any]) -> Iterator[tuple[str, str, str, str]]:
             for w in where
         ),
         *(
-            (f"{what} / {peer}, {text}{w}", f"{what}{w}", f"{peer}{w}", key)
+            (f"whole shards, cold / {peer}, {text}{w}", f"whole shards, cold{w}", f"{peer}{w}", key)
             for w in where
-            for what in ("whole shards, cold", "ranges")
             for peer in ("datasets, streaming", "WebDataset", "s3fs + h5py")
             for key, text in (("first", "first batch"), ("all", "epoch"))
-        ),
-        *(
-            (f"64 windows by ranges / {peer}{w}", f"64 windows: ranges{w}", f"64 windows: {peer}{w}", "all")
-            for w in ("", ", moto")
-            for peer in ("s3fs cat_ranges", "s3fs + h5py")
         ),
     ]
     yield from (row for row in rows if row[1] in found and row[2] in found)

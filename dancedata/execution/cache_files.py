@@ -42,7 +42,7 @@ STAGES = ("features", "motion", "clips", "signals", "files")
 TEMPORARY, LOCKS = "tmp", "locks"
 #: Folder of datasets that were fetched from addresses: <self_sha256>/ with the files of each.
 DATASETS = "datasets"
-FETCHED = re.compile(r"(?P<sha256>[0-9a-f]{64})(\.(parts|pieces))?")
+FETCHED = re.compile(r"(?P<sha256>[0-9a-f]{64})(\.parts)?")
 #: File at the top of a folder that marks it as a cache.
 MARKER = "dancedata-cache.txt"
 _MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted when nothing runs.\n"

@@ -31,13 +31,12 @@ from dancedata.store.listed_file import hdf5_files
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
-    LEAVES_FILE,
     REJECTS_FILE,
     STATS_FILE,
     is_shard_name,
 )
 
-_SIDE_FILES = {STATS_FILE, REJECTS_FILE, LEAVES_FILE, CARD_FILE}
+_SIDE_FILES = {STATS_FILE, REJECTS_FILE, CARD_FILE}
 _ALLOWED = "an empty folder, a new one, or a dataset built before"
 
 

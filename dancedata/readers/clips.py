@@ -21,7 +21,6 @@ from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, crop_choices, mirrored_samples
-from dancedata.remote import Stream
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
@@ -86,7 +85,6 @@ class ClipDataset(SplitDataset):
         mirror_words: MirrorWords = "error",
         columns: Sequence[str] = (),
         where: Mapping[str, Any] | None = None,
-        stream: bool | Stream = False,
         seed: int = 0,
     ) -> None:
         """Open a split of a built dataset; parameters that are not named here are those of `WindowDataset`.
@@ -113,7 +111,7 @@ class ClipDataset(SplitDataset):
         UsageError
             For an unknown split or field, invalid numbers, or if no clip is long enough.
         """
-        super().__init__(store, split, fields, preset, protocol, stream)
+        super().__init__(store, split, fields, preset, protocol)
         if self._with_primitives:
             raise UsageError("primitives are parts of windows, not of clips", fix="read them with a WindowDataset")
         self.crop_frames = self._crop(crop_s, crop_frames)

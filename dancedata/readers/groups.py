@@ -23,7 +23,6 @@ from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.split_dataset import Changes, SplitDataset
 from dancedata.readers.windows import WindowDataset
-from dancedata.remote import Stream
 from dancedata.store.clip_columns import FREE
 from dancedata.store.dataset import Store
 from dancedata.store.tables import Tables
@@ -66,7 +65,7 @@ class GroupDataset(WindowDataset):
     columns, where
         As in `WindowDataset`: samples have lists of P values, None where there is none. A group is read if its first
         dancer has the values.
-    scaler, clip, mapped, stream, seed
+    scaler, clip, mapped, seed
         As in `WindowDataset`.
 
     Raises
@@ -121,10 +120,9 @@ class GroupDataset(WindowDataset):
         columns: Sequence[str] = (),
         where: Mapping[str, Any] | None = None,
         mapped: bool = True,
-        stream: bool | Stream = False,
         seed: int = 0,
     ) -> None:
-        SplitDataset.__init__(self, store, split, fields, None, None, stream)
+        SplitDataset.__init__(self, store, split, fields, None, None)
         if len(self.splits) > 1:
             raise UsageError("groups are read split by split", found=self.split, fix="join the readers of each split")
         if choose not in get_args(Choose):

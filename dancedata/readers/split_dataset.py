@@ -28,7 +28,7 @@ from dancedata.readers.presets import Preset, fields_to_read, find_preset, value
 from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.segments import SegmentChoice, SegmentReader
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
-from dancedata.remote import Stream, fetch_soon
+from dancedata.remote import fetch_soon
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import MinMax, Scaler
 from dancedata.store.schema import sort_splits
@@ -106,16 +106,11 @@ class SplitDataset(EpochDataset):
         fields: Sequence[str] | None,
         preset: str | None,
         protocol: str | None,
-        stream: bool | Stream = False,
     ) -> None:
         """Open the store and settle the fields. Subclasses then call `_select` and `_prepare`."""
         super().__init__()
-        self._store: Store | None = store if isinstance(store, Store) else open_store(store, stream=stream)
-        if stream and self._store.stream is None:
-            raise UsageError(
-                "this store was opened to be read whole", where=str(self._store.path), fix="open it with stream=True"
-            )
-        self._reference = (*self._store.reference, self._store.overlay, self._store.stream)
+        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
+        self._reference = (*self._store.reference, self._store.overlay)
         self.preset = preset
         self._preset: Preset | None = find_preset(self.store, preset)
         if protocol is not None:
@@ -303,7 +298,7 @@ class SplitDataset(EpochDataset):
         return np.flatnonzero(np.diff(self._shards_of_samples[1], prepend=-1))
 
     def read_soon(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
-        """Ask for the next blocks of samples of an address: for their shards in the background, or their ranges."""
+        """Ask for the shards of the next blocks of samples of an address, in the background."""
         if self._fetches_shards:
             shards, numbers = self._shards_of_samples
             order = dict.fromkeys(numbers[np.concatenate(blocks)].tolist())
@@ -311,8 +306,8 @@ class SplitDataset(EpochDataset):
 
     @cached_property
     def _fetches_shards(self) -> bool:
-        """Whether shards come whole from an address; asked once, as the answer is in a file."""
-        return self.store.stream is None and self.store.origin is not None
+        """Whether shards come from an address; asked once, as the answer is in a file."""
+        return self.store.origin is not None
 
     @cached_property
     def _shards_of_samples(self) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch.utils.data import get_worker_info
 
@@ -30,7 +29,6 @@ from dancedata.readers.scalers import ScalerLike, root_columns
 from dancedata.readers.segments import MirrorWords, SegmentChoice
 from dancedata.readers.selection import FilterLike, no_window_error
 from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_bias
-from dancedata.remote import Stream
 from dancedata.store.dataset import Store
 
 _log = logging.getLogger(__name__)
@@ -125,8 +123,6 @@ class WindowDataset(SplitDataset):
         ("filtered").
     mapped
         False: read by position, for files that may be overwritten in place, or file systems that map poorly.
-    stream
-        Whether windows of an address are read by ranges, as in `dancedata.open`, instead of fetching whole shards.
     seed
         Whole number >= 0, for mirroring and the bias.
 
@@ -203,10 +199,9 @@ class WindowDataset(SplitDataset):
         columns: Sequence[str] = (),
         where: Mapping[str, Any] | None = None,
         mapped: bool = True,
-        stream: bool | Stream = False,
         seed: int = 0,
     ) -> None:
-        super().__init__(store, split, fields, preset, protocol, stream)
+        super().__init__(store, split, fields, preset, protocol)
         lengths = {"length_s": length_s, "length_frames": length_frames}
         requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
         filter_ = value_or_preset(filter, self._preset, "filter", None)
@@ -273,12 +268,6 @@ class WindowDataset(SplitDataset):
             for nth in range(len(request))
         ]
 
-    @override
-    def read_soon(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
-        super().read_soon(blocks)
-        for indices in blocks if self.store.stream is not None else ():
-            self._batch_reader().read_ahead(np.sort(indices).tolist())
-
     def __repr__(self) -> str:
         normalized = ", ".join(self._normalizers) or "nothing"
         steps = [(step.name, getattr(step.augmentation, "p", step.p)) for step in self._augmenter.steps]
@@ -340,7 +329,7 @@ class WindowDataset(SplitDataset):
                 for n in self.fields
             ]
             for name, values in rows.items():
-                if values.unmapped and self.mapped and self.store.stream is None:
+                if values.unmapped and self.mapped:
                     _log.warning("field %s is not read from mapped files: %s", name, values.unmapped)
             self._cached_reader = BatchReader(
                 self.store,

@@ -7,15 +7,11 @@ from dancedata.remote.address import is_address, path_text
 from dancedata.remote.cached import Origin, fetch_soon, local_folder, origin_of, require_file
 from dancedata.remote.fetch import PUBLICATION_FILE
 from dancedata.remote.pull import Pulled, pull, require_whole
-from dancedata.remote.ranges import RangedFile, RangeReader, Stream
 
 __all__ = [
     "PUBLICATION_FILE",
     "Origin",
     "Pulled",
-    "RangeReader",
-    "RangedFile",
-    "Stream",
     "fetch_soon",
     "is_address",
     "local_folder",

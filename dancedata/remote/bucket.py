@@ -8,7 +8,7 @@ from typing import Any
 from dancedata.core.packages import require
 from dancedata.core.text import shown
 from dancedata.remote.address import Address
-from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, no_ranges, public_line, refused
+from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, public_line, refused
 
 _CHUNK = 1 << 20
 #: Seconds of obstore's own attempts; longer failures are the caller's.
@@ -42,15 +42,13 @@ class BucketSource:
         """Return the address: a bucket has no commits."""
         return self.address
 
-    def open(self, name: str, begin: int, end: int | None = None) -> Answer:
-        """Ask for an object from a byte on, or for the bytes up to `end` alone."""
+    def open(self, name: str, begin: int) -> Answer:
+        """Ask for an object from a byte on."""
         import obstore
         from obstore import exceptions
 
         _require_no_fork(self.address)
         options: Any = {"range": {"offset": begin}} if begin else None
-        if end is not None:
-            options = {"range": (begin, end)}
         where = f"{self.address}/{name}"
         try:
             result = obstore.get(self.store, name, options=options)
@@ -61,11 +59,7 @@ class BucketSource:
             fix = "set the client's own variables (AWS_ACCESS_KEY_ID, ...); public: AWS_SKIP_SIGNATURE=true"
             raise refused("the object store does not give this object to you", where, fix=fix) from None
         except (exceptions.BaseError, OSError) as error:
-            if "non-partial response" in str(error):
-                raise no_ranges(where, f"the whole object for bytes {begin} to {end}") from None
-            raise _failed(error, is_range=bool(begin or end)) from None
-        if end is not None and tuple(result.range) != (begin, end):
-            raise Interrupted(f"asked for bytes {begin} to {end}, got {result.range[0]} to {result.range[1]}")
+            raise _failed(error, is_range=bool(begin)) from None
         return Answer(begin, _chunks(result))
 
 

@@ -14,7 +14,7 @@ from dancedata.core.errors import StoreError
 from dancedata.core.text import quoted, shown
 from dancedata.core.typing import override
 from dancedata.remote.address import LOOPBACK, Address
-from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, no_ranges, refused
+from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRange, refused
 
 #: Seconds without a byte after which a connection is given up.
 TIMEOUT_S = 30.0
@@ -33,8 +33,6 @@ class HttpSource:
     def __init__(self, address: Address) -> None:
         self.address = address
         self.base = f"{address}/"
-        #: Where the server redirected ranges of a file to: a hub is asked once a file, not once a range.
-        self._places: dict[str, str] = {}
 
     def resolve(self) -> Address:
         """Return the address: a server has no commits."""
@@ -44,31 +42,24 @@ class HttpSource:
         """Return headers for the first host; they are not sent to others."""
         return {}
 
-    def open(self, name: str, begin: int, end: int | None = None) -> Answer:
-        """Ask for a file from a byte on, or for the bytes up to `end` alone."""
-        asked = self.base + quote(name)
-        place = asked if end is None else self._places.get(name, asked)
-        response = self.request(place, name, begin, end)
+    def open(self, name: str, begin: int) -> Answer:
+        """Ask for a file from a byte on."""
+        response = self.request(self.base + quote(name), name, begin)
         if response.status == 206:
             stated = str(response.headers.get("Content-Range", ""))
-            if not stated.startswith(f"bytes {begin}-" + ("" if end is None else f"{end - 1}/")):
+            if not stated.startswith(f"bytes {begin}-"):
                 response.close()
                 raise Interrupted(f"asked for bytes from {begin}, got {quoted(stated, 80)}")
-        elif end is not None:
-            response.close()
-            raise no_ranges(self._where(name), f"HTTP {response.status} for bytes {begin} to {end - 1}")
-        if end is not None and response.url != asked:
-            self._places[name] = response.url
         return Answer(begin if response.status == 206 else 0, body(response))
 
-    def request(self, url: str, name: str, begin: int = 0, end: int | None = None) -> HTTPResponse:
+    def request(self, url: str, name: str, begin: int = 0) -> HTTPResponse:
         """Return the server's answer to GET."""
         request = urllib.request.Request(url, headers={"Accept-Encoding": "identity", "User-Agent": "dancedata"})  # noqa: S310
         if _host(url) == _host(self.base):
             for header, value in self.headers().items():
                 request.add_unredirected_header(header, value)
-        if begin or end is not None:
-            request.add_header("Range", f"bytes={begin}-{'' if end is None else end - 1}")
+        if begin:
+            request.add_header("Range", f"bytes={begin}-")
         try:
             response: HTTPResponse = opener(_Http, _Https, _SafeRedirection).open(request, timeout=TIMEOUT_S)
         except urllib.error.HTTPError as error:
@@ -95,9 +86,6 @@ class HttpSource:
             return OutOfRange()
         if status in _PASSING:
             return Interrupted(f"HTTP {status}", _wait(error.headers.get("Retry-After")))
-        if self._places.get(name) == url:
-            self._places.pop(name, None)  # another thread may have done so
-            return Interrupted(f"HTTP {status} of the place that {_host(self.base)[1]} redirected to before")
         moved = urlsplit(error.url or url).netloc != urlsplit(url).netloc
         if status in (401, 403) and moved:
             # The signed address that a hub redirects to has expired; a new one is asked for.

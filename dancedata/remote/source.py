@@ -50,15 +50,15 @@ class Answer:
 class Source(Protocol):
     """A folder on a server."""
 
-    def open(self, name: str, begin: int, end: int | None = None) -> Answer:
-        """Ask for a file from a byte on, or for the bytes up to `end` alone.
+    def open(self, name: str, begin: int) -> Answer:
+        """Ask for a file from a byte on.
 
         Raises
         ------
         Interrupted, OutOfRange
             See there.
         StoreError
-            For failures that stay: no such file, no permission; a server that ignores `end`.
+            For failures that stay: no such file, no permission.
         """
 
     def resolve(self) -> Address:
@@ -94,12 +94,6 @@ def read_within(chunks: Generator[bytes, None, None], limit: int, too_large: Cal
             if len(data) > limit:
                 raise too_large(len(data))
     return bytes(data)
-
-
-def no_ranges(where: object, found: object) -> StoreError:
-    """Return the error for a server that gives whole files alone."""
-    fix = "open the dataset without stream=True: its files are then fetched whole"
-    return refused("the server does not give parts of files", where, found, fix)
 
 
 def not_cached(problem: str, where: object, requested: object, found: str = "HF_HUB_OFFLINE is set") -> StoreError:

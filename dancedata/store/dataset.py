@@ -13,7 +13,7 @@ import numpy as np
 from dancedata.core.errors import UsageError
 from dancedata.core.licence import Licence
 from dancedata.files.regular_file import sha256_file
-from dancedata.remote import Origin, Stream, local_folder, origin_of
+from dancedata.remote import Origin, local_folder, origin_of
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def open_store(
-    path: str | Path, *, segments: str | Path | Sequence[str | Path] = (), stream: bool | Stream = False
-) -> Store:
+def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = ()) -> Store:
     """Open a built dataset; reads dataset.json, compares its hash, and checks the sizes of the shards.
 
     Parameters
@@ -41,10 +39,6 @@ def open_store(
     segments
         Files of segments, .csv or .jsonl, that are laid over those of the dataset: marks and corrections. A row
         replaces segments of the same layer, start and end.
-    stream
-        Whether rows of an address are read by ranges instead of fetching shards whole, for shards that are too large
-        for the disk: True, or a `dancedata.remote.Stream` with sizes. Shards that were fetched before are read from
-        the disk, as everything of a local folder is.
 
     Returns
     -------
@@ -68,9 +62,8 @@ def open_store(
     (150, 151)
     """
     folder = local_folder(path).absolute()
-    options = None if stream is False else Stream() if stream is True else stream
     description, listed = open_listed(folder)
-    store = Store(folder, description, listed, options)
+    store = Store(folder, description, listed)
     files = [segments] if isinstance(segments, str | Path) else segments
     if files:
         store.overlay = SegmentOverlay.read(
@@ -105,12 +98,10 @@ class Store(RowQueries, SegmentQueries):
         dataset.json.
     overlay
         Segments of files that were named when it was opened.
-    stream
-        How rows are read by ranges; None where they are not.
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return reopen, (*self.reference, self.overlay, self.stream)
+        return reopen, (*self.reference, self.overlay)
 
     @cached_property
     def reference(self) -> tuple[str, str]:
@@ -300,9 +291,9 @@ class Store(RowQueries, SegmentQueries):
         )
 
 
-def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, stream: Stream | None = None) -> Store:
+def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None) -> Store:
     """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
-    store = open_store(path, stream=stream or False)
+    store = open_store(path)
     store.overlay = overlay or store.overlay
     if store.reference[1] != sha256:
         raise rebuilt_error(store.path, "dataset.json has changed")

@@ -30,7 +30,6 @@ SPLIT_ORDER = ("train", "val", "test")
 DATASET_FILE = "dataset.json"
 STATS_FILE = "stats.json"
 REJECTS_FILE = "rejects.jsonl"
-LEAVES_FILE = "leaves.bin"
 CARD_FILE = "README.md"
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")

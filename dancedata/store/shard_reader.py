@@ -20,7 +20,6 @@ import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.core.system import read_ahead
-from dancedata.remote import RangedFile
 from dancedata.store import hdf5
 from dancedata.store.dataset_json import ShardEntry
 from dancedata.store.listed_file import FileHash, ListedFile
@@ -57,7 +56,7 @@ class WindowRows:
         self.unmapped = "" if mapped else "mapped=False"
         self._maps: list[npt.NDArray[Any] | None] = [None] * len(shards)
         #: Shards that are mapped when they are first read: those of an address are fetched then.
-        self._unopened = {number for number, reader in enumerate(shards) if mapped and not reader.is_ranged}
+        self._unopened = {number for number, reader in enumerate(shards) if mapped}
         for number in [number for number in self._unopened if shards[number].is_there]:
             self._map(number)
         # A field that fits into memory is read from the disk once, a larger one again and again.
@@ -109,7 +108,7 @@ class WindowRows:
             np.copyto(out, rows, casting="same_kind")
 
     def read_ahead(self, places: Sequence[int]) -> None:
-        """Ask the system or the server for the next windows; the system once, if the field fits into memory twice."""
+        """Ask the system for the next windows, each once if the field fits into memory twice."""
         for place in places:
             number = self._shard[place]
             if self._maps[number] is not None and self._fits and self._seen[place]:
@@ -143,12 +142,9 @@ class ShardReader:
     Whenever it is opened, it has to be the file that dataset.json listed when the store was opened.
     """
 
-    def __init__(
-        self, file: ListedFile, entry: ShardEntry, fields: tuple[Field, ...], ranged: RangedFile | None = None
-    ) -> None:
-        """Nothing is opened yet. With `ranged`, a shard that was not fetched is read by ranges."""
+    def __init__(self, file: ListedFile, entry: ShardEntry, fields: tuple[Field, ...]) -> None:
+        """Nothing is opened yet."""
         self.path = file.path
-        self._ranged = ranged
         self.n_clips = entry.clips
         self._listed, self._entry, self._fields = file, entry, fields
         self._layout: dict[str, FieldLayout] = {}
@@ -159,11 +155,6 @@ class ShardReader:
     def is_there(self) -> bool:
         """Whether the file is on the disk, or missing and not fetched."""
         return self.path.exists() or not self._listed.is_fetched
-
-    @property
-    def is_ranged(self) -> bool:
-        """Whether rows come by ranges from an address."""
-        return self._ranged is not None and not self.path.exists()
 
     def layout(self, field: str) -> FieldLayout:
         """Return the place of a field's rows in the file."""
@@ -200,8 +191,6 @@ class ShardReader:
     def mapped_rows(self, field: str) -> npt.NDArray[Any] | str:
         """Return all rows of a field, (n_rows, D), as a read-only view of the mapped file; else why it cannot be."""
         layout = self.layout(field)
-        if self.is_ranged:
-            return f"{self.path.name} is read by ranges"
         if layout.offset is None:
             return f"{layout.name} of {self.path.name} is chunked or compressed"
         if self._map is None:
@@ -212,15 +201,10 @@ class ShardReader:
         return self._map.rows(layout)
 
     def read_ahead(self, field: str, first: int, n_rows: int) -> None:
-        """Ask the system to read rows of a mapped field from the disk, or note rows to ask for; returns at once."""
-        if self._map is None and self._ranged is None:
-            return
+        """Ask the system to read rows of a mapped field from the disk; returns at once."""
         layout = self.layout(field)
-        begin, n_bytes = (layout.offset or 0) + first * layout.row_bytes, n_rows * layout.row_bytes
         if self._map is not None and layout.offset is not None:
-            self._map.read_ahead(begin, n_bytes)
-        elif self._ranged is not None and self.is_ranged and n_bytes:
-            self._ranged.want(begin, n_bytes)
+            self._map.read_ahead(layout.offset + first * layout.row_bytes, n_rows * layout.row_bytes)
 
     def require_bytes(self, sha256: FileHash) -> None:
         """Raise StoreError unless the shard has the bytes that dataset.json lists."""
@@ -231,10 +215,8 @@ class ShardReader:
         self._file = None
         self._map = None
 
-    def _open(self) -> _File | RangedFile:
+    def _open(self) -> _File:
         file = self._file
-        if file is None and self._ranged is not None and self.is_ranged:
-            return self._ranged
         # A forked child opens the file again: the inherited descriptor belongs to the parent.
         if file is None or file.pid != os.getpid():
             file = _File(self._listed)

@@ -7,9 +7,7 @@ from types import MappingProxyType
 
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError, did_you_mean, nearest
-from dancedata.remote import RangedFile, Stream
 from dancedata.store.dataset_json import Description
-from dancedata.store.leaves import ranged_shards
 from dancedata.store.listed_file import ListedFile, SideFiles
 from dancedata.store.schema import Field, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
@@ -21,12 +19,8 @@ from dancedata.store.tables import Tables
 class StoreTables:
     """Opens the tables of splits when they are first needed, and finds clips in them."""
 
-    def __init__(
-        self, path: Path, description: Description, files: Mapping[str, ListedFile], stream: Stream | None = None
-    ) -> None:
+    def __init__(self, path: Path, description: Description, files: Mapping[str, ListedFile]) -> None:
         """Use `open_store` instead."""
-        self.stream = stream
-        ranged: Mapping[str, RangedFile] = {} if stream is None else ranged_shards(path, description, stream)
         self.path = path
         self._description = description
         self._fields = {f.name: f for f in description.fields}
@@ -41,7 +35,7 @@ class StoreTables:
         self._files = files
         self._shards: dict[str, tuple[ShardReader, ...]] = {
             split: tuple(
-                ShardReader(files[s.file], s, description.fields, ranged.get(s.file))
+                ShardReader(files[s.file], s, description.fields)
                 for s in description.shards
                 if s.split == split and s.file in files  # `check` opens one split, whose files are not damaged
             )

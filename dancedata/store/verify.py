@@ -2,12 +2,11 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed, shown
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
@@ -15,12 +14,10 @@ from dancedata.remote import local_folder, origin_of, require_whole
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
-from dancedata.store.leaves import LEAF, leaf_hashes
 from dancedata.store.listed_file import hdf5_files, listed_files
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
-    LEAVES_FILE,
     REJECTS_FILE,
     STATS_FILE,
     is_shard_name,
@@ -29,7 +26,7 @@ from dancedata.store.schema import (
 from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
 from dancedata.store.verify_shard import Problem, verify_split
 
-_SIDE_FILES = (LEAVES_FILE, STATS_FILE, REJECTS_FILE, CARD_FILE)
+_SIDE_FILES = (STATS_FILE, REJECTS_FILE, CARD_FILE)
 _LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")
 #: Most names in one message.
 _SHOWN = 10
@@ -73,7 +70,6 @@ def verify_store(path: str | Path) -> list[Problem]:
         if message:
             problems.append(Problem("error", str(path), message))
             damaged.add(entry.file)
-    problems += _check_leaves(folder, description, damaged)
     records: list[ClipRecord] = []
     for split in dict.fromkeys(entry.split for entry in description.shards):
         # A shard that differs is not parsed: its split is read without it, and only where it is whole.
@@ -137,22 +133,6 @@ def _check_side_files(folder: Path, description: Description) -> Iterator[Proble
             yield Problem(severity, str(folder / name), message)
         elif name == STATS_FILE:
             yield from _check_stats(folder / name, description)
-
-
-def _check_leaves(folder: Path, description: Description, damaged: Container[str]) -> Iterator[Problem]:
-    """Check that the hashes of pieces are those of the shards; a file that differs is reported elsewhere."""
-    leaves = description.meta.get("leaves")
-    if not isinstance(leaves, Mapping) or _compare_file(folder / LEAVES_FILE, description.files.get(LEAVES_FILE, {})):
-        return
-    stated, begin = (folder / LEAVES_FILE).read_bytes(), 0
-    for entry, document in zip(description.shards, description.meta["shards"], strict=True):
-        part = stated[begin : begin + 32 * -(-entry.size // LEAF)]
-        begin += len(part)
-        actual = part if entry.file in damaged else leaf_hashes(folder / entry.file)[1]
-        if part != actual or sha256_bytes(part) != document.get("leaves_sha256"):
-            yield Problem("error", str(folder / LEAVES_FILE), f"it does not hold the hashes of {entry.file}")
-    if begin != len(stated) or leaves.get("size") != LEAF or leaves.get("sha256") != sha256_bytes(stated):
-        yield Problem("error", str(folder / LEAVES_FILE), "it does not hold the hashes of all shards")
 
 
 def _check_stats(path: Path, description: Description) -> Iterator[Problem]:

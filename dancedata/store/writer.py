@@ -12,15 +12,13 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import json_sha256, sha256_bytes
-from dancedata.files.atomic import write_bytes, write_text
+from dancedata.core.hashing import json_sha256
+from dancedata.files.atomic import write_text
 from dancedata.files.regular_file import sha256_file
-from dancedata.store.leaves import LEAF, leaf_hashes
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
     FORMAT,
-    LEAVES_FILE,
     OPTIONAL_FIELDS,
     REJECTS_FILE,
     STATS_FILE,
@@ -92,7 +90,7 @@ def write_store(
             # A shard is flushed and hashed while the next one is written, or the statistics are computed; at most one
             # waits for either.
             published: list[Future[None]] = []
-            entries: list[Future[tuple[dict[str, Any], bytes]]] = []
+            entries: list[Future[dict[str, Any]]] = []
             for plan in plans:
                 with ExitStack() as shard:
                     shard.enter_context(written_shard(out, plan, advance))
@@ -102,15 +100,12 @@ def write_store(
                 entries.append(hashing.submit(_describe_shard, out, plan, published[-1]))
             published[-1].result()
             stats = compute_stats(out, header, plans)
-            document["shards"] = [entry.result()[0] for entry in entries]
+            document["shards"] = [entry.result() for entry in entries]
         document |= _write_tables(out, tables, plans)
-        leaves = b"".join(entry.result()[1] for entry in entries)
-        write_bytes(out / LEAVES_FILE, leaves)
-        document["leaves"] = {"size": LEAF, "sha256": sha256_bytes(leaves)}
         write_text(out / STATS_FILE, dump_json(stats))
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
         write_text(out / CARD_FILE, card)
-        side_files = (LEAVES_FILE, STATS_FILE, REJECTS_FILE, CARD_FILE)
+        side_files = (STATS_FILE, REJECTS_FILE, CARD_FILE)
         document["files"] = {name: _describe_file(out / name) for name in side_files}
         document["self_sha256"] = json_sha256(document)
         write_text(out / DATASET_FILE, dump_json(document))
@@ -209,7 +204,7 @@ def _write_tables(out: Path, tables: TablePlan, plans: Sequence[ShardPlan]) -> d
 
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
     """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
-    reserved = {*document, "shards", "splits", "layers", "licences", "leaves", "files", "self_sha256"}
+    reserved = {*document, "shards", "splits", "layers", "licences", "files", "self_sha256"}
     clashing = sorted(reserved & set(header.meta))
     if clashing:
         raise StoreError("meta has keys that the format uses itself", found=", ".join(clashing))
@@ -220,22 +215,17 @@ def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]
     return {**document, **meta}
 
 
-def _describe_shard(out: Path, plan: ShardPlan, published: Future[None]) -> tuple[dict[str, Any], bytes]:
-    """Return the entry of a shard in dataset.json, and its part of leaves.bin."""
+def _describe_shard(out: Path, plan: ShardPlan, published: Future[None]) -> dict[str, Any]:
+    """Return the entry of a shard in dataset.json."""
     published.result()
-    path = out / plan.file
-    sha256, digests = leaf_hashes(path)
-    entry = {
+    return {
         "file": plan.file,
         "split": plan.split,
-        "size": path.stat().st_size,
-        "sha256": sha256,
-        "leaves_sha256": sha256_bytes(digests),
+        **_describe_file(out / plan.file),
         "clips": len(plan.clips),
         "windows": sum(len(c.starts) for c in plan.clips),
         "fields": {f.name: [plan.first_bytes[f.name], plan.rows[f.name]] for f in plan.header.fields},
     }
-    return entry, digests
 
 
 def _describe_file(path: Path) -> dict[str, Any]:

@@ -32,7 +32,6 @@ TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 FILES = {
     "README.md",
     "dataset.json",
-    "leaves.bin",
     "rejects.jsonl",
     "stats.json",
     "train-00000-of-00001.h5",

@@ -92,28 +92,15 @@ def test_forked_workers(bucket: str, published: Path) -> None:
         assert torch.equal(a["pose"], b["pose"])
 
 
-def test_ranges_of_a_bucket(bucket: str, published: Path) -> None:
-    """Here, in forked workers, for which a process of its own asks, and in spawned ones."""
-    store = dancedata.open(bucket, stream=True)
-    remote, local = WindowDataset(store, "test", normalize=False), WindowDataset(published, "test", normalize=False)
-    assert torch.equal(remote[0]["pose"], local[0]["pose"])
-    for context in ("fork", "spawn"):
-        loader = DataLoader(remote, batch_size=16, num_workers=1, multiprocessing_context=context, timeout=60)
-        for a, b in zip(loader, DataLoader(local, batch_size=16), strict=True):
-            assert torch.equal(a["pose"], b["pose"])
-    assert not [p.name for p in store.path.iterdir() if p.name.startswith("test-0")]
-
-
-@pytest.mark.parametrize("stream", [False, True])
 def test_forked_workers_execute_nothing_of_the_working_folder(
-    bucket: str, published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stream: bool
+    bucket: str, published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The processes that fetch for them are started there, where modules may have the names of Python's own."""
     for name in ("json", "ssl", "dancedata"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
-    remote = WindowDataset(dancedata.open(bucket, stream=stream), "val", normalize=False)
+    remote = WindowDataset(dancedata.open(bucket), "val", normalize=False)
     loader = DataLoader(remote, batch_size=16, num_workers=1, multiprocessing_context="fork", timeout=60)
     assert len(list(loader)) == len(list(DataLoader(WindowDataset(published, "val"), batch_size=16)))
     assert not (tmp_path / "executed").exists()
@@ -125,7 +112,7 @@ def test_a_source_that_crossed_a_fork_is_an_error_at_once(bucket: str) -> None:
     if child == 0:
         signal.alarm(20)  # a hang fails
         try:
-            source.open("dataset.json", 0, 10)
+            source.open("dataset.json", 0)
         except StoreError as error:
             os._exit(0 if "would hang" in str(error) else 2)
         os._exit(1)
@@ -156,9 +143,8 @@ def test_a_server_that_is_gone(monkeypatch: pytest.MonkeyPatch, bucket: str) -> 
 
 def _same_rows(address: str, published: Path) -> None:
     local = WindowDataset(published, "val", normalize=False)
-    for stream in (True, False):
-        remote = WindowDataset(address, "val", normalize=False, stream=stream)
-        assert all(torch.equal(a["pose"], b["pose"]) for a, b in zip(remote, local, strict=True))
+    remote = WindowDataset(address, "val", normalize=False)
+    assert all(torch.equal(a["pose"], b["pose"]) for a, b in zip(remote, local, strict=True))
     folder = pull(address, progress=False).path
     assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir() if p.name != "README.md")
 

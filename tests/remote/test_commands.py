@@ -106,16 +106,6 @@ def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme
     assert about["address"].startswith(address)
 
 
-def test_streams_of_all(addresses: dict[str, str], built: Path, own_cache: Path) -> None:
-    with dancedata.open(built) as local:
-        window = local.windows("train")[-1]
-        for address in addresses.values():
-            with dancedata.open(address, stream=True) as remote:
-                for field in local.fields:
-                    assert (remote.read(window, field) == local.read(window, field)).all()
-    assert not list(own_cache.rglob("train-0*.h5"))
-
-
 def test_a_certificate_that_nobody_signed(addresses: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SSL_CERT_FILE")
     with pytest.raises(StoreError, match="the server's certificate is not valid; found self-signed certificate"):

@@ -108,7 +108,7 @@ def test_unknown_split(hub: Hub) -> None:
 
 def test_check_of_an_address_reads_all(server: Server) -> None:
     assert _errors(f"{server.url}/store") == []
-    assert "leaves.bin" in server.requests
+    assert "stats.json" in server.requests
 
 
 def test_a_branch_is_resolved_once(hub: Hub, published: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -192,10 +192,10 @@ def test_a_loader_begins_after_the_first_shard_and_two_come_ahead(server: Server
     assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
 
 
-def _rank(rank: int, world: int, address: str, file: str, cache: str, stream: bool, results: Any) -> None:
+def _rank(rank: int, world: int, address: str, file: str, cache: str, results: Any) -> None:
     os.environ["DANCEDATA_CACHE"] = cache  # the server that forks was started by another test
     torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
-    ds = WindowDataset(address, "train", normalize=False, stream=stream)
+    ds = WindowDataset(address, "train", normalize=False)
     sampler = EpochSampler(ds, seed=2, block=64)
     batches = list(BatchLoader(ds, 4, sampler=sampler))
     sums = {int(i): float(rows.sum()) for b in batches for i, rows in zip(b["index"], b["pose"], strict=True)}
@@ -204,14 +204,13 @@ def _rank(rank: int, world: int, address: str, file: str, cache: str, stream: bo
     torch.distributed.destroy_process_group()
 
 
-@pytest.mark.parametrize("stream", [False, True])
 def test_ranks_see_each_window_once_and_fetch_once(
-    server: Server, published: Path, tmp_path: Path, own_cache: Path, stream: bool
+    server: Server, published: Path, tmp_path: Path, own_cache: Path
 ) -> None:
     """Two processes of torch.distributed on one node."""
     context = torch.multiprocessing.get_context("forkserver")
     results = context.Queue()
-    arguments = (2, f"{server.url}/store", str(tmp_path / "rendezvous"), str(own_cache), stream, results)
+    arguments = (2, f"{server.url}/store", str(tmp_path / "rendezvous"), str(own_cache), results)
     ranks = [context.Process(target=_rank, args=(rank, *arguments), daemon=True) for rank in range(2)]
     for process in ranks:
         process.start()
@@ -224,21 +223,18 @@ def test_ranks_see_each_window_once_and_fetch_once(
     assert len(seen[0]) + len(seen[1]) <= len(local) + 1  # the last one again, where they are odd
     for index, total in (seen[0] | seen[1]).items():
         assert total == float(local[index]["pose"].sum())
-    whole = {n for name, n in server.requests.items() if name.startswith("train-0")}
-    assert whole == {1} or stream
+    assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
 
 
-@pytest.mark.parametrize("stream", [False, True])
 @pytest.mark.parametrize("world", [1, 2, 8])
-def test_ranks_by_sampler(server: Server, published: Path, world: int, stream: bool) -> None:
+def test_ranks_by_sampler(server: Server, published: Path, world: int) -> None:
     local = WindowDataset(published, "train", normalize=False)
     seen: list[int] = []
     for rank in range(world):
-        ds = WindowDataset(f"{server.url}/store", "train", normalize=False, stream=stream)
+        ds = WindowDataset(f"{server.url}/store", "train", normalize=False)
         sampler = EpochSampler(ds, seed=2, block=64, rank=rank, world_size=world, drop_last=True)
         for batch in BatchLoader(ds, 4, sampler=sampler):
             seen += batch["index"].tolist()
             assert torch.equal(batch["pose"][0], local[int(batch["index"][0])]["pose"])
     assert len(set(seen)) == len(seen) == len(local) // world * world
-    if not stream:
-        assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
+    assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}

@@ -158,7 +158,7 @@ def test_dataset_json(make_store: Any) -> None:
     for entry in info["shards"]:
         data = (made.path / entry["file"]).read_bytes()
         assert (len(data), hashlib.sha256(data).hexdigest()) == (entry["size"], entry["sha256"])
-    assert set(info["files"]) == {"stats.json", "rejects.jsonl", "leaves.bin", "README.md"}
+    assert set(info["files"]) == {"stats.json", "rejects.jsonl", "README.md"}
 
 
 def _virtual(file: h5py.File) -> None:

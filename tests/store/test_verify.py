@@ -16,10 +16,9 @@ import pytest
 from dancedata.core.codebook import Codebook
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import json_sha256, sha256_bytes
+from dancedata.core.hashing import json_sha256
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
-from dancedata.store.leaves import leaf_hashes
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
 from tests.messages import raises_message
@@ -32,15 +31,6 @@ def seal(folder: Path) -> None:
     """Make sizes and hashes right again after a change, so that only deeper defects are left to find."""
     path = folder / "dataset.json"
     info = json.loads(path.read_text())
-    leaves = b""
-    for shard in info["shards"]:
-        if "leaves_sha256" in shard and (folder / shard["file"]).is_file():
-            digests = leaf_hashes(folder / shard["file"])[1]
-            shard["leaves_sha256"] = sha256_bytes(digests)
-            leaves += digests
-    if "leaves" in info:
-        info["leaves"]["sha256"] = sha256_bytes(leaves)
-        (folder / "leaves.bin").write_bytes(leaves)
     entries = [*info["shards"], *(split[part] for split in info.get("splits", {}).values() for part in split)]
     named = [(e, e["file"]) for e in entries if "file" in e] + [(e, n) for n, e in info["files"].items()]
     for entry, name in named:
@@ -108,7 +98,7 @@ def test_changed_file_is_not_parsed(make_store: Any, name: str, keep: int | None
 
 
 def test_missing_files(make_store: Any) -> None:
-    for name in (TRAIN, TABLES, "stats.json", "rejects.jsonl", "leaves.bin"):
+    for name in (TRAIN, TABLES, "stats.json", "rejects.jsonl"):
         made = make_store()
         (made.path / name).unlink()
         assert name in only_error(made.path)
