@@ -62,7 +62,7 @@ def main() -> None:
 
 def write_model(folder: Path) -> None:
     """Write the random model."""
-    from dancedata.audio.hf import write_random_model
+    from dancedata.testing.encoders import write_random_model
 
     write_random_model("mert", folder, **SIZE)
 

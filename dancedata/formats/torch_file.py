@@ -88,6 +88,16 @@ class _Check(ArrayUnpickler):
             raise invalid(f"a storage of {count:,} elements, which is larger than the file")
 
 
+def torch_for(path: Path) -> Any:
+    """Return torch for reading a file of torch.save; MissingPackageError if it is missing, or older than 2.6."""
+    require("torch", what=f"{path}, a file of torch.save,")
+    import torch
+
+    if Version(torch.__version__) < _SAFE_TORCH:
+        raise MissingPackageError(f"{path} needs torch 2.6 or later", found=torch.__version__, fix="update torch")
+    return torch
+
+
 def load_torch(path: Path) -> Any:
     """Read what torch.save has written, in any version: tensors, as arrays, in plain containers.
 
@@ -99,11 +109,7 @@ def load_torch(path: Path) -> Any:
     MissingPackageError
         If torch is not installed, or older than 2.6.
     """
-    require("torch", what=f"{path}, a file of torch.save,")
-    import torch
-
-    if Version(torch.__version__) < _SAFE_TORCH:
-        raise MissingPackageError(f"{path} needs torch 2.6 or later", found=torch.__version__, fix="update torch")
+    torch = torch_for(path)
     try:
         data = read_regular(path, MAX_PICKLE_BYTES)
         _check(data, torch)

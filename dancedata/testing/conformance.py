@@ -20,6 +20,8 @@ from typing import Any, get_args
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.audio.hf.feature import HuggingFace
+from dancedata.audio.jukebox.feature import Jukebox
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.codebook import DType
@@ -41,6 +43,7 @@ from dancedata.core.registry import (
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Placement, moved
 from dancedata.exports.base.job import EXPORTS
+from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.recipes.copies import CopySpec
 from dancedata.testing.dataset_checks import check_dataset, recipe_with
@@ -177,7 +180,26 @@ def check_audio_feature(cls: type[Any]) -> None:
     """
     check_plugin(cls)
     with tempfile.TemporaryDirectory() as folder:
-        _check_audio_feature(cls.make_example(Path(folder)))
+        make = _RANDOM_WEIGHTS.get(cls, cls.make_example)
+        _check_audio_feature(make(Path(folder)))
+
+
+def _random_encoder(folder: Path) -> HuggingFace:
+    from dancedata.testing.encoders import write_random_model
+
+    write_random_model("mert", folder)
+    return HuggingFace(model=str(folder), layers=(2,), device="cpu").resolved(sha256_file)
+
+
+def _random_jukebox(folder: Path) -> Jukebox:
+    from dancedata.testing.jukebox import random_checkpoint
+
+    random_checkpoint(folder)
+    return Jukebox(weights=folder, layer=6, device="cpu").resolved(sha256_file)
+
+
+#: Examples of our own features that need weights.
+_RANDOM_WEIGHTS: dict[type[Any], Callable[[Path], Any]] = {HuggingFace: _random_encoder, Jukebox: _random_jukebox}
 
 
 def _check_audio_feature(feature: Any) -> None:

@@ -1,5 +1,155 @@
 """Random Jukebox checkpoints in the layout of OpenAI's real files, for tests and benchmarks."""
 
-from dancedata.audio.jukebox.weights.random_weights import TINY, RandomSource, random_checkpoint, write_torch_file
+from __future__ import annotations
 
-__all__ = ["TINY", "RandomSource", "random_checkpoint", "write_torch_file"]
+import io
+import math
+import zlib
+from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dancedata.audio.jukebox.config import JukeboxConfig
+from dancedata.audio.jukebox.network import tensors
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
+from dancedata.files.atomic import write_json
+
+if TYPE_CHECKING:
+    import torch
+
+# As small as the layout allows: two blocks of each of the three kinds; context and label tables of the real size.
+TINY = JukeboxConfig(
+    conv_width=8,
+    code_width=16,
+    codebook_size=64,
+    width=40,
+    depth=6,
+    heads=2,
+    attn_width=10,
+    mlp_width=40,
+)
+
+
+class RandomSource:
+    """Random tensors by name, generated when they are read: a `TensorSource` without disk or memory.
+
+    Parameters
+    ----------
+    config
+        Sizes.
+    layer
+        The source has the tensors that this layer needs.
+    seed
+        Each tensor depends on the seed and its own name.
+    """
+
+    path = Path("random weights")
+
+    def __init__(self, config: JukeboxConfig, layer: int, *, seed: int = 0) -> None:
+        self.seed = seed
+        specs = (*tensors.vqvae_tensors(config), *tensors.prior_tensors(config, layer))
+        self._specs = {spec.name: spec for spec in specs}
+
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Shape of every tensor, by name."""
+        return {name: spec.shape for name, spec in self._specs.items()}
+
+    def dtype(self, name: str) -> torch.dtype:
+        """Type of a tensor."""
+        import torch
+
+        dtype: torch.dtype = getattr(torch, self._specs[name].dtype)
+        return dtype
+
+    def read(self, name: str, rows: int) -> torch.Tensor:
+        """Generate the leading rows of a tensor."""
+        import torch
+
+        spec = self._specs[name]
+        generator = torch.Generator().manual_seed(self.seed + zlib.crc32(name.encode()))
+        tensor = torch.randn((rows, *spec.shape[1:]), generator=generator)
+        return (
+            tensor.mul_(_scale(spec))
+            .add_(1 if ".ln_" in name and name.endswith("weight") else 0)
+            .to(self.dtype(name))
+        )
+
+    def close(self) -> None:
+        """Do nothing: no file is open."""
+
+
+def _scale(spec: tensors.TensorSpec) -> float:
+    """Return a standard deviation with which activations neither vanish nor explode."""
+    if spec.name == tensors.CODEBOOK:
+        return 1.0
+    if spec.name.endswith((".b", ".bias")) or ".ln_" in spec.name:
+        return 0.1
+    if spec.name.endswith(".w"):
+        return float(spec.shape[0] ** -0.5)
+    if len(spec.shape) == 3:
+        # Convolutions; those with kernel 1 end a residual unit, and 28 of these are added.
+        gain = 0.3 if spec.shape[2] == 1 else 1.4
+        return float(gain * math.prod(spec.shape[1:]) ** -0.5)
+    return 0.5
+
+
+def random_checkpoint(
+    folder: Path, config: JukeboxConfig = TINY, *, seed: int = 0
+) -> dict[str, dict[str, torch.Tensor]]:
+    """Write vqvae.pth.tar and prior_level_2.pth.tar with random weights, and their sizes as hparams.json.
+
+    As in the real files: torch's legacy format, storages tagged cuda:0, keys hps, model, opt and step, linear weights
+    in fp16 and all others in fp32, and tensors that inference does not need.
+
+    Parameters
+    ----------
+    folder
+        Created if it does not exist.
+    config
+        Sizes.
+    seed
+        Of the weights.
+
+    Returns
+    -------
+    dict
+        The tensors by name, for each file name.
+    """
+    import torch
+
+    folder.mkdir(parents=True, exist_ok=True)
+    source = RandomSource(config, config.depth, seed=seed)
+
+    def read(specs: tuple[tensors.TensorSpec, ...]) -> dict[str, torch.Tensor]:
+        return {spec.name: source.read(spec.name, spec.shape[0]) for spec in specs}
+
+    models = {
+        VQVAE_FILE: {
+            "encoders.0.level_blocks.0.model.0.0.weight": torch.zeros(8, 1, 4),
+            **read(tensors.vqvae_tensors(config)),
+            "decoders.0.out.weight": torch.zeros(1, 16, 3),
+        },
+        PRIOR_FILE: {
+            **read(tensors.prior_tensors(config, config.depth)),
+            tensors.OUTPUT: torch.zeros(config.codebook_size, config.width),
+        },
+    }
+    for file, model in models.items():
+        write_torch_file(folder / file, model)
+    write_json(folder / "hparams.json", config.to_hparams())
+    return models
+
+
+def write_torch_file(path: Path, model: Mapping[str, torch.Tensor], *, legacy: bool = True) -> None:
+    """Write a checkpoint file with these tensors, in torch's legacy format (or the current zip format)."""
+    import torch
+
+    content = {"hps": {"level": 2, "name": "tiny"}, "model": OrderedDict(model), "opt": None, "step": 1}
+    if not legacy:
+        torch.save(content, path)
+        return
+    buffer = io.BytesIO()
+    torch.save(content, buffer, _use_new_zipfile_serialization=False)
+    # The pickle has the device once, as a string with its length; nothing else depends on the pickle's length.
+    path.write_bytes(buffer.getvalue().replace(b"X\x03\x00\x00\x00cpu", b"X\x06\x00\x00\x00cuda:0", 1))

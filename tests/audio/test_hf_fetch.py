@@ -59,16 +59,21 @@ class Hub(ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_address[1]}"
 
     def about(self) -> bytes:
-        siblings = [
+        siblings = [{"rfilename": name} for name in self.announced]
+        return json.dumps({"id": NAME, "sha": COMMIT, "private": False, "siblings": siblings}).encode()
+
+    def tree(self) -> bytes:
+        files = [
             {
-                "rfilename": name,
+                "type": "file",
+                "path": name,
                 "size": len(data),
-                "blobId": hashlib.sha1(b"blob %d\0" % len(data) + data).hexdigest(),
-                **({"lfs": {"sha256": sha256(data), "size": len(data), "pointerSize": 1}} if len(data) > 999 else {}),
+                "oid": hashlib.sha1(b"blob %d\0" % len(data) + data).hexdigest(),
+                **({"lfs": {"oid": sha256(data), "size": len(data), "pointerSize": 1}} if len(data) > 999 else {}),
             }
             for name, data in self.announced.items()
         ]
-        return json.dumps({"id": NAME, "sha": COMMIT, "private": False, "siblings": siblings}).encode()
+        return json.dumps(files).encode()
 
 
 def sha256(data: bytes) -> str:
@@ -91,6 +96,8 @@ class Handler(BaseHTTPRequestHandler):
         if self.server.error is not None:
             status, code = self.server.error
             self.reply(status, b"", {"X-Error-Code": code})
+        elif path == f"/api/models/{NAME}/tree/{COMMIT}":
+            self.reply(200, self.server.tree(), {"Content-Type": "application/json"})
         elif path.startswith("/api/models/"):
             self.reply(200, self.server.about(), {"Content-Type": "application/json"})
         elif path.startswith(f"/{NAME}/resolve/{COMMIT}/"):
@@ -149,7 +156,6 @@ def test_a_model_is_fetched_without_code_and_pickles(hub: Hub, tmp_path: Path) -
         "id": NAME,
         "revision": COMMIT,
         "licence": "cc-by-nc-4.0",
-        "files": {name: sha256(FILES[name]) for name in kept},
     }
     # No other file is left in the folder.
     assert names(tmp_path / "models") == {"tiny", *(f"tiny/{name}" for name in names(out))}
@@ -231,18 +237,18 @@ def test_a_repository_without_a_model(hub: Hub, tmp_path: Path) -> None:
 
 
 def test_a_hub_with_another_commit(hub: Hub, tmp_path: Path) -> None:
-    with raises_message(SourceError, "answers", where="someone/tiny-model"):
+    with raises_message(UsageError, COMMIT, where="someone/tiny-model"):
         fetch_model(NAME, "b" * 40, tmp_path / "tiny", endpoint=hub.url)
 
 
 @pytest.mark.parametrize(
     ("status", "code", "error", "text"),
     [
-        (401, "RepoNotFound", UsageError, "does not have this model"),
-        (404, "RepoNotFound", UsageError, "does not have this model"),
-        (404, "RevisionNotFound", UsageError, "has no revision"),
-        (403, "GatedRepo", UsageError, "Accept them"),
-        (500, "", SourceError, "cannot be reached"),
+        (401, "RepoNotFound", UsageError, "RepositoryNotFound.*hf auth login"),
+        (404, "RepoNotFound", UsageError, "RepositoryNotFound.*Check id"),
+        (404, "RevisionNotFound", UsageError, "RevisionNotFound.*Check id and commit"),
+        (403, "GatedRepo", UsageError, "GatedRepo.*accept its terms"),
+        (500, "", SourceError, "cannot be fetched"),
     ],
 )
 def test_refusals_of_the_hub(hub: Hub, tmp_path: Path, status: int, code: str, error: type, text: str) -> None:
@@ -255,7 +261,7 @@ def test_refusals_of_the_hub(hub: Hub, tmp_path: Path, status: int, code: str, e
 def test_without_a_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
     monkeypatch.setattr("time.sleep", lambda seconds: None)
-    with pytest.raises(SourceError, match=r"cannot be reached.*fetch elsewhere and copy"):
+    with pytest.raises(SourceError, match=r"cannot be fetched.*fetch elsewhere and copy"):
         fetch_model(NAME, COMMIT, tmp_path / "tiny", endpoint="http://127.0.0.1:1")
     monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
     with pytest.raises(UsageError, match="HF_HUB_OFFLINE"):

@@ -52,13 +52,11 @@ CALLS: dict[str, list[Callable[[], object]]] = {
     "hf": [
         lambda: HuggingFace().resolved(sha256_file),
         lambda: HuggingFace(device="cpu").extract(SIGNAL, FPS),
-        lambda: HuggingFace.make_example(Path("x")),
         lambda: dancedata.extract("hf", "SONG", model="x"),
     ],
     "jukebox": [
         lambda: Jukebox().resolved(sha256_file),
         lambda: Jukebox(device="cpu").extract(SIGNAL, FPS),
-        lambda: Jukebox.make_example(Path("x")),
         lambda: dancedata.extract("jukebox", "SONG", weights="x"),
     ],
     "beats": [lambda: Beats(source="beat_this", weights=Path("x")).resolved(sha256_file)],
@@ -83,8 +81,10 @@ class Without(MetaPathFinder):
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give a place for the demo's files, which the first command makes, next to a model."""
     pytest.importorskip("transformers")
+    from dancedata.testing.encoders import write_random_model
+
     folder = tmp_path_factory.mktemp("packages")
-    HuggingFace.make_example(folder / "model")
+    write_random_model("mert", folder / "model")
     return folder / "source"
 
 

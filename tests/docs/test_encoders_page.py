@@ -17,7 +17,7 @@ TEXT = PAGE.read_text(encoding="utf-8")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a random model of MERT's layout, depth and width, whose other sizes are tiny."""
     pytest.importorskip("transformers")
-    from dancedata.audio.hf import write_random_model
+    from dancedata.testing.encoders import write_random_model
 
     made = tmp_path_factory.mktemp("encoders")
     sizes = {"hidden_size": 768, "num_hidden_layers": 12, "num_attention_heads": 2, "intermediate_size": 8}
@@ -71,7 +71,8 @@ def test_the_page_names_every_model_type() -> None:
 def test_the_defaults_that_the_page_names(tmp_path: Path) -> None:
     """Of a random model, whose kinds the page names, too."""
     pytest.importorskip("transformers")
-    from dancedata.audio.hf import HuggingFace, write_random_model
+    from dancedata.audio.hf import HuggingFace
+    from dancedata.testing.encoders import write_random_model
 
     for kind in ("mert", "encodec24", "muq"):
         write_random_model(kind, tmp_path / kind)

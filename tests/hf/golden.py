@@ -123,7 +123,7 @@ def _layout(kind: str, folder: Path) -> dict[str, Any]:
     import torch
     from safetensors.torch import load_file
 
-    from dancedata.audio.hf.random_models import write_random_model
+    from dancedata.testing.encoders import write_random_model
 
     write_random_model(kind, folder)
     safe, extractor = folder / "model.safetensors", folder / "preprocessor_config.json"
@@ -143,7 +143,7 @@ def _layout(kind: str, folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Rewrite layouts and outputs."""
-    from dancedata.audio.hf.random_models import KINDS
+    from dancedata.testing.encoders import KINDS
 
     with tempfile.TemporaryDirectory() as temporary:
         root = Path(temporary)

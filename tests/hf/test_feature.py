@@ -18,7 +18,6 @@ import torch
 import dancedata
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
 from dancedata.audio.hf.loading import place, weight_bytes
-from dancedata.audio.hf.random_models import KINDS
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -26,6 +25,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.audio import FeatureKeys
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
+from dancedata.testing.encoders import KINDS
 
 from .conftest import noise, settings, song
 

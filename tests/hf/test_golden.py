@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
-from dancedata.audio.hf.random_models import KINDS
+from dancedata.testing.encoders import KINDS
 
 from .golden import kept, layouts, outputs, write_model
 

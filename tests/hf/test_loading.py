@@ -96,7 +96,7 @@ def test_a_file_that_is_cut_off(copy: Callable[..., Path]) -> None:
     folder = copy("hubert")
     whole = (folder / "model.safetensors").read_bytes()
     (folder / "model.safetensors").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(SourceError, match=r"model\.safetensors: hf: the weights cannot be read.*bytes"):
+    with pytest.raises(SourceError, match=r"model\.safetensors: hf: the model cannot be loaded.*Compare"):
         _load(folder)
 
 
@@ -113,14 +113,14 @@ def test_pickles_hold_tensors_and_nothing_else(copy: Callable[..., Path], kind: 
     folder, trap = copy(kind), tmp_path / "ran"
     (folder / "model.safetensors").unlink(missing_ok=True)
     torch.save({"a": torch.ones(1), "b": _Evil(trap)}, folder / "pytorch_model.bin", pickle_module=pickle)
-    with pytest.raises(SourceError, match=r"pytorch_model\.bin: hf: the pickled weights hold more than tensors"):
+    with pytest.raises(SourceError, match=r"pytorch_model\.bin: hf: .* more than tensors.*safetensors"):
         _load(folder)
     assert not trap.exists()
 
 
 def test_an_old_torch_reads_no_pickles(copy: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch, "__version__", "2.5.1+cpu")
-    with raises_message(UsageError, "older", where="copied/pytorch_model.bin"):
+    with raises_message(UsageError, r"copied/pytorch_model\.bin needs torch 2\.6"):
         _load(copy("mert"))
 
 

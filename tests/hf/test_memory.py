@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
-from dancedata.audio.hf.random_models import write_random_model
+from dancedata.testing.encoders import write_random_model
 
 #: Prints by how many MB the resident set rises over what it is before, for songs of 1 and of 10 minutes. The first
 #: song is computed twice, so that one-time imports and allocations are done.

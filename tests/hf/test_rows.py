@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
 from dancedata.audio.hf.families.base import Chunk, Timing, chunks_of
-from dancedata.audio.hf.random_models import KINDS
 from dancedata.audio.hf.rows import RowSum, area_overlaps, frames_of, method_of, row_map
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
+from dancedata.testing.encoders import KINDS
 
 from .conftest import noise
 

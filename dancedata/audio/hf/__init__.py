@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from dancedata.audio.hf.encoder import HuggingFaceEncoder as HuggingFaceEncoder
     from dancedata.audio.hf.model_folder import licence_of as licence_of
     from dancedata.audio.hf.model_folder import open_model as open_model
-    from dancedata.audio.hf.random_models import write_random_model as write_random_model
     from dancedata.audio.hf.settings import settings_of as settings_of
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
@@ -25,7 +24,6 @@ else:  # type checkers take the imports above, and so find misspelt names
             "licence_of": f"{__name__}.model_folder",
             "open_model": f"{__name__}.model_folder",
             "settings_of": f"{__name__}.settings",
-            "write_random_model": f"{__name__}.random_models",
         },
         extra="hf",
     )

@@ -20,7 +20,6 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
     from dancedata.audio.hf.encoder import HuggingFaceEncoder
@@ -107,15 +106,6 @@ class HuggingFace(NetworkFeature):
         wrong = [f"{key} {value:g}" for key, value in seconds.items() if value is not None and not 0 <= value < 1e6]
         if wrong:
             raise UsageError("hf: invalid value", found=", ".join(wrong), allowed="seconds, 0 or more")
-
-    @classmethod
-    @override
-    def make_example(cls, folder: Path) -> HuggingFace:
-        require("hf", what="the audio feature hf")
-        from dancedata.audio.hf.random_models import write_random_model
-
-        write_random_model("mert", folder)
-        return cls(model=str(folder), layers=(2,), device="cpu").resolved(sha256_file)
 
     @override
     def with_weights(self, folder: Path) -> HuggingFace:

@@ -1,6 +1,5 @@
 """Load weights into a network: all must be present, none is random, no code is run."""
 
-import pickle  # for the name of an error; nothing is unpickled here
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,9 +14,8 @@ from dancedata.audio.networks.devices import free_memory
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.packages import load
 from dancedata.core.text import listed, shown
+from dancedata.formats.torch_file import torch_for
 
-#: The first torch whose weights_only refuses everything but tensors and plain containers.
-_SAFE_TORCH = (2, 6)
 #: Keys of a config that name code, the type of weights, or that have a call return something else than is read.
 _NOT_OF_THE_NETWORK = (
     "auto_map", "_name_or_path", "dtype", "torch_dtype",
@@ -36,19 +34,12 @@ def load_network(folder: ModelFolder, family: Family, top: int, output: Output, 
         A file is damaged, or weights are missing, unexpected or of another shape. transformers fills missing ones
         with random numbers.
     UsageError
-        transformers is missing or has no class for the model.
+        transformers is missing, or torch is older than 2.6 and the weights are pickled.
     """
     files = folder.weight_files()
     safe = files[0].suffix == ".safetensors"
-    if safe:
-        _check_headers(files)
-    elif tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2]) < _SAFE_TORCH:
-        raise UsageError(
-            "hf: pickled weights need a newer torch, as older ones may run code that is in them",
-            where=files[0],
-            found=f"torch {torch.__version__}",
-            allowed="torch 2.6 or newer, or a model in safetensors",
-        )
+    if not safe:
+        torch_for(files[0])
     spec = family.network(top)
     with _errors_of(folder, files):
         if spec.model == "MuQ":
@@ -66,13 +57,6 @@ def _load_native(
 ) -> tuple[Any, list[str], list[str]]:
     package = load("transformers", "hf")
     config_name, keys = spec.config
-    if not hasattr(package, spec.model):
-        raise UsageError(
-            "hf: this version of transformers does not have the model",
-            where=folder.path,
-            found=f"transformers {package.__version__}, without {spec.model}",
-            fix="pip install -U transformers",
-        )
     config = getattr(package, config_name)(**{k: v for k, v in keys.items() if k not in _NOT_OF_THE_NETWORK})
     mapping = {"key_mapping": dict(spec.renamed)} if spec.renamed else {}
     with _quiet(package):
@@ -117,23 +101,6 @@ def _tensors(path: Path) -> Mapping[str, torch.Tensor]:
     return tensors
 
 
-def _check_headers(files: Iterable[Path]) -> None:
-    """Raise SourceError for a file that is cut off or is not what it is called: its header says how long it is."""
-    from safetensors import SafetensorError, safe_open
-
-    for path in files:
-        try:
-            with safe_open(path, framework="pt") as file:
-                file.keys()
-        except (SafetensorError, OSError, ValueError) as error:
-            raise SourceError(
-                "hf: the weights cannot be read",
-                where=path,
-                found=f"{path.stat().st_size:,} bytes; {shown(error)}",
-                fix="fetch the file again, and compare its hash with the model's page",
-            ) from error
-
-
 @contextmanager
 def _errors_of(folder: ModelFolder, files: tuple[Path, ...]) -> Iterator[None]:
     """Name the folder in the errors of transformers, torch and safetensors."""
@@ -143,30 +110,15 @@ def _errors_of(folder: ModelFolder, files: tuple[Path, ...]) -> Iterator[None]:
         raise
     # A config or file that was made up can make these packages raise anything.
     except Exception as error:
-        where = files[0] if len(files) == 1 else folder.path
-        cause = _of_a_pickle(error)
-        if cause is None:
-            raise SourceError(
-                "hf: the model cannot be loaded",
-                where=where,
-                found=shown(error, 400),
-                fix="compare its files with the model's page",
-            ) from error
+        # torch's text advises to load pickles that hold more than tensors in a way that runs their code.
+        more = "weights_only" in f"{error}{error.__cause__}{error.__context__}"
         raise SourceError(
-            "hf: the pickled weights hold more than tensors, and nothing else is unpickled",
-            where=where,
-            found=shown(str(cause).split("\n", 1)[0]),
-            fix="get the model's weights as safetensors",
+            "hf: the model cannot be loaded",
+            where=files[0] if len(files) == 1 else folder.path,
+            found="a pickle with more than tensors, and nothing else is unpickled" if more else shown(error, 400),
+            fix="compare its files with the model's page"
+            + ("" if files[0].suffix == ".safetensors" else ", or get its weights as safetensors"),
         ) from error
-
-
-def _of_a_pickle(error: BaseException | None) -> BaseException | None:
-    """Return the error about objects in a pickle that an error comes from; transformers 4 raises an OSError of it."""
-    while error is not None and not isinstance(error, pickle.UnpicklingError):
-        if any(text in str(error) for text in ("weights_only", "Unsupported global")):
-            return error
-        error = error.__cause__ or error.__context__
-    return error
 
 
 def _require_whole(folder: ModelFolder, names: Iterable[str], allowed: Iterable[str], problem: str) -> None:

@@ -9,6 +9,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.text import listed, shown
@@ -46,11 +48,9 @@ _IDLE_KEYS = (
 )
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
-_PLAIN_NAME = re.compile(r"[\w][\w.-]*")
 UNKNOWN = "unknown, see the model's page"
 _MAX_CARD = 1 << 22
 _MAX_LICENCE = 200
-_KEY = re.compile(r"^(license|license_name|license_link):[ \t]*(.*)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -109,17 +109,12 @@ class ModelFolder:
 
     def _shards(self, index: Path) -> tuple[Path, ...]:
         weight_map = read_document(index).get("weight_map")
-        names = sorted({str(name) for name in weight_map.values()}) if isinstance(weight_map, dict) else []
-        strange = [name for name in names if not _PLAIN_NAME.fullmatch(name)]
-        missing = [name for name in names if name not in strange and not (self.path / name).is_file()]
-        if strange or missing or not names:
-            raise SourceError(
-                "hf: the index of the weights names files that are not in the folder",
-                where=index,
-                found=listed(strange or missing) or "no file",
-                fix="fetch the model again",
-            )
-        return tuple(self.path / name for name in names)
+        names = {str(name) for name in weight_map.values()} if isinstance(weight_map, dict) else set()
+        missing = sorted(names - {path.name for path in self.path.iterdir()})
+        if missing or not names:
+            problem, found = "hf: the index of the weights names files that are not in the folder", listed(missing)
+            raise SourceError(problem, where=index, found=found or "no file", fix="fetch the model again")
+        return tuple(self.path / name for name in sorted(names))
 
     def sha256(self, hash_file: Callable[[Path], str]) -> str:
         """Return the hash of what shapes the numbers: the weights, the config, the extractor's parameters."""
@@ -173,51 +168,22 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
         raise UsageError(
             "hf: the folder of the model does not exist", where=folder, fix="check the path, or give an id OWNER/NAME"
         )
-    commit = _commit(named, revision)
-    return replace(_read(_snapshot(named, commit), named, commit), from_hub=True)
-
-
-def _commit(name: str, revision: str | None) -> str:
-    from huggingface_hub.constants import HF_HUB_CACHE
-
-    repository = Path(HF_HUB_CACHE) / f"models--{name.replace('/', '--')}"
-    if revision is not None and _COMMIT.fullmatch(revision):
-        return revision
-    pointer = repository / "refs" / (revision or "main")
-    commit = pointer.read_text(encoding="utf-8").strip() if ".." not in pointer.parts and pointer.is_file() else ""
-    if revision is not None:
-        pinned = f"revision: {commit}, which is what it names on this machine" if _COMMIT.fullmatch(commit) else None
-        raise UsageError(
-            "hf: a revision is a commit, as branches and tags move",
-            where=name,
-            found=revision,
-            allowed="40 hexadecimal digits",
-            fix=pinned,
-        )
-    if not _COMMIT.fullmatch(commit):
-        raise _not_here(name, "COMMIT")
-    return commit
-
-
-def _snapshot(name: str, commit: str) -> Path:
+    if revision is not None and not _COMMIT.fullmatch(revision):
+        problem = "hf: a revision is a commit, as branches and tags move"
+        raise UsageError(problem, where=named, found=revision, allowed="40 hexadecimal digits")
     from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import LocalEntryNotFoundError
 
     try:
-        snapshot = snapshot_download(name, revision=commit, local_files_only=True, allow_patterns=list(FILES))
-    except (OSError, ValueError) as error:
-        raise _not_here(name, commit) from error
-    if not (Path(snapshot) / "config.json").is_file():
-        raise _not_here(name, commit)
-    return Path(snapshot)
-
-
-def _not_here(name: str, commit: str) -> UsageError:
-    return UsageError(
-        "hf: the model is not on this machine, and builds download nothing",
-        where=name,
-        fix=f"fetch it where there is a network: dancedata hf fetch {name} --revision {commit} --out DIR; then set "
-        "model to DIR, also on a cluster to which the folder was copied",
-    )
+        path = Path(snapshot_download(named, revision=revision, local_files_only=True, allow_patterns=list(FILES)))
+    except (LocalEntryNotFoundError, ValueError) as error:
+        raise UsageError(
+            "hf: the model is not on this machine, and builds download nothing",
+            where=named,
+            fix=f"fetch it where there is a network: dancedata hf fetch {named} --revision {revision or 'COMMIT'} "
+            "--out DIR; then set model to DIR, also on a cluster to which the folder was copied",
+        ) from error
+    return replace(_read(path, named, path.name), from_hub=True)
 
 
 # `columns` is read once per clip.
@@ -278,12 +244,13 @@ def licence_of(folder: Path) -> str:
 
     ``license: other`` is replaced by ``license_name`` and ``license_link`` where the card has them.
     """
-    text = ""
-    with suppress(OSError):
-        text = read_regular(folder / "README.md", _MAX_CARD).decode("utf-8", "replace")
-    head = re.match(r"\A\ufeff?---[ \t]*\r?\n(.*?)\r?\n---", text, re.DOTALL)
-    keys = {} if head is None else {key: value.strip().strip("'\"") for key, value in _KEY.findall(head.group(1))}
-    licence = keys.get("license", "")
-    if licence in ("", "other") and keys.get("license_name"):
-        licence = " ".join(part for part in (keys["license_name"], keys.get("license_link", "")) if part)
+    licence = None
+    with suppress(OSError, ValueError, yaml.YAMLError):
+        text = read_regular(folder / "README.md", _MAX_CARD).decode("utf-8-sig", "replace")
+        if text.lstrip().startswith("---"):
+            from huggingface_hub import ModelCard
+
+            card: Any = ModelCard(text, ignore_metadata_errors=True).data
+            named = [str(part) for part in (card.get("license_name"), card.get("license_link")) if part]
+            licence = card.license if card.license not in (None, "other") or not named else " ".join(named)
     return shown(licence or provenance_of(folder).get("licence") or UNKNOWN, _MAX_LICENCE)

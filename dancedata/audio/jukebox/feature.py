@@ -25,7 +25,6 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.encoder import JukeboxEncoder
@@ -85,15 +84,6 @@ class Jukebox(NetworkFeature):
                 found=f"layer {self.layer}, batch_size {self.batch_size}",
                 allowed="layer from 1, batch_size from 0",
             )
-
-    @classmethod
-    @override
-    def make_example(cls, folder: Path) -> Jukebox:
-        require("jukebox", what="the audio feature jukebox")
-        from dancedata.audio.jukebox.weights.random_weights import random_checkpoint
-
-        random_checkpoint(folder)
-        return cls(weights=folder, layer=6, device="cpu").resolved(sha256_file)
 
     @override
     def with_weights(self, folder: Path) -> Jukebox:

@@ -1,4 +1,4 @@
-"""Tiny random models in the real layout of every family, for tests and benchmarks."""
+"""Tiny random models in the real layout of every family of `hf`, for tests and benchmarks."""
 
 import json
 import math
