@@ -1,30 +1,39 @@
 """Audio files in, mono float32 samples out: decode, average the channels, quantise, resample.
 
-All formats that libsndfile decodes are accepted: wav (8 to 32 bit, float), flac, ogg, mp3. Samples keep the rate of
-the file; each feature resamples as it needs. Decoding and resampling match `librosa.load` to the bit.
+libsndfile decodes wav (8 to 32 bit, float), flac, ogg, opus, mp3, aiff and more. Where it cannot read a file, or not
+all of it (see `sound_files`), ffmpeg does, if it is installed; this is the way of m4a, aac and videos. Samples keep
+the rate of the file; each feature resamples as it needs. What libsndfile decodes, and resampling, match
+`librosa.load` to the bit.
 """
 
 from __future__ import annotations
 
+import io
 import math
+import mmap
 import os
+import shlex
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio.ffmpeg import NotDecodedError, decode
+from dancedata.audio.sound_files import Held, held
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
+from dancedata.core.packages import install
+from dancedata.core.text import shown
 from dancedata.files.regular_file import open_regular
 
 if TYPE_CHECKING:
+    from io import BufferedReader
     from types import TracebackType
 
     import soundfile
 
-# Largest undecoded part of an mp3 file that tags (lyrics, pictures) at its end can explain.
-_MAX_UNREAD_MP3 = 0.2
 #: Most bytes that are decoded (float32 samples of all channels) or that resampling may give: three hours of stereo at
 #: 48 kHz, six of mono.
 MAX_BYTES = 1 << 32
@@ -37,6 +46,8 @@ LEAST_MIX = 0.01
 #: Above BOMB_BYTES, decoding may enlarge a file this many times; the most in real use is speech in opus, 250-fold.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 1000
+#: Music that ends later than its file by less is not cut, seconds.
+_CUT_S = 0.02
 
 
 def load_audio(path: Path | str) -> AudioSignal:
@@ -45,30 +56,31 @@ def load_audio(path: Path | str) -> AudioSignal:
     Parameters
     ----------
     path
-        Any file that libsndfile reads: wav, flac, ogg, mp3, ...
+        Any file that libsndfile reads: wav, flac, ogg, mp3, ...; with ffmpeg others, such as m4a and mp4.
 
     Returns
     -------
     AudioSignal
-        Samples (n,) float32 at the file's rate. Samples of float files may exceed +-1.
+        Samples (n,) float32 at the file's rate. Samples of float files may exceed +-1. Its findings say if ffmpeg has
+        decoded it, if an encoder's delay was kept, and what a cut file lacks.
 
     Raises
     ------
     DataError
-        With reason ``missing_file``, ``broken_audio`` (not decodable), ``empty_audio`` (no sample), ``nan``
-        (NaN or infinite samples) or ``antiphase`` (channels that cancel: their mean has lost the music).
+        With reason ``missing_file``, ``broken_audio`` (not decodable, or not whole), ``empty_audio`` (no sample),
+        ``nan`` (NaN or infinite samples) or ``antiphase`` (channels that cancel: their mean has lost the music).
 
     Notes
     -----
     A truncated wav, ogg or mp3 file gives the samples that it still has, a truncated flac file is ``broken_audio``.
-    libsndfile estimates the length of an mp3 file without the usual length header (Xing, Info) and stops decoding
-    there: if a large part of the file is left unread, it is ``broken_audio``, never a silently shorter song.
+    The sound of a file is never silently shorter: where a decoder would stop before its end, another one reads it, or
+    it is ``broken_audio``.
     """
     path = Path(path)
-    samples, sample_rate = _decode(path)
+    decoded = _decode(path)
+    samples, sample_rate = decoded.samples, decoded.rate
     mono = _mean_of_channels(samples)
     _require_mix(path, samples, mono)
-    del samples  # twice as large where there are two channels
     bad = np.flatnonzero(~np.isfinite(mono))
     if bad.size:
         raise DataError(
@@ -79,7 +91,8 @@ def load_audio(path: Path | str) -> AudioSignal:
             allowed="finite samples",
             fix="export the file again, for example as 16-bit wav",
         )
-    return AudioSignal(np.ascontiguousarray(mono, dtype=np.float32), sample_rate)
+    del samples, decoded.samples  # twice as large where there are two channels
+    return AudioSignal(np.ascontiguousarray(mono, dtype=np.float32), sample_rate, decoded.findings)
 
 
 def _mean_of_channels(samples: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -114,11 +127,10 @@ def _require_mix(path: Path, samples: NDArray[np.float32], mono: NDArray[np.floa
 
 
 def audio_length(path: Path | str) -> tuple[int, int]:
-    """Length of a file without decoding it: exactly that of the signal of `load_audio`.
+    """Length of a file, where possible without decoding it: exactly that of the signal of `load_audio`.
 
-    Only the header is read, except for mp3: its header is an estimate (a factor of 2.5 off was seen), so the file is
-    decoded as `load_audio` does and the samples are counted. It is decoded in one call: soundfile seeks after every
-    one, and in a damaged mp3 file that leads to another place, so that blocks would repeat samples.
+    Only headers are read, except where they are estimates (a factor of 2.5 off was seen in mp3) or wrong: then the
+    file is decoded as `load_audio` does and the samples are counted.
 
     Parameters
     ----------
@@ -136,13 +148,17 @@ def audio_length(path: Path | str) -> tuple[int, int]:
         As `load_audio`, for what the header shows (a truncated flac file and NaN are only found by decoding).
     """
     path = Path(path)
-    with _Opened(path) as sound:
-        n_samples, sample_rate = int(sound.frames), int(sound.samplerate)
-        if _is_mp3(sound):
-            n_samples = len(sound.read(dtype="float32", always_2d=True))
-    if n_samples == 0:
-        raise _empty(path)
-    return n_samples, sample_rate
+    found = _held(path)
+    if not found.problem:
+        try:
+            with _Opened(path, found.begin) as sound:
+                n_samples, rate = int(sound.frames), int(sound.samplerate)
+                if n_samples and not _is_mp3(sound) and n_samples >= found.seconds * rate:
+                    return n_samples, rate
+        except _NotReadError:
+            pass
+    decoded = _decode(path)
+    return len(decoded.samples), decoded.rate
 
 
 def pcm16(samples: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -201,55 +217,37 @@ def resampled_length(n_samples: int, from_rate: int, to_rate: int) -> int:
     return math.ceil(n_samples * (float(to_rate) / from_rate))
 
 
-class _Opened:
-    """Context manager: an open `soundfile.SoundFile`; libsndfile's errors inside it become DataErrors."""
+class _NotReadError(Exception):
+    """libsndfile cannot read a file."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+
+class _Opened:
+    """Context manager: an open `soundfile.SoundFile`; errors of libsndfile and soundfile inside it become its own."""
+
+    def __init__(self, path: Path, begin: int = 0) -> None:
+        self._path, self._begin = path, begin
 
     def __enter__(self) -> soundfile.SoundFile:
         import soundfile
 
+        # A Python file object: file names in any script work on any system.
+        self._file = _open(self._path)
         try:
-            # A Python file object: file names in any script work on any system, and its position can be read.
-            self._file = open_regular(self._path)
-        except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
-            raise DataError(
-                "the audio file does not exist",
-                reason="missing_file",
-                where=str(self._path),
-                found="a folder" if isinstance(error, IsADirectoryError) else "nothing",
-                allowed="an audio file (wav, flac, ogg, mp3)",
-            ) from error
-        except OSError as error:
-            raise _broken(self._path, str(error)) from error
-        try:
-            self._sound = soundfile.SoundFile(self._file)
-        except (soundfile.LibsndfileError, TypeError) as error:
-            self._file.close()
-            # soundfile raises TypeError for files without a header (.raw), whose rate it needs as an argument.
-            raise _broken(self._path, getattr(error, "error_string", str(error))) from error
-        try:
+            self._file.seek(self._begin)
+            self._sound = soundfile.SoundFile(io.BytesIO(self._file.read()) if self._begin else self._file)
             self._require_plausible()
-        except DataError:
-            self._sound.close()
+        except BaseException as error:
             self._file.close()
-            raise
+            raise _own(error) from error
         return self._sound
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        import soundfile
-
-        try:
-            if isinstance(error, soundfile.LibsndfileError):
-                raise _broken(self._path, error.error_string) from error
-            if error is None and _is_mp3(self._sound):
-                self._require_read_to_the_end()
-        finally:
-            self._sound.close()
-            self._file.close()
+        self._sound.close()
+        self._file.close()
+        if error is not None:
+            raise _own(error) from error
 
     def _require_plausible(self) -> None:
         """Refuse an implausible length or rate in the header: memory is allocated before any sample is read.
@@ -257,16 +255,10 @@ class _Opened:
         A low rate makes a small file long, and so a large signal once it is resampled for the features.
         """
         rate, frames, channels = int(self._sound.samplerate), int(self._sound.frames), int(self._sound.channels)
-        if not MIN_RATE <= rate <= MAX_RATE:
-            raise _broken(
-                self._path,
-                f"a sample rate of {rate:,} Hz",
-                allowed=f"{MIN_RATE:,} to {MAX_RATE:,} Hz",
-                fix="export the file again at 44100 or 48000 Hz",
-            )
+        _require_rate(self._path, rate)
         decoded, resampled = 4 * frames * channels, 4 * frames * FEATURE_RATE // rate
         size = os.fstat(self._file.fileno()).st_size
-        if frames < 0 or max(decoded, resampled) > min(MAX_BYTES, max(BOMB_BYTES, BOMB_RATIO * size)):
+        if frames < 0 or max(decoded, resampled) > _most_bytes(size):
             what = "once decoded" if decoded >= resampled else f"once resampled to {FEATURE_RATE:,} Hz"
             raise _broken(
                 self._path,
@@ -274,27 +266,121 @@ class _Opened:
                 f"{max(decoded, resampled):,} bytes {what}, in a file of {size:,} bytes",
             )
 
-    def _require_read_to_the_end(self) -> None:
-        size = self._path.stat().st_size
-        unread = size - self._file.tell()
-        if unread > _MAX_UNREAD_MP3 * size:
-            raise _broken(
-                self._path,
-                f"an mp3 header with a wrong length: decoding stopped with {unread} of {size} bytes unread",
-            )
+
+def _own(error: BaseException) -> BaseException:
+    """Return what an error of libsndfile or soundfile means here; soundfile raises many types for odd files."""
+    if isinstance(error, DataError | OSError | MemoryError) or not isinstance(error, Exception):
+        return error
+    return _NotReadError(str(getattr(error, "error_string", error)).strip())
 
 
-def _decode(path: Path) -> tuple[NDArray[np.float32], int]:
-    """All samples, (n, channels) float32, and the rate."""
-    with _Opened(path) as sound:
-        samples: NDArray[np.float32] = sound.read(dtype="float32", always_2d=True)
-        sample_rate = int(sound.samplerate)
+def _open(path: Path) -> BufferedReader:
+    try:
+        return open_regular(path)
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
+        raise DataError(
+            "the audio file does not exist",
+            reason="missing_file",
+            where=str(path),
+            found="a folder" if isinstance(error, IsADirectoryError) else "nothing",
+            allowed="an audio file (wav, flac, ogg, mp3)",
+        ) from error
+    except OSError as error:
+        raise _broken(path, str(error)) from error
+
+
+def _held(path: Path) -> Held:
+    """Examine the structure of a file."""
+    with _open(path) as file:
+        if not os.fstat(file.fileno()).st_size:
+            return Held("a file of 0 bytes", refused=True)
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return held(data)  # type: ignore[arg-type]  # a map reads as bytes do
+
+
+def _require_rate(path: Path, rate: int) -> None:
+    if not MIN_RATE <= rate <= MAX_RATE:
+        raise _broken(
+            path,
+            f"a sample rate of {rate:,} Hz",
+            allowed=f"{MIN_RATE:,} to {MAX_RATE:,} Hz",
+            fix="export the file again at 44100 or 48000 Hz",
+        )
+
+
+def _most_bytes(size: int) -> int:
+    """Return how large a file of so many bytes may become."""
+    return min(MAX_BYTES, max(BOMB_BYTES, BOMB_RATIO * size))
+
+
+@dataclass
+class _Decoded:
+    """All samples, (n, channels) float32, their rate, and what was noticed."""
+
+    samples: NDArray[np.float32]
+    rate: int
+    findings: tuple[tuple[str, float], ...]
+
+
+def _decode(path: Path) -> _Decoded:
+    found = _held(path)
+    if found.refused:
+        raise _broken(path, found.problem)
+    problem, findings = found.problem, []
+    if not problem:
+        try:
+            samples, rate = _read(path, found.begin)
+            if len(samples) < found.seconds * rate:
+                problem = f"{len(samples) / rate:.2f} s of {found.seconds:.2f} s are read"
+        except _NotReadError as error:
+            problem = str(error)
+    if problem:
+        samples, rate = _read_by_ffmpeg(path, found, problem)
+        findings.append(("decoded_by_ffmpeg", len(samples) / rate))
+    if not len(samples):
+        raise DataError(
+            "the audio file has no samples",
+            reason="empty_audio",
+            where=str(path),
+            found="0 samples",
+            allowed="at least one sample",
+            fix="copy or export the file again",
+        )
+    findings += [("late_music", found.delay_s)] if found.delay_s else []
+    findings += [("cut_music", found.cut_s)] if found.cut_s > _CUT_S else []
+    return _Decoded(samples, rate, tuple((kind, round(value, 3)) for kind, value in findings))
+
+
+def _read(path: Path, begin: int) -> tuple[NDArray[np.float32], int]:
+    """Read all samples by libsndfile."""
+    with _Opened(path, begin) as sound:
+        # soundfile counts what is left by seeking, which some formats (GSM, G.72x) cannot. Blocks would not do:
+        # soundfile seeks after every one, and in a damaged mp3 file that leads to another place.
+        n = -1 if sound.seekable() else sound.frames
+        samples: NDArray[np.float32] = sound.read(n, dtype="float32", always_2d=True)
         # The header of mp3 is an estimate; in other formats `audio_length` has returned its length.
         if 0 < len(samples) != sound.frames and not _is_mp3(sound):
-            raise _broken(path, f"{len(samples):,} samples instead of the {sound.frames:,} in the header")
-    if samples.shape[0] == 0:
-        raise _empty(path)
-    return samples, sample_rate
+            raise _NotReadError(f"{len(samples):,} samples instead of the {sound.frames:,} in the header")
+        return samples, int(sound.samplerate)
+
+
+def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.float32], int]:
+    """Read all samples by ffmpeg; DataError if that gives fewer than there are, or skips damage."""
+    size = path.stat().st_size
+    try:
+        samples, rate, errors = decode(path, _most_bytes(size))
+    except NotDecodedError as error:
+        name = shlex.quote(path.name)
+        command = f"ffmpeg -n -i {name} {shlex.quote(path.stem + '.wav')}"
+        fix = f"{command}; or install ffmpeg, which is then used by itself: {install('video')}"
+        raise _broken(path, f"{problem}; {error}", fix="" if "ffmpeg:" in str(error) else fix) from error
+    _require_rate(path, rate)
+    if 4 * len(samples) * FEATURE_RATE // rate > _most_bytes(size):
+        raise _broken(path, f"{len(samples):,} samples at {rate:,} Hz in a file of {size:,} bytes")
+    if len(samples) < found.seconds * rate or (errors and not found.seconds):
+        decoded = f"{problem}; ffmpeg decodes {len(samples) / rate:.2f} s"
+        raise _broken(path, f"{decoded} of {found.seconds:.2f} s" if found.seconds else f"{decoded}: {shown(errors)}")
+    return samples, rate
 
 
 def _is_mp3(sound: soundfile.SoundFile) -> bool:
@@ -304,27 +390,14 @@ def _is_mp3(sound: soundfile.SoundFile) -> bool:
 def _broken(
     path: Path,
     message: str,
-    allowed: str = "a complete wav, flac, ogg or mp3 file",
-    fix: str = "copy or export the file again, as wav if in doubt",
+    allowed: str = "a complete wav, flac, ogg, mp3 or other sound file",
+    fix: str = "",
 ) -> DataError:
-    # For an empty file libsndfile only reports an unknown format or a missing file.
-    found = message.strip() if path.stat().st_size or not path.is_file() else "a file of 0 bytes"
     return DataError(
         "the audio file cannot be decoded",
         reason="broken_audio",
         where=str(path),
-        found=found,
+        found=message,
         allowed=allowed,
-        fix=fix,
-    )
-
-
-def _empty(path: Path) -> DataError:
-    return DataError(
-        "the audio file has no samples",
-        reason="empty_audio",
-        where=str(path),
-        found="0 samples",
-        allowed="at least one sample",
-        fix="copy or export the file again",
+        fix=fix or "copy or export the file again, as wav if in doubt",
     )

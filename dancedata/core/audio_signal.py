@@ -24,6 +24,8 @@ class AudioSignal:
         (n,) float32, read-only, full scale is 1.
     sample_rate
         Samples per second.
+    findings
+        What was noticed when a file was decoded, (kind of flag, value), see `core.quality.OF_MUSIC`.
 
     Raises
     ------
@@ -35,6 +37,7 @@ class AudioSignal:
 
     samples: npt.NDArray[np.float32]
     sample_rate: int
+    findings: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         samples = np.array(self.samples, dtype=np.float32)

@@ -1,6 +1,6 @@
 """Quality flags for suspicious motion. It is flagged; only the stage `repair` of a recipe changes it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,7 +29,9 @@ IMPLAUSIBLE = (
 )
 #: Flags of a whole clip that may be as it should be.
 DOUBTFUL = ("crossed_legs", "stretched_bone")
-OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL)
+#: Flags of a clip's music: it has no sound, or its file is not quite what it says.
+OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "cut_music")
+OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL, *OF_MUSIC)
 #: Flags of what a recipe's `repair` changed: of a frame, and of all frames of a clip.
 REPAIRED = ("repaired_spike", "repaired_gap", "repaired_floor", "repaired_jitter")
 #: Bones of a capture that keep their length within this are rigid, metres.
@@ -61,6 +63,9 @@ class Flag:
         is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
         "_arms", "_elbows" and "_up": value is a cosine that should be above 0. "crossed_legs": value is the distance
         of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres.
+        "silent_music": value is a level, dBFS. "steady_music": value is the range of levels, dB.
+        "decoded_by_ffmpeg", "late_music", "cut_music": value is the length of the music, of the delay that it keeps,
+        of what its file lacks, seconds.
     joint, frame
         "" and None for a flag of the whole clip.
     rate
@@ -77,6 +82,12 @@ class Flag:
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data; a flag of the whole clip has no joint and no frame."""
         return {name: value for name, value in self.__dict__.items() if value not in ("", None)}
+
+
+def music_flags(measured: Iterable[tuple[str, float]]) -> list[Flag]:
+    """Return the flags of a clip's music, of (kind, value)."""
+    units = {"silent_music": "dBFS", "steady_music": "dB"}
+    return [Flag(kind, "", None, value, units.get(kind, "s"), "") for kind, value in measured]
 
 
 def implausible_flags(motion: Motion) -> list[Flag]:

@@ -13,8 +13,8 @@ from shlex import quote
 from dancedata.core.errors import SourceError
 from dancedata.datasets.files import AUDIO_SUFFIXES, list_folder, relative
 
-#: Other formats of audio files, which are not read.
-_OTHER = (".aac", ".aif", ".aiff", ".m4a", ".m4b", ".mp4", ".opus", ".webm", ".wma")
+#: Other formats of audio files, which are not looked for.
+_OTHER = (".m4b", ".mka", ".mov", ".oga", ".webm", ".wma")
 #: Least similarity of the letters of two names with equal numbers: mBR0 and mBR5 are different songs.
 _ALIKE = 0.8
 #: A shorter name within another one is not evidence.

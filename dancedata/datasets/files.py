@@ -15,8 +15,8 @@ from dancedata.formats.values import VALUE_SUFFIXES
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.
 ALL = "all"
-#: Audio files that are read, in order of preference: lossless formats first.
-AUDIO_SUFFIXES = (".wav", ".flac", ".mp3", ".ogg")
+#: Audio files that are read, in order of preference: lossless formats first, last those that need ffmpeg.
+AUDIO_SUFFIXES = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".aiff", ".aif", ".m4a", ".aac", ".mp4")
 #: Motion files that are read, in order of preference.
 MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *(suffix for suffix in VALUE_SUFFIXES if suffix != ".pkl"))
 #: Bounds of a list of names: size of the file, number of names, length of a name (of a file name, in bytes).

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -15,7 +15,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.audio.ffmpeg import ffmpeg_version
 from dancedata.audio.networks.feature import NetworkFeature
+from dancedata.audio.silence import Level, levels
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
@@ -27,7 +29,7 @@ from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
 
 #: Raised by hand when a stage gives other numbers for the same input.
-SIGNAL_STAGE, FEATURE_STAGE = 4, 3
+SIGNAL_STAGE, FEATURE_STAGE = 5, 3
 #: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
 #: song among workers.
 _WINDOWS_A_UNIT = 128
@@ -67,6 +69,9 @@ class SignalInfo(NamedTuple):
     sha256: str
     sample_rate: int
     n_samples: int
+    ffmpeg: str
+    findings: list[tuple[str, float]]
+    levels: list[Level]
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,12 @@ class SignalId:
         Of a stretched or shortened signal: hash of the file's signal.
     skipped
         Samples at the beginning, less than a row of features, that are left out: the grid of rows begins after them.
+    ffmpeg
+        Version of the ffmpeg that decoded the file; "" if libsndfile did.
+    findings
+        What was noticed when the file was decoded, see `AudioSignal`.
+    levels
+        Of the file's signal, see `silence.levels`.
     """
 
     path: Path
@@ -95,6 +106,14 @@ class SignalId:
     speed: Fraction = Fraction(1)
     decoded_sha256: str = ""
     skipped: int = 0
+    ffmpeg: str = ""
+    findings: Sequence[tuple[str, float]] = field(default=(), compare=False, repr=False)
+    levels: Sequence[Level] = field(default=(), compare=False, repr=False)
+
+    @classmethod
+    def of(cls, path: Path, file: str, info: SignalInfo) -> SignalId:
+        """Return the identity of the signal with these facts."""
+        return cls(path, file, *info[:3], ffmpeg=info.ffmpeg, findings=info.findings, levels=info.levels)
 
     @cached_property
     def grid(self) -> FrameGrid:
@@ -168,13 +187,16 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     try:
         file = Cache.stat_key("signal", path)
         key = _signal_key(file)
-        entry = cache.json("signals", key)
+        entry = _known(cache, key)
         if entry is None:
             with cache.lock("signals", key):
-                entry = cache.json("signals", key)
+                entry = _known(cache, key)
                 if entry is None:
                     signal = load_audio(path)
-                    entry = SignalInfo(signal.sha256, signal.sample_rate, signal.n_samples)
+                    by = ffmpeg_version() if any(kind == "decoded_by_ffmpeg" for kind, _ in signal.findings) else ""
+                    entry = SignalInfo(
+                        signal.sha256, signal.sample_rate, signal.n_samples, by, [*signal.findings], levels(signal)
+                    )
                     if Cache.stat_key("signal", path) != file:
                         raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
                     cache.put_json("signals", key, entry)
@@ -182,7 +204,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
         return reject_of(error, file=path)
     except FileNotFoundError:
         return Reject("missing_music", file=str(path), detail=f"{path}: the file vanished during the build")
-    return SignalId(path, file, *SignalInfo(*entry))
+    return SignalId.of(path, file, entry)
 
 
 def known_signal(cache: Cache, path: Path) -> SignalId | None:
@@ -191,8 +213,15 @@ def known_signal(cache: Cache, path: Path) -> SignalId | None:
         file = Cache.stat_key("signal", path)
     except FileNotFoundError:
         return None
-    entry = cache.json("signals", _signal_key(file))
-    return None if entry is None else SignalId(path, file, *SignalInfo(*entry))
+    entry = _known(cache, _signal_key(file))
+    return None if entry is None else SignalId.of(path, file, entry)
+
+
+def _known(cache: Cache, key: str) -> SignalInfo | None:
+    """Return cached facts; None if there are none, or if another version of ffmpeg decoded the file."""
+    entry = cache.json("signals", key)
+    info = None if entry is None else SignalInfo(*entry)
+    return None if info is None or info.ffmpeg not in ("", ffmpeg_version()) else info
 
 
 def _signal_key(file: str) -> str:

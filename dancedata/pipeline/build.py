@@ -226,7 +226,8 @@ def _write(
 
 def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
-    versions = {"libsndfile": libsndfile_version()}
+    decoders = {clip.signal.ffmpeg for clip in sources.clips if clip.signal and clip.signal.ffmpeg}
+    versions = {"libsndfile": libsndfile_version(), **({"ffmpeg": max(decoders)} if decoders else {})}
     packages.update(name for job in recipe.audio for name in job.feature.packages)
     return {
         "name": recipe.name,

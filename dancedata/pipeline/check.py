@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.networks.feature import NetworkFeature
+from dancedata.audio.silence import levels, without_sound
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, SourceError
 from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
-from dancedata.core.quality import implausible_flags, implausible_sides
+from dancedata.core.quality import implausible_flags, implausible_sides, music_flags
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import counted, listed
@@ -132,9 +133,13 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
         encoded, unreadable = encode_clips(cache, recipe, sources, jobs=workers, progress=progress)
         curated = curate(cache, recipe, encoded, sources.content, jobs=workers, progress=progress)
         _, without_windows = cut_windows(recipe, curated.clips, curated.faults)
-        quality = [{"clip": clip.source.ref.id, **flag} for clip in encoded for flag in clip.motion.flags]
+        quality = [
+            {"clip": c.source.ref.id, **flag}
+            for c in encoded
+            for flag in (*c.motion.flags, *c.source.music_flags(c.motion.seconds))
+        ]
         lengths = [
-            (c.source.ref.id, float(c.motion.n_source / c.motion.source_rate), _seconds(c.source.signal))
+            (c.source.ref.id, float(c.motion.seconds), _seconds(c.source.signal))
             for c in encoded
             if c.source.signal is not None
         ]
@@ -353,7 +358,10 @@ def _check_clip(reader: Dataset, ref: ClipRef) -> tuple[list[Reject], _Length | 
     problems += [music] if isinstance(music, Reject) else []
     if music is None or isinstance(music, Reject) or isinstance(motion, Reject):
         return problems, None
-    return problems, (ref.id, float(motion.grid.seconds(motion.n_frames)), len(music.samples) / music.sample_rate)
+    seconds = motion.grid.seconds(motion.n_frames)
+    of_music = music_flags([*without_sound(levels(music), ref.audio_start, seconds), *music.findings])
+    problems += implausible_problems({"clip": ref.id, **flag.to_json()} for flag in of_music)
+    return problems, (ref.id, float(seconds), len(music.samples) / music.sample_rate)
 
 
 def _problem(reject: Reject) -> Problem:

@@ -92,7 +92,7 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
             *(r for c in extracted for r in without_fields(c.source.ref, c.motion.without)),
             *not_copied,
         ),
-        quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.motion.flags),
+        quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.flags),
         losses=curated.losses,
     )
 

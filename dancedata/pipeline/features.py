@@ -50,6 +50,11 @@ class ExtractedClip:
     starts: tuple[int, ...]
     audio: Mapping[str, Blocks]
 
+    @property
+    def flags(self) -> list[dict[str, Any]]:
+        """Quality flags of motion and music."""
+        return [*self.motion.flags, *self.source.music_flags(self.motion.seconds)]
+
 
 def extract_features(
     cache: Cache, recipe: Recipe, clips: Sequence[WindowedClip], *, jobs: Jobs, progress: Progress
@@ -86,7 +91,7 @@ def stored_clip(recipe: Recipe, clip: ExtractedClip) -> StoredClip:
         music=ref.music,
         dancer=ref.dancer,
         tempo_bpm=ref.tempo_bpm,
-        n_flags=len(motion.flags),
+        n_flags=len(clip.flags),
         trim_start=motion.trim_start,
         height_m=motion.height_m,
         source_rate=str(motion.source_rate),

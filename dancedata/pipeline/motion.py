@@ -71,6 +71,11 @@ class MotionResult:
     arrays: dict[str, CachedArray] = field(default_factory=dict)
     without: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def seconds(self) -> Fraction:
+        """Length of the source."""
+        return self.n_source / self.source_rate
+
     def stored(self, recipe: Recipe, starts: tuple[int, ...]) -> dict[str, CachedArray]:
         """Return the arrays to store; in window scope only the windows that begin at `starts`."""
         if recipe.scope == "track":

@@ -9,6 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dancedata.audio.silence import SILENT_DBFS
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
@@ -113,6 +114,14 @@ _CURES = {
     "implausible_up": _UP,
     "crossed_legs": ("crossed legs", "look at it in the viewer: left and right of the legs may be swapped"),
     "stretched_bone": ("bones that stretch", "export with fixed bone lengths (rotations only) for exact positions"),
+    "silent_music": ("silent music", "extract the music again, or leave these clips out: ignore"),
+    "steady_music": ("music without an onset", "extract the music again, or leave these clips out: ignore"),
+    "decoded_by_ffmpeg": ("music that ffmpeg decoded", "convert it to wav once, so that any machine reads the same"),
+    "late_music": (
+        "music that may begin late",
+        "convert its original to wav or flac, or state audio_start_s",
+    ),
+    "cut_music": ("music whose file is cut", "copy it again"),
 }
 
 
@@ -143,6 +152,11 @@ def _detail(row: Mapping[str, Any]) -> str:
         "to 4 is usual",
         "stretched_bone": f"position channels stretch bones by up to {100 * value:.1f} cm; the motion's bones are "
         "rigid, with their median length",
+        "silent_music": f"the music has a level of {value:.0f} dBFS here, which is silence: below {SILENT_DBFS:.0f}",
+        "steady_music": f"the level of the music changes by {value:.1f} dB here, so it has no onset and no beat",
+        "decoded_by_ffmpeg": f"ffmpeg decoded {value:.2f} s of music, which libsndfile does not read to its end",
+        "late_music": f"the mp3 has no tag of its encoder's delay: its music may be up to {1000 * value:.0f} ms late",
+        "cut_music": f"the header of the music announces {value:.2f} s more than the file has",
     }[row["kind"]]
 
 

@@ -2,13 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from dancedata.audio.silence import without_sound
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.hashing import json_sha256
+from dancedata.core.quality import music_flags
 from dancedata.core.text import counted, is_unicode, listed, quoted
 from dancedata.execution.arithmetic import exactly
 from dancedata.execution.cache import Cache
@@ -69,6 +72,13 @@ class SourceClip:
             self.motion_sha256,
             self.signal.sha256 if self.signal else None,
         )
+
+    def music_flags(self, seconds: Fraction) -> list[dict[str, Any]]:
+        """Return the flags of the music of a clip of this length, as JSON."""
+        if self.signal is None:
+            return []
+        silent = without_sound(self.signal.levels, self.ref.audio_start, seconds)
+        return [flag.to_json() for flag in music_flags([*silent, *self.signal.findings])]
 
     @cached_property
     def made_of(self) -> str:

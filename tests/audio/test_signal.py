@@ -206,17 +206,16 @@ def test_mp3_whose_header_overestimates(tmp_path: Path) -> None:
     assert abs(n_samples - len(source)) < 3 * 1152  # encoder delay and padding, untrimmed without the header
 
 
-def test_mp3_whose_header_underestimates_is_refused(tmp_path: Path) -> None:
+def test_mp3_whose_header_underestimates_is_read_to_its_end(tmp_path: Path) -> None:
     # Loud first: the estimate is too short, and libsndfile would stop there without a word.
     noise = np.random.default_rng(2).uniform(-0.5, 0.5, 88200).astype(np.float32)
     buffer = io.BytesIO()
     soundfile.write(buffer, noise, 44100, format="MP3", bitrate_mode="VARIABLE", compression_level=0.3)
     path = tmp_path / "twice.mp3"
     path.write_bytes(buffer.getvalue() * 2)
-    for read in (load_audio, audio_length):
-        with raises_message(DataError, "doubt", where="twice.mp3", reason="broken_audio") as error:
-            read(path)
-        assert _reason(error) == "broken_audio"
+    n_samples, _ = audio_length(path)
+    assert load_audio(path).n_samples == n_samples
+    assert abs(n_samples - 2 * len(noise)) < 4 * 1152
 
 
 def test_a_damaged_mp3_has_the_length_that_decodes() -> None:

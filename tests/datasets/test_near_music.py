@@ -25,7 +25,7 @@ def near(source: Path, *names: str, other: Callable[[str], bool] = lambda stem: 
         ("wavs/MJS2.WAV", "mv -n wavs/MJS2.WAV wavs/mJS2.wav"),
         ("wavs/mJS2 (1).mp3", "mv -n 'wavs/mJS2 (1).mp3' wavs/mJS2.mp3"),
         ("wavs/mJS02_48k.wav", "mv -n wavs/mJS02_48k.wav wavs/mJS2.wav"),
-        ("wavs/mJS2.m4a", "ffmpeg -n -i wavs/mJS2.m4a wavs/mJS2.wav"),
+        ("wavs/mJS2.wma", "ffmpeg -n -i wavs/mJS2.wma wavs/mJS2.wav"),
         ("songs of AIST/mJS2.wav", "mv -n 'songs of AIST/mJS2.wav' wavs/mJS2.wav"),
         ("wavs/all/mJS2.wav", "mv -n wavs/all/mJS2.wav wavs/mJS2.wav"),
         ("mJS2.ogg", "mv -n mJS2.ogg wavs/mJS2.ogg"),
@@ -46,7 +46,7 @@ def test_a_proper_name_of_something_else_is_not_offered(tmp_path: Path) -> None:
 
 
 def test_readable_files_are_offered_first(tmp_path: Path) -> None:
-    assert near(tmp_path, "wavs/mJS2.aac", "wavs/mjs2.wav").fix("wavs/mJS2").startswith("mv -n wavs/mjs2.wav")
+    assert near(tmp_path, "wavs/mJS2.wma", "wavs/mjs2.wav").fix("wavs/mJS2").startswith("mv -n wavs/mjs2.wav")
 
 
 def test_a_misspelt_name_with_the_same_numbers(tmp_path: Path) -> None:
