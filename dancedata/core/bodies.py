@@ -6,6 +6,7 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
+from dancedata.core.rotations import Float64Array, matrix_from_rotvec, rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 
 _FINGERS = ("index", "middle", "pinky", "ring", "thumb")
@@ -13,6 +14,10 @@ _FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 #: The 22 joints that SMPL, SMPL-H and SMPL-X share, in their common order.
 BODY_JOINTS = SMPL24.joints[:22]
 _FACE = ("jaw", "left_eye", "right_eye")
+#: The joints of limbs, each with the next one: the end of the bone that it turns.
+_LIMBS = {1: 4, 2: 5, 4: 7, 5: 8, 7: 10, 8: 11, 13: 16, 14: 17, 16: 18, 17: 19, 18: 20, 19: 21}
+#: Rotations that differ from none by less than this, radians, are rounding errors.
+_ALIKE = 1e-4
 _HANDS = tuple(f"{side}_{finger}{k}" for side in ("left", "right") for finger in _FINGERS for k in (1, 2, 3))
 
 #: Rest positions of the neutral SMPL-X body as Lodge and FineDance publish them (five decimals), metres.
@@ -166,11 +171,53 @@ def has_body(skeleton: Skeleton) -> bool:
     return skeleton.joints[:22] == BODY_JOINTS
 
 
+def limb_alignment(source: Skeleton, target: Skeleton) -> dict[int, Float64Array]:
+    """Return the rotations that align the limbs of two bodies at rest, by joint; none where they point alike.
+
+    A joint of `target` whose rotation in the world is that of `source`, times this (3, 3), points its bone as the
+    source does. SMPL's and SMPL-X's limbs differ by up to 12.9 degrees. The back, the head, hands and toes, whose
+    joints are at other places in other bodies, keep their rotations.
+    """
+    turns = {}
+    for joint, below in _LIMBS.items():
+        bones = np.stack([target.offsets[below], source.offsets[below]])
+        turn = shortest_rotation(*bones)
+        if bones.any(axis=1).all() and np.abs(turn - np.eye(3)).max() > _ALIKE:
+            turns[joint] = turn
+    return turns
+
+
+def rotations_on(motion: Motion, body: Skeleton, *, align: bool) -> Float64Array:
+    """Return the rotations (T, J, 3) of a motion for the joints of another body, matched by name.
+
+    Parameters
+    ----------
+    motion, body
+        On skeletons that begin with the 22 body joints. Joints that the motion lacks do not rotate.
+    align
+        Whether limbs keep their directions, see `limb_alignment`; else rotations are copied.
+    """
+    source = motion.skeleton
+    rotations = np.zeros((motion.n_frames, body.n_joints, 3))
+    for j, joint in enumerate(body.joints):
+        if joint in source.joints:
+            rotations[:, j] = motion.rotations[:, source.joints.index(joint)]
+    turns = limb_alignment(source, body) if align else {}
+    # A capture without collars has its shoulders' bones from the chest.
+    turns = {j: turn for j, turn in turns.items() if source.offsets[j].any() or motion.rotations[:, j].any()}
+    for j, parent in enumerate(body.parents):
+        if j in turns or parent in turns:
+            above, turn = (turns.get(k, np.eye(3)) for k in (parent, j))
+            rotations[:, j] = rotvec_from_matrix(above.T @ matrix_from_rotvec(rotations[:, j]) @ turn)
+    return rotations
+
+
 def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translation"] = "pelvis") -> Motion:
-    """Put a motion on the bones of another body of the SMPL family: rotations are copied joint by joint.
+    """Put a motion on the bones of another body of the SMPL family.
 
     Joints match by name; one that the motion lacks does not rotate, one that the body lacks is dropped (fingers on
-    SMPL's 24 joints).
+    SMPL's 24 joints). Rotations are copied joint by joint, as SMPL's projects do with their parameters (Lodge with
+    AIST++'s); limbs of a recording (`Skeleton.captured`) keep their directions.
 
     Parameters
     ----------
@@ -201,10 +248,7 @@ def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translat
             found=f"joints {', '.join(source.joints[:4])}, ...",
             allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
         )
-    rotations = np.zeros((motion.n_frames, body.n_joints, 3))
-    for j, joint in enumerate(body.joints):
-        if joint in source.joints:
-            rotations[:, j] = motion.rotations[:, source.joints.index(joint)]
+    rotations = rotations_on(motion, body, align=source.captured)
     shift = source.offsets[0] - body.offsets[0]
     translation = motion.translation + shift if keep == "pelvis" and shift.any() else motion.translation
     return Motion(translation, rotations, motion.grid, body, motion.trim_start)
@@ -215,7 +259,7 @@ def carried_over(motion: Motion, target: Skeleton) -> Motion:
 
     The bones are the target's, except where the motion has all of the target's joints on its own body (a body
     model with betas): then it keeps them. SMPL's 24 joints keep their bones only where the target's joints are the
-    same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are copied as by `on_body`.
+    same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are those of `on_body`.
 
     Parameters
     ----------

@@ -29,6 +29,9 @@ class Skeleton:
         Left and right joints that mirroring swaps.
     feet
         Left ankle, right ankle, left toe, right toe: the joints whose contacts are labelled.
+    captured
+        Whether the bones are a recording's, not a body model's. Its rotations say where bones point, so on other
+        bones limbs keep their directions; the parameters of body models are copied, as their projects do.
 
     Examples
     --------
@@ -45,6 +48,7 @@ class Skeleton:
     offsets: npt.NDArray[np.float64]
     pairs: tuple[tuple[int, int], ...]
     feet: tuple[int, int, int, int]
+    captured: bool = False
 
     def __post_init__(self) -> None:
         offsets = np.array(self.offsets, dtype=np.float64)
@@ -115,7 +119,7 @@ class Skeleton:
         pairs = [(kept.index(a), kept.index(b)) for a, b in self.pairs if a in kept and b in kept]
         ankle, other_ankle, toe, other_toe = (kept.index(j) for j in self.feet)
         feet = (ankle, other_ankle, toe, other_toe)
-        return Skeleton(name, joints, tuple(parents), offsets, tuple(pairs), feet)
+        return Skeleton(name, joints, tuple(parents), offsets, tuple(pairs), feet, self.captured)
 
     @property
     def other_side(self) -> dict[int, int]:
@@ -138,6 +142,7 @@ class Skeleton:
             "offsets": self.offsets.tolist(),
             "pairs": [list(p) for p in self.pairs],
             "feet": list(self.feet),
+            **({"captured": True} if self.captured else {}),
         }
 
     @classmethod
@@ -151,6 +156,7 @@ class Skeleton:
             offsets=np.asarray(obj["offsets"], dtype=np.float64),
             pairs=tuple((left, right) for left, right in obj["pairs"]),
             feet=(feet[0], feet[1], feet[2], feet[3]),
+            captured=bool(obj.get("captured", False)),
         )
 
 

@@ -121,8 +121,10 @@ class SmplX6D(Representation):
         """Encode a motion on the layout's own bones, those that `decode` uses.
 
         Fingers that the motion lacks are at rest. The pelvis stays where it is, except in Lodge's columns of SMPL's
-        24 joints: there the translation keeps its numbers, as in Lodge's treatment of AIST++. The input of the
-        contact rule are the joints as they are encoded, grounded or not.
+        24 joints: there the translation keeps its numbers, as in Lodge's treatment of AIST++. So do rotations: those
+        of SMPL are taken for SMPL-X's, whose limbs point up to 12.9 degrees elsewhere. Limbs of a recording keep
+        their directions (`core.bodies.on_body`). The input of the contact rule are the joints as they are encoded,
+        grounded or not.
         """
         placed = self._placed(motion)
         return self.reencode(grounded(placed) if self.grounded else placed, contacts)

@@ -1,6 +1,6 @@
 """A motion on any skeleton with a body -> SMPL's 24 joints, with that skeleton's own bones."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,7 +92,7 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
     for j in range(1, 24):
         local[:, j] = np.swapaxes(full[:, SMPL24.parents[j]], -1, -2) @ full[:, j]
     bones[0] = SMPL24.offsets[0]
-    skeleton = Skeleton(f"smpl24:{source.name}", SMPL24.joints, SMPL24.parents, bones, SMPL24.pairs, SMPL24.feet)
+    skeleton = replace(SMPL24, name=f"smpl24:{source.name}", offsets=bones, captured=True)
     moved = Motion(
         at[:, of[0]] - bones[0],
         rotvec_from_matrix(local),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dancedata.core.bodies import has_body
+from dancedata.core.bodies import has_body, rotations_on
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import Flag
@@ -16,7 +16,7 @@ from dancedata.retarget.feet import contact_spans, toes_of, with_planted_feet
 from dancedata.retarget.maps import Names
 
 #: Raised by hand when a motion gets other numbers.
-VERSION = 2
+VERSION = 3
 #: Residuals above this are flagged, metres: about the length of a hand.
 MAX_RESIDUAL_M = 0.15
 #: Joints whose places are compared: skeletons put the others (spine, neck, head, collars, hands) at different places.
@@ -72,7 +72,8 @@ def retargeted(
 ) -> Retargeted:
     """Put a motion on another skeleton.
 
-    Each joint keeps its rotation in the world, up to the constant one that aligns the rest poses. The path of the
+    Each joint keeps its rotation in the world, up to the constant one that aligns the rest poses: limbs point as in
+    the source, on any skeleton (`limb_alignment`). The path of the
     pelvis is scaled about the origin, and moved up or down by one constant, so that the toes stand at the height that
     the scaled source has. In contacts, each foot then moves as in the scaled source.
 
@@ -114,10 +115,9 @@ def retargeted(
     body = body_of(motion, joint_map)
     source = body.motion.skeleton
     factor = leg_ratio(source, skeleton) if scale is None else scale
-    rotations = np.zeros((motion.n_frames, skeleton.n_joints, 3))
-    for j, joint in enumerate(skeleton.joints):
-        if joint in source.joints:
-            rotations[:, j] = body.motion.rotations[:, source.joints.index(joint)]
+    if source.captured:
+        skeleton = replace(skeleton, captured=True)
+    rotations = rotations_on(body.motion, skeleton, align=True)
     place = (body.motion.translation + source.offsets[0]) * factor - skeleton.offsets[0]
     moved = Motion(place, rotations, motion.grid, skeleton, motion.trim_start, body.motion.stretch_m)
     toes = toes_of(body.places, body.joints, skeleton, body.motion.joints())

@@ -25,7 +25,7 @@ degrees (120 for hips and arms), which no dance has, `align` is rotated back by 
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +123,7 @@ def skeleton_of(rig: Rig, metres: float) -> Skeleton:
     offsets[PELVIS] = SMPL24.offsets[PELVIS]
     # Rounded to 0.01 mm, so that rounding errors do not change the name. + 0.0 turns -0.0 into 0.0.
     digest = hashlib.sha256((np.round(offsets, 5) + 0.0).astype("<f8").tobytes()).hexdigest()
-    return Skeleton(f"smpl24:bvh-{digest[:8]}", SMPL24.joints, SMPL24.parents, offsets, SMPL24.pairs, SMPL24.feet)
+    return replace(SMPL24, name=f"smpl24:bvh-{digest[:8]}", offsets=offsets, captured=True)
 
 
 def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
