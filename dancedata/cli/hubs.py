@@ -33,7 +33,7 @@ def pull(
 @errors_to_exit_codes
 def push(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="A built dataset.")],
-    to: Annotated[str, typer.Argument(metavar="ADDRESS", help="hf://datasets/ORG/NAME, s3://BUCKET/PREFIX, ...")],
+    to: Annotated[str, typer.Argument(metavar="ADDRESS", help="hf://datasets/ORG/NAME")],
     private: Annotated[bool, typer.Option("--private", help="Only its owners read the repository.")] = False,
     gated: Annotated[
         bool, typer.Option("--gated", help="Users accept the source's terms before they read it.")
@@ -42,13 +42,11 @@ def push(
     rights: Annotated[str | None, typer.Option(help=RIGHTS_HELP)] = None,
     tag: Annotated[str | None, typer.Option(help="Name of the tag; default: of the dataset's hash.")] = None,
     beside: Annotated[list[Path] | None, typer.Option(metavar="FILE", help=BESIDE_HELP)] = None,
-    overwrite: Annotated[
-        bool, typer.Option(help="Replace another dataset of a bucket, and files of others.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option(help="Replace files of others.")] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Publish a dataset, or its recipe, on a hub or bucket.
+    """Publish a dataset, or its recipe, on a hub.
 
     dancedata push STORE hf://datasets/ORG/NAME --private
     """

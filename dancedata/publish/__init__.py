@@ -1,4 +1,4 @@
-"""Publishes datasets, or their recipes, on hubs and in buckets."""
+"""Publishes datasets, or their recipes, on hubs."""
 
 from __future__ import annotations
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -48,16 +46,6 @@ class Upload:
     def of_bytes(cls, name: str, data: bytes) -> Upload:
         """Return the upload of bytes."""
         return cls(name, data, len(data), sha256_bytes(data))
-
-    def chunks(self) -> Iterator[bytes]:
-        """Yield the bytes; StoreError at the end if they are others than those of `sha256`."""
-        digest = hashlib.sha256()
-        with BytesIO(self.content) if isinstance(self.content, bytes) else open(self.content, "rb") as file:
-            while chunk := file.read(1 << 20):
-                digest.update(chunk)
-                yield chunk
-        if digest.hexdigest() != self.sha256:
-            raise changed(self.name)
 
 
 def changed(name: str) -> StoreError:

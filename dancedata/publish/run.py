@@ -1,4 +1,4 @@
-"""dancedata push: a built dataset, or its recipe, on a hub or in a bucket."""
+"""dancedata push: a built dataset, or its recipe, on a hub."""
 
 from __future__ import annotations
 
@@ -11,17 +11,15 @@ from typing import Any
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, size_text
 from dancedata.execution.progress import Progress
-from dancedata.publish.bucket import BucketUpload
-from dancedata.publish.contents import Upload, contents
+from dancedata.publish.contents import contents
 from dancedata.publish.hub import HubUpload
 from dancedata.publish.terms import require_permission, restrictions
 from dancedata.remote import require_whole
-from dancedata.remote.address import BUCKETS, Address, is_address, parse_address
+from dancedata.remote.address import Address, is_address, parse_address
 from dancedata.remote.cached import is_offline
-from dancedata.store import Store, open_store
+from dancedata.store import open_store
 from dancedata.store.hub_head import Publication
 
-_ALLOWED = "hf://datasets/ORG/NAME, s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX"
 _TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: Digits of a dataset's hash in the name of a tag.
 _DIGITS = 12
@@ -34,9 +32,9 @@ class Pushed:
     Attributes
     ----------
     address
-        Where it is read: that of a hub with the tag.
+        Where it is read, with the tag.
     commit
-        Commit of a hub; "" of a bucket.
+        The commit that has all files.
     files, bytes
         What the publication has.
     uploaded_bytes
@@ -59,10 +57,9 @@ class Pushed:
     def __str__(self) -> str:
         what = "recipe" if self.recipe_only else "dataset"
         use = f"dancedata build {self.address} --source DIR" if self.recipe_only else f"dancedata pull {self.address}"
-        commit = f", commit {self.commit}" if self.commit else ""
         return (
             f"{self.address}: {what}, {counted(self.files, 'file')}, {size_text(self.bytes)}, "
-            f"{size_text(self.uploaded_bytes)} uploaded{commit}\n{use}"
+            f"{size_text(self.uploaded_bytes)} uploaded, commit {self.commit}\n{use}"
         )
 
 
@@ -81,31 +78,30 @@ def push(
 ) -> Pushed:
     """Publish a built dataset, as ``dancedata push`` does.
 
-    An upload that was interrupted goes on with the same call. On a hub one commit has all files, so that a branch has
-    all of a publication or nothing; in a bucket dataset.json is written last. The credentials are those of
-    huggingface_hub and of obstore.
+    An upload that was interrupted goes on with the same call. One commit has all files, so that a branch has all of a
+    publication or nothing. The token is that of huggingface_hub.
 
     Parameters
     ----------
     store
         Folder that `build` wrote.
     to
-        hf://datasets/ORG/NAME, s3://BUCKET/PREFIX, gs:// or az://. A repository is created if it does not exist;
-        ``@BRANCH`` names another branch than main.
+        hf://datasets/ORG/NAME. A repository is created if it does not exist; ``@BRANCH`` names another branch than
+        main.
     private, gated
-        Of a hub: only its owners read it; users accept the terms of the source before they read it.
+        Only its owners read it; users accept the terms of the source before they read it.
     recipe_only
         Publish no row of the data: the recipe, the clips with splits and hashes of their sources, the scaler, and the
         hashes of the dataset. `build` of the address makes the dataset from the user's own source.
     rights
         Statement by which you may pass the data on although a licence does not allow it. It is published.
     tag
-        Name of the tag on a hub. Default: "dataset-" or "recipe-", and the first digits of the dataset's hash.
+        Name of the tag. Default: "dataset-" or "recipe-", and the first digits of the dataset's hash.
     beside
         With `recipe_only`: files that a build needs in addition to the source's, such as manifest.csv or a local
         plug-in.
     overwrite
-        Replace another dataset in a bucket, and files of the same names that were not published by this function.
+        Replace files of the same names that were not published by this function.
     progress
         Show progress on stderr.
 
@@ -129,42 +125,33 @@ def push(
     >>> pushed.address  # doctest: +SKIP
     'hf://datasets/ORG/NAME@dataset-01ffe21d9289'
     """
-    if not is_address(to) or (address := parse_address(to)).scheme not in ("hf", *BUCKETS):
-        raise UsageError("a dataset is not published there", found=to, allowed=_ALLOWED)
-    _check_options(address, private, gated, recipe_only, rights, tag, beside)
+    if not is_address(to) or (address := parse_address(to)).scheme != "hf":
+        raise UsageError(
+            "datasets are published on hubs", found=to, allowed="hf://datasets/ORG/NAME",
+            fix="upload its folder to a bucket with the bucket's own tool, such as aws s3 sync",
+        )  # fmt: skip
+    _check_options(address, recipe_only, rights, tag, beside)
     reporter = Progress(quiet=not progress)
     with open_store(store) as opened:
         if rights is None and not recipe_only:
             require_permission(opened, to=to)
         require_whole(opened.path)
         opened.require_intact()
-        name = tag or f"{'recipe' if recipe_only else 'dataset'}-{opened.meta['self_sha256'][:_DIGITS]}"
-        read_at = address.at(name) if address.scheme == "hf" else address
+        digits = opened.meta["self_sha256"][:_DIGITS]
+        name = tag or f"{'recipe' if recipe_only else 'dataset'}-{digits}"
+        read_at = address.at(name)
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
         place = Publication(str(read_at), rights or "", overridden, gated, recipe_only)
         files = contents(opened, place, [Path(path).expanduser() for path in beside], reporter)
         reporter.announce(f"publishing {opened.path} at {address}")
-        commit, uploaded = _upload(
-            opened, address, files, HubUpload(address, name, private, gated, overwrite), reporter
-        )
+        message = f"Publish {opened.meta.get('name', 'dataset')} {digits} with dancedata"
+        at, uploaded = HubUpload(address, name, private, gated, overwrite).run(files, message, reporter)
     total = sum(file.size for file in files)
-    return Pushed(str(read_at), commit, len(files), total, uploaded, recipe_only)
-
-
-def _upload(
-    store: Store, address: Address, files: Sequence[Upload], hub: HubUpload, progress: Progress
-) -> tuple[str, int]:
-    if address.scheme != "hf":
-        return "", BucketUpload(address, hub.overwrite).run(files, progress)
-    message = f"Publish {store.meta.get('name', 'dataset')} {store.meta['self_sha256'][:_DIGITS]} with dancedata"
-    at, uploaded = hub.run(files, message, progress)
-    return at.revision, uploaded
+    return Pushed(str(read_at), at.revision, len(files), total, uploaded, recipe_only)
 
 
 def _check_options(
     address: Address,
-    private: bool,
-    gated: bool,
     recipe_only: bool,
     rights: str | None,
     tag: str | None,
@@ -173,10 +160,6 @@ def _check_options(
     where = str(address)
     if is_offline():
         raise UsageError("HF_HUB_OFFLINE is set: nothing is uploaded", where=where)
-    if address.scheme != "hf" and (private or gated or tag is not None):
-        raise UsageError(
-            "private, gated and tag are settings of a hub; a bucket has settings of its own, and no tags", where=where
-        )
     if address.is_pinned:
         raise UsageError("a commit does not change", where=where, fix="name a branch, or none")
     if tag is not None and not _TAG.fullmatch(tag):

@@ -344,7 +344,7 @@ def test_a_hub_that_does_not_answer(uploads: UploadHub, published: Path, monkeyp
 @pytest.mark.parametrize(
     ("to", "options"),
     [
-        ("https://h/x", {}), ("data/out", {}), ("s3://bucket/x", {"private": True}), ("s3://bucket/x", {"tag": "v1"}),
+        ("https://h/x", {}), ("data/out", {}), ("s3://bucket/x", {}),
         (f"{WHERE}@{'a' * 40}", {}), (WHERE, {"tag": "../v1"}), (WHERE, {"rights": " "}),
         (WHERE, {"beside": ["manifest.csv"]}),
     ],
