@@ -126,11 +126,11 @@ def build(
     result = commands.build(recipe, source, out, overwrite=overwrite, backend=backend, scheduler=scheduler, **options)
     if result.built and options["progress"]:
         say(f"built in {time.monotonic() - started:.1f} s", err=True)
-    compared = {} if result.rebuilt is None else {"rebuilt": result.rebuilt.to_json()}
+    compared = {} if result.rebuilt is None else {"rebuilt": result.rebuilt}
     print_result(
         as_json, lambda: {"built": result.built, **store_json(result.path), **compared}, lambda: result.summary
     )
-    if result.rebuilt is not None and not result.rebuilt.same:
+    if result.rebuilt is False:
         raise typer.Exit(1)
 
 

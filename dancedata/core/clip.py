@@ -40,8 +40,6 @@ class ClipRef:
     declared
         Declarations of the source about this file, apart from the dataset's parameters: (name, value), such as
         ("fps", "120") from a manifest. They are input of `load`, and part of the cache key.
-    music_fix
-        The fix for a missing `audio_path`, such as a file to rename; "" if unknown.
     body
         Name of the body that the motion is on, where files differ and the scan can tell; "" if unknown.
     group
@@ -83,7 +81,6 @@ class ClipRef:
     lists: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
-    music_fix: str = ""
     body: str = ""
     group: str = ""
     member: int = -1

@@ -16,7 +16,6 @@ import time
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from itertools import islice
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any, cast
@@ -47,15 +46,12 @@ FETCHED = re.compile(r"(?P<sha256>[0-9a-f]{64})(\.parts)?")
 MARKER = "dancedata-cache.txt"
 _MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted when nothing runs.\n"
 #: Names of entries: <stage>/<two digits>/<sha256>.npy or .json; of temporary files; of locks. Nothing else is ever
-#: removed, since the folder may hold other files too. Earlier versions made temporary files named *.unit.
+#: removed, since the folder may hold other files too.
 ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
-_TWO_DIGITS = re.compile(r"[0-9a-f]{2}")
-_TEMPORARY_NAME = re.compile(r"dancedata-[0-9a-f]{32}(\.tmp|\.token|-[0-9]+\.unit)")
+_TEMPORARY_NAME = re.compile(r"dancedata-[0-9a-f]{32}\.(tmp|token)")
 _LOCK_NAME = re.compile(rf"({'|'.join((*STAGES, DATASETS))})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
 #: Prefix of the locks in LOCKS that builds hold as long as they run.
 RUNNING = "build-"
-#: Most files read per stage to find out whether a folder without a marker is a cache.
-_INSPECTED = 16
 #: Resolution of the time of last use: a use sooner after the last one writes nothing.
 USE_GRANULARITY_S = 3600.0
 _HEAD_BYTES = 512
@@ -251,8 +247,15 @@ def remove_unused(path: Path, used: float) -> bool:
 
 
 def is_cache(root: Path) -> bool:
-    """Return whether a folder is a cache: it has a marker, or, as caches of earlier versions, entries."""
-    return _is_marked(root) or any(_is_entry(path) for path in _first_entries(root))
+    """Return whether a folder is a cache: it has a marker."""
+    marker = root / MARKER
+    try:
+        if not S_ISREG(marker.lstat().st_mode) or marker.stat().st_size > len(_MARK):
+            return False
+        # Empty: a process was killed during `mark`.
+        return marker.read_bytes() in (_MARK, b"")
+    except OSError:
+        return False
 
 
 def mark(root: Path) -> None:
@@ -265,53 +268,13 @@ def mark(root: Path) -> None:
             os.close(fd)
 
 
-def _is_marked(root: Path) -> bool:
-    marker = root / MARKER
-    try:
-        if not S_ISREG(marker.lstat().st_mode) or marker.stat().st_size > len(_MARK):
-            return False
-        # Empty: a process was killed during `mark`.
-        return marker.read_bytes() in (_MARK, b"")
-    except OSError:
-        return False
-
-
-def _first_entries(root: Path) -> Iterator[Path]:
-    """List some files that have the name and the place of an entry."""
-    for stage in STAGES:
-        named = (
-            root / stage / two / name
-            for two in _listed(root / stage)
-            if _TWO_DIGITS.fullmatch(two)
-            for name in _listed(root / stage / two)
-            if (match := ENTRY.fullmatch(name)) and match["two"] == two
-        )
-        yield from islice(named, _INSPECTED)
-
-
-def _is_entry(path: Path) -> bool:
-    """Return whether a file begins and ends as an entry does."""
-    try:
-        if not S_ISREG(path.lstat().st_mode):
-            return False
-        if path.suffix == ".json":
-            read_json(path)
-        else:
-            with open(path, "rb") as file:
-                read_head(file.fileno())
-    except (OSError, ValueError):
-        return False
-    return True
-
-
 def sweep(root: Path) -> int:
-    """Remove temporary files and locks that killed processes left; returns how many. Marks a cache without a marker.
+    """Remove temporary files and locks that killed processes left; returns how many.
 
     Removes only files with names of the cache, and only in a folder that is a cache.
     """
     if not is_cache(root):
         return 0
-    mark(root)
     removed = 0
     for folder, pattern in ((root / TEMPORARY, _TEMPORARY_NAME), (root / LOCKS, _LOCK_NAME)):
         removed += sum(_remove_abandoned(folder / name) for name in _listed(folder) if pattern.fullmatch(name))

@@ -1,15 +1,12 @@
 """Key motions: instants at which a dance comes to rest. `lodge` is a plug-in, the rest are pure functions."""
 
 from dancedata.keymotion.characteristic_primitives import Primitives, borders, primitives
-from dancedata.keymotion.choreography import PlacedCues, choreographic_augmentation
 from dancedata.keymotion.minima import KeyMotion, key_motion, kinetic_curve
 
 __all__ = [
     "KeyMotion",
-    "PlacedCues",
     "Primitives",
     "borders",
-    "choreographic_augmentation",
     "key_motion",
     "kinetic_curve",
     "primitives",

@@ -25,7 +25,7 @@ from dancedata.pipeline.clips import ComputedClips, compute_clips
 from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
-from dancedata.pipeline.rebuild import Published, Rebuilt
+from dancedata.pipeline.rebuild import Published
 from dancedata.pipeline.rejects import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.pipeline.sources import Sources, identify, scan_source
@@ -54,7 +54,7 @@ class BuildResult:
     summary
         The text that the command line prints.
     rebuilt
-        Of a build from a publication: whether the bytes are the same.
+        Of a build from a publication: whether every shard, table and list has the same bytes; else None.
     """
 
     path: Path
@@ -63,7 +63,7 @@ class BuildResult:
     left_out: Mapping[str, int]
     notes: tuple[str, ...]
     summary: str
-    rebuilt: Rebuilt | None = None
+    rebuilt: bool | None = None
 
     @classmethod
     def of(cls, path: Path, built: bool) -> BuildResult:
@@ -122,8 +122,9 @@ def build(
             result = BuildResult.of(out, built=build_run.run())
         if published is None:
             return result
-        rebuilt = published.compare(out)
-        return replace(result, rebuilt=rebuilt, summary=f"{result.summary}\n{rebuilt}")
+        same = published.same(out)
+        line = f"{'the same bytes as' if same else 'other bytes than'} {published.place}"
+        return replace(result, rebuilt=same, summary=f"{result.summary}\n{line}")
 
 
 @contextmanager
@@ -177,7 +178,6 @@ class _Build:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
         stored = {clip.id for clip in computed.clips}
         meta = {**_meta(self.recipe, sources, record.to_json(stored)), "quality_flags": len(computed.quality)}
-        meta |= {"curation": dict(computed.losses)} if computed.losses else {}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
         return True

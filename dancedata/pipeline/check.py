@@ -15,7 +15,6 @@ from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.silence import levels, without_sound
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, SourceError
-from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides, music_flags
 from dancedata.core.registry import DATASETS
@@ -32,7 +31,6 @@ from dancedata.pipeline.clips import compute_clips
 from dancedata.pipeline.curation import curate
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.rejects import (
-    NOT_IN_SOURCE,
     NOTED,
     attempt,
     implausible_problems,
@@ -77,26 +75,10 @@ def check(
     reader, scan = scan_folder(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
-    problems += _against_the_original(reader, path, problems)
     calls = [(reader, ref) for ref in scan.clips]
     checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=reporter)
     problems += _lengths_note(path, [length for _, length in checked if length is not None])
     return problems + [_problem(reject) for rejects, _ in checked for reject in rejects]
-
-
-def _against_the_original(reader: Dataset, path: Path, reported: Sequence[Problem]) -> list[Problem]:
-    """Return notes on whether a source is complete, and one for each published file that it lacks."""
-    named = {problem.where for problem in reported if problem.message.startswith("missing_motion")}
-    notes = []
-    for compared in reader.compared(path):
-        notes += [Problem("note", str(path), str(compared))] if str(compared) else []
-        if isinstance(compared, Compared):
-            absent = (name for name in compared.missing if compared.kind != "motions" or name not in named)
-            what = f"{NOT_IN_SOURCE}: of the published {compared.kind}"
-            notes += [
-                Problem("note", name, what + (", an empty file" if name in compared.empty else "")) for name in absent
-            ]
-    return notes
 
 
 def _lengths_note(path: Path, lengths: Sequence[_Length]) -> list[Problem]:
@@ -150,7 +132,6 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
         rejects, quality, lengths = with_lost_entries(store_cache, examined, progress)
     notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
     problems = [Problem("note", str(path), note) for note in notes] + _lengths_note(path, lengths)
-    problems += _against_the_original(recipe.dataset, path, [_problem(reject) for reject in rejects])
     by_reason: dict[tuple[str, str, str], list[Reject]] = {}
     for reject in rejects:
         key = (reject.reason, reject.clip, reject.file) if reject.window is None else (reject.reason, reject.clip, "")

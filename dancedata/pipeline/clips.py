@@ -1,7 +1,6 @@
 """The stages in their order."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -38,14 +37,11 @@ class ComputedClips:
         Everything that was left out.
     quality
         Rows of quality.jsonl.
-    losses
-        Of the rules of `curate`, see `curation.losses`.
     """
 
     clips: tuple[StoredClip, ...]
     rejects: tuple[Reject, ...]
     quality: tuple[dict[str, Any], ...]
-    losses: Mapping[str, Any] = field(default_factory=dict)
 
 
 def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress) -> ComputedClips:
@@ -93,7 +89,6 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
             *not_copied,
         ),
         quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.flags),
-        losses=curated.losses,
     )
 
 

@@ -77,7 +77,8 @@ def build(
     -------
     BuildResult
         Path, counts per split, counts of rejects by reason; `open()` opens the dataset. A dataset that was
-        built before from the same recipe and source is left unchanged. `rebuilt` compares it with a publication.
+        built before from the same recipe and source is left unchanged. `rebuilt`: whether it has the bytes
+        of the publication.
 
     Raises
     ------

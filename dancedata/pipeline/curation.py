@@ -1,4 +1,4 @@
-"""The key `curate`: clips and windows with faults are left out; and what would be lost at other limits."""
+"""The key `curate`: clips and windows with faults are left out."""
 
 from __future__ import annotations
 
@@ -19,16 +19,10 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.encode import EncodedClip
 from dancedata.pipeline.facts import motions_of
 from dancedata.pipeline.groups import groups_of
-from dancedata.pipeline.motion import motion_window_count
 from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
 from dancedata.recipes.curation import CurateRule
 from dancedata.recipes.recipe import Recipe
-
-#: Limits of the table of losses, as multiples of a rule's limit; of scores whose limit may be 0, the limits
-#: themselves.
-_MULTIPLES = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
-_COSINES = (-0.5, -0.25, 0.0, 0.25, 0.5)
 
 Scores = Mapping[str, Score]
 
@@ -43,20 +37,17 @@ class Fault(NamedTuple):
 
 @dataclass(frozen=True)
 class Curated:
-    """Clips that stay, the spans of each that windows must not touch, rejects, and the losses at other limits.
+    """Clips that stay, the spans of each that windows must not touch, and rejects.
 
     Attributes
     ----------
     faults
         By clip, in frames of its source.
-    losses
-        By score: limit, what is left out, and for each limit the clips and windows that would be lost.
     """
 
     clips: tuple[EncodedClip, ...]
     faults: Mapping[str, tuple[Fault, ...]]
     rejects: tuple[Reject, ...]
-    losses: Mapping[str, Any]
 
 
 def curate(
@@ -74,7 +65,7 @@ def curate(
     """
     rules = recipe.curation.rules
     if not rules:
-        return Curated(tuple(clips), {}, (), {})
+        return Curated(tuple(clips), {}, ())
     scores = score_clips(cache, recipe, clips, content, jobs=jobs, progress=progress)
     kept, rejects = [], []
     for clip in clips:
@@ -87,9 +78,7 @@ def curate(
         ids = [clip.source.ref.id for clip in members]
         of_all = tuple(fault for clip in ids for fault in faults[clip])
         faults |= dict.fromkeys(ids, of_all)
-    return Curated(
-        tuple(kept), faults, tuple(rejects), {rule.score: losses(recipe, rule, clips, scores) for rule in rules}
-    )
+    return Curated(tuple(kept), faults, tuple(rejects))
 
 
 def score_clips(
@@ -195,43 +184,3 @@ def _above(rule: CurateRule, value: float) -> str:
 def _place(span: Span, grid: FrameGrid) -> str:
     joint = f"{span.joint}, " if span.joint else ""
     return f" ({joint}{float(grid.seconds(span.start)):.2f} s to {float(grid.seconds(span.end)):.2f} s)"
-
-
-def losses(
-    recipe: Recipe, rule: CurateRule, clips: Sequence[EncodedClip], scores: Mapping[str, Scores]
-) -> dict[str, Any]:
-    """Return what a rule leaves out at its limit and at others: clips that lose all, and windows.
-
-    Windows are those that have motion; rules are counted one by one, and dancers of a group each by themselves.
-    """
-    measure = MEASURES[rule.score]
-    limits = _COSINES if measure.unit == "1" else [rule.limit * multiple for multiple in _MULTIPLES]
-    limits = [
-        limit for limit in limits if measure.of == "clip" or limit >= measure.least
-    ]  # smaller ones have no spans
-    rows = []
-    for limit in sorted({*(round(limit, 6) for limit in limits), rule.limit}):
-        lost_clips = lost_windows = 0
-        for clip in clips:
-            lost, of = _lost(recipe, rule, limit, clip, scores[clip.source.ref.id][rule.score])
-            lost_windows += lost
-            lost_clips += of > 0 and lost == of
-        rows.append({"limit": limit, "clips": lost_clips, "windows": lost_windows})
-    n_windows = sum(_windows(recipe, clip) for clip in clips)
-    return {**rule.document(), "unit": measure.unit, "of": [len(clips), n_windows], "losses": rows}
-
-
-def _windows(recipe: Recipe, clip: EncodedClip) -> int:
-    return motion_window_count(recipe, clip.motion.n_source, clip.motion.source_rate)
-
-
-def _lost(recipe: Recipe, rule: CurateRule, limit: float, clip: EncodedClip, score: Score) -> tuple[int, int]:
-    """Return how many windows of a clip a limit takes, and how many it has."""
-    n = _windows(recipe, clip)
-    if score.value is None or score.value <= limit or not rule.applies_to(clip.source.ref.split):
-        return 0, n
-    if rule.leave_out == "clip":
-        return n, n
-    spans, rate = score.above(limit), clip.motion.source_rate
-    starts = recipe.windows.starts(n)
-    return sum(any(_touches(recipe, start, span, rate) for span in spans) for start in starts), n

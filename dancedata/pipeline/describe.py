@@ -12,7 +12,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
 from dancedata.core.text import counted, shown, size_text, table
-from dancedata.pipeline.rejects import NOT_IN_SOURCE, NOTED, describe_implausible, left_out_lines
+from dancedata.pipeline.rejects import NOTED, describe_implausible, left_out_lines
 from dancedata.remote import path_text
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
@@ -253,7 +253,7 @@ def describe_store(path: Path) -> str:
         left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
         columns, terms = free_columns(store), terms_text(clips_by_terms(store))
         quality = _describe_quality([f for f in store.quality if f.get("kind") not in (*OF_CLIPS, *REPAIRED)])
-        quality = [*_repaired(store.quality), *quality, *_losses(store.meta.get("curation", {}))]
+        quality = [*_repaired(store.quality), *quality]
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
     lines = [
         f"{shown(info.get('name', path.name))}: {shown(path_text(path))} ({size_text(info['bytes'])})",
@@ -312,22 +312,6 @@ def _repaired(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def _losses(curation: Mapping[str, Any]) -> list[str]:
-    """Return the lines on what each rule of `curate` leaves out, and would at other limits."""
-    lines = []
-    for score, rule in curation.items():
-        clips, windows = rule["of"]
-        unit = "" if rule["unit"] == "1" else f" {shown(rule['unit'])}"
-        what = "clips" if rule["leave_out"] == "clip" else "windows"
-        lines.append(
-            f"  curate leaves out {what} with {shown(score)} above {rule['limit']:g}{unit}; "
-            f"at other limits, of {counted(clips, 'clip')} and {counted(windows, 'window')}:"
-        )
-        rows = [[f"{row['limit']:g}{unit}", row["clips"], row["windows"]] for row in rule["losses"]]
-        lines += [f"  {line}" for line in table(["limit", "clips lost", "windows lost"], rows)]
-    return lines
-
-
 def describe_clips(path: Path) -> str:
     """Return a table of all clips."""
     with open_store(path) as store:
@@ -351,7 +335,7 @@ def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
     for problem in problems:
         if problem.severity == "note":
             reason = problem.message.split(":")[0]
-            kinds.setdefault(reason if reason in {*NOTED, NOT_IN_SOURCE} else problem.message, []).append(problem)
+            kinds.setdefault(reason if reason in NOTED else problem.message, []).append(problem)
     for kind, notes in kinds.items():
         lines += [str(p) for p in notes[:_NAMED]]
         if len(notes) > _NAMED:

@@ -13,11 +13,10 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import self_hash, sha256_bytes
 from dancedata.core.registry import CONTACTS, FILTERS
-from dancedata.core.text import counted, listed, quoted, shown, size_text
+from dancedata.core.text import listed, quoted, shown
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.files.strict_json import parse_json
-from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.recipes.parse import Overrides, load_recipe, recipe_names
 from dancedata.recipes.plugins import SLOTS
@@ -31,41 +30,6 @@ from dancedata.store.schema import REJECTS_FILE, STATS_FILE
 #: Files of the recipe's publication that a build does not read from the source.
 _CLIPS_FILE = "clips.jsonl"
 _WRITTEN = ("recipe.yaml", _CLIPS_FILE, REJECTS_FILE, STATS_FILE)
-_SHOWN, _MESSAGE = 5, 300
-
-
-@dataclass(frozen=True)
-class Rebuilt:
-    """Whether a dataset has the bytes of a publication.
-
-    Attributes
-    ----------
-    address
-        The publication; that of a hub with its commit.
-    same
-        Whether every shard, table and list has the same bytes.
-    files, bytes
-        How many were compared.
-    differences
-        What differs, first in the source, then in the recipe, versions and files; with `same` only dataset.json does.
-    """
-
-    address: str
-    same: bool
-    files: int
-    bytes: int
-    differences: tuple[str, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain JSON data."""
-        return {**self.__dict__, "differences": list(self.differences)}
-
-    def __str__(self) -> str:
-        compared = f"{counted(self.files, 'file')}, {size_text(self.bytes)}"
-        head = f"the same bytes as {self.address}: {compared}" if self.same else f"other bytes than {self.address}"
-        if self.same and self.differences:
-            head += "; dataset.json differs"
-        return "\n".join([head, *(f"  - {difference}" for difference in self.differences)])
 
 
 @dataclass(frozen=True)
@@ -206,29 +170,10 @@ class Published:
             for difference in source_differences(self.record(), record, "in the publication", "in your source"):
                 progress.write(f"another source than that of the publication: {difference}")
 
-    def compare(self, out: Path) -> Rebuilt:
-        """Compare a dataset that was built from it."""
+    def same(self, out: Path) -> bool:
+        """Return whether a dataset has the same bytes: every shard, table and list."""
         with open_store(out) as store:
-            built, record = store.meta, SourceRecord.of_store(store)
-        theirs, ours = ({f.name: f for f in remote_files(document)} for document in (self.dataset, built))
-        other = sorted(name for name in theirs.keys() | ours.keys() if theirs.get(name) != ours.get(name))
-        differences: list[str] = []
-        if self.dataset.get("self_sha256") != built["self_sha256"]:
-            if built["source_sha256"] != self.dataset.get("source_sha256"):
-                changed = source_differences(self.record(), record, "in the publication", "in your source")
-                differences += [f"source: {difference}" for difference in changed]
-            recipes = shaping(self.dataset["recipe"]), shaping(built["recipe"])
-            differences += [f"recipe: {_values(*entry)}" for entry in document_differences(*recipes)]
-            for key in ("dancedata", "packages", "arithmetic", "plugins", "encoders"):
-                entries = document_differences(self.dataset.get(key), built.get(key), key)
-                differences += [_values(*entry) for entry in entries]
-        if other:
-            differences.append(f"{counted(len(other), 'file')} with other bytes: {listed(other, _SHOWN)}")
-        return Rebuilt(self.place, not other, len(ours), sum(f.size for f in ours.values()), tuple(differences))
-
-
-def _values(key: str, old: Any, new: Any) -> str:
-    return f"{shown(key)}: {quoted(old, _MESSAGE)} in the publication, {quoted(new, _MESSAGE)} here"
+            return set(remote_files(self.dataset)) == set(remote_files(store.meta))
 
 
 def _sealed(document: Any) -> dict[str, Any]:

@@ -41,8 +41,6 @@ BY_CHOICE = {
 
 #: Reasons that `check` reports as notes; all others are errors.
 NOTED = {*BY_CHOICE, *OF_CLIPS}
-#: In `check`, the reason of a published file that a source lacks; a build has no such reject.
-NOT_IN_SOURCE = "not_in_source"
 
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
@@ -67,7 +65,7 @@ def relative_to(reject: Reject, source: Path) -> Reject:
 def missing_music(ref: ClipRef) -> Reject:
     """Return the reject of a clip without music."""
     detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
-    return Reject("missing_music", clip=ref.id, detail=detail, music=ref.music, fix=ref.music_fix)
+    return Reject("missing_music", clip=ref.id, detail=detail, music=ref.music)
 
 
 def without_fields(ref: ClipRef, without: Mapping[str, str]) -> list[Reject]:
@@ -260,13 +258,9 @@ def _reason(reason: str, rejects: Sequence[Reject], details: bool) -> list[str]:
 
 
 def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
-    """List the missing songs: first those with a fix, then those that most clips need."""
-    fixes = {r.music: r.fix for r in rejects if r.fix}
-    ordered = sorted(songs, key=lambda song: (song not in fixes, -songs[song], song))
-    lines = []
-    for song in ordered[:_NAMED]:
-        fix = f"; {fixes[song]}" if song in fixes else ""
-        lines.append(f"  song {song} is missing: {counted(songs[song], 'clip')}{fix}")
+    """List the missing songs: first those that most clips need."""
+    ordered = sorted(songs, key=lambda song: (-songs[song], song))
+    lines = [f"  song {song} is missing: {counted(songs[song], 'clip')}" for song in ordered[:_NAMED]]
     rest = ordered[_NAMED:]
     if rest:
         clips = counted(sum(songs[song] for song in rest), "clip")

@@ -18,7 +18,6 @@ __all__ = [
     "ClipDataset",
     "EpochSampler",
     "GroupDataset",
-    "LayerMix",
     "Mix",
     "WindowDataset",
     "pack_clips",
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from dancedata.readers.clip_collate import pack_clips, pad_clips
     from dancedata.readers.clips import ClipDataset
     from dancedata.readers.groups import GroupDataset
-    from dancedata.readers.layer_mix import LayerMix
     from dancedata.readers.mix import Mix
     from dancedata.readers.sampler import EpochSampler
     from dancedata.readers.windows import WindowDataset
@@ -48,7 +46,6 @@ else:  # type checkers take the imports above, and so find misspelt names
             "ClipDataset": "dancedata.readers.clips",
             "EpochSampler": "dancedata.readers.sampler",
             "GroupDataset": "dancedata.readers.groups",
-            "LayerMix": "dancedata.readers.layer_mix",
             "Mix": "dancedata.readers.mix",
             "WindowDataset": "dancedata.readers.windows",
             "pack_clips": "dancedata.readers.clip_collate",

@@ -1,7 +1,7 @@
 """The document of a report, which has every number of its page."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
 from dancedata.report.groups import Groups
@@ -300,7 +300,6 @@ class Document:
     ranking: tuple[Suspect, ...]
     clips: tuple[ClipRow, ...]
     columns: tuple[FreeColumn, ...] = ()
-    curation: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""

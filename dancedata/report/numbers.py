@@ -79,7 +79,6 @@ def document(measured: Measured, scales: Scales) -> Document:
         segments=layer_numbers(store),
         columns=free_columns(store),
         ranking=_ranking(measured),
-        curation=store.meta.get("curation", {}),
         clips=tuple(_row(measured, clip) for clip in store.clips if not clip.source),
     )
 

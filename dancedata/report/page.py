@@ -145,27 +145,9 @@ def _left_out(d: Drawing) -> list[Figure]:
         head = ("reason", "number", "names", "message of the first")
         body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
         figures.append(Figure("left_out", "Left out, by reason", "all names are in rejects.jsonl", body, kind="wide"))
-    figures += _losses(d)
     by_kind = _flags(d, "flags", "Flags by kind", lambda n: n.flags.by_kind)
     by_joint = _flags(d, "flags_joint", "Flags by joint", lambda n: n.flags.by_joint)
     return [*figures, *by_kind, *by_joint]
-
-
-def _losses(d: Drawing) -> list[Figure]:
-    """Return the table of what the rules of `curate` leave out, and would at other limits."""
-    if not d.numbers.curation:
-        return []
-    rows = []
-    for score, rule in d.numbers.curation.items():
-        name = _text(score if rule["unit"] == "1" else f"{score}, {rule['unit']}", 100)
-        for row in rule["losses"]:
-            remark = "the recipe's limit" if row["limit"] == rule["limit"] else ""
-            shares = [f"{row[key]:,} of {of:,}" for key, of in zip(("clips", "windows"), rule["of"], strict=True)]
-            rows.append((name, float(row["limit"]), *shares, remark))
-    head = ("score", "above", "clips lost", "windows lost", "")
-    body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
-    note = "each rule of curate by itself; a clip is lost if all its windows are"
-    return [Figure("curation", "Left out by curate, at other limits", note, body, kind="wide")]
 
 
 def _segments(d: Drawing) -> list[Figure]:

@@ -265,7 +265,7 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
 _ABOUT: dict[str, type] = {
     **dict.fromkeys(("name", "dataset", "licence", "citation", "recipe_sha256", "source_sha256", "self_sha256"), str),
     **dict.fromkeys(
-        ("recipe", "source", "counts", "rejects", "axes", "content", "curation", "genre_ids", "packages", "encoders"),
+        ("recipe", "source", "counts", "rejects", "axes", "content", "genre_ids", "packages", "encoders"),
         dict,
     ),
     "quality_flags": int,
@@ -278,10 +278,6 @@ def _check_rates(description: Description) -> None:
         if max(description.grid.common_period(field.grid)) > _MAX_PERIOD:
             rates = f"{shown(field.rate)} rows per second, at {shown(description.fps)} frames"
             raise ValueError(f"field {shown(field.name)} has {rates}")
-
-
-#: Keys of a row of the losses of a rule of `curate`.
-_LOSSES = ("limit", "clips", "windows")
 
 
 def _check_about(document: Mapping[str, Any]) -> None:
@@ -299,27 +295,9 @@ def _check_about(document: Mapping[str, Any]) -> None:
     for entry in document.get("licences", []):
         if not isinstance(entry, dict) or not all(isinstance(entry.get(k), str) for k in ("licence", "citation")):
             raise ValueError("licences are not a list of licence and citation")
-    for score, rule in document.get("curation", {}).items():
-        _check_losses(score, rule)
     notes = document.get("source", {}).get("notes", [])
     if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise ValueError("the notes on the source are not a list of texts")
-
-
-def _check_losses(score: str, rule: Any) -> None:
-    """Raise ValueError unless a rule of `curate` has its limit, its unit, and what is lost at other limits."""
-    rows: Any = rule.get("losses") if isinstance(rule, dict) else None
-    good = (
-        isinstance(rows, list)
-        and isinstance(rule.get("unit"), str)
-        and isinstance(rule.get("leave_out"), str)
-        and isinstance(rule.get("of"), list)
-        and len(rule["of"]) == 2
-        and all(isinstance(row, dict) for row in rows)
-    )
-    numbers = [rule["limit"], *rule["of"], *(row[key] for row in rows for key in _LOSSES)] if good else [None]
-    if not all(map(_is_number, numbers)):
-        raise ValueError(f"the losses of curate {shown(score)} are not numbers")
 
 
 def stated_weights(document: Mapping[str, Any], field: str) -> str:

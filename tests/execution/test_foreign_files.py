@@ -16,7 +16,7 @@ from dancedata.cli.app import app
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
-from dancedata.execution.cache_admin import cache_json, prune, verify_cache
+from dancedata.execution.cache_admin import cache_json, prune
 from dancedata.files import publish
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import build as build_module
@@ -321,23 +321,9 @@ def test_a_file_with_the_markers_name_is_left_as_it_is(tmp_path: Path, there: st
         marker.write_text(there)
     Cache(root).put_json("files", HEX, 1)
     assert cache_files.sweep(root) == 0
-    assert cache_files.is_cache(root)  # by its entry
+    assert not cache_files.is_cache(root)
     assert not (tmp_path / "elsewhere").exists()
     assert marker.is_symlink() or marker.is_dir() or marker.read_text() == there
-
-
-def test_caches_of_the_first_release_are_known_and_marked(tmp_path: Path):
-    cache = Cache(tmp_path / "cache")
-    cache.put_json("files", HEX, 1)
-    (cache.root / cache_files.MARKER).unlink()
-    left = cache.root / "locks" / f"features-{HEX}"
-    left.parent.mkdir(exist_ok=True)
-    left.touch()
-    assert prune(cache.root, max_bytes=10**9, dry=True).kept == 1
-    assert not (cache.root / cache_files.MARKER).exists()
-    assert prune(cache.root, max_bytes=10**9).swept == 1
-    assert (cache.root / cache_files.MARKER).exists()
-    assert verify_cache(cache.root) == (1, [])
 
 
 def test_links_in_the_cache_are_not_followed(tmp_path: Path):

@@ -27,15 +27,12 @@ def test_code_of_the_page_runs(tmp_path: Path) -> None:
     build(recipe, tmp_path / "source", tmp_path / "out", jobs=1, cache=tmp_path / "cache")
     text = PAGE.read_text(encoding="utf-8").replace('windows("train"', 'windows("all"')
     blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    assert len(blocks) >= 4
+    assert len(blocks) >= 3
     names: dict[str, object] = {"OUT": tmp_path / "out"}
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), names)
-    cues, placed, window = names["cues"], names["placed"], names["motion"]
+    cues, window = names["cues"], names["motion"]
     assert cues.frames.shape == (13, 8, 139)
     assert np.shares_memory(cues.frames, window) is False
     assert not cues.filled.all()
     assert (names["relative"][1:, 0][:, [4, 6]] == 0).all()
-    assert len(placed.frames) == 16
-    assert placed.on_beat.any()
-    assert names["given"].sum() == 16 * 8 * 136

@@ -130,21 +130,6 @@ def test_a_clip_without_windows_is_left_out(build: Any) -> None:
     assert "spike" not in starts(store)
 
 
-def test_the_losses_at_other_limits(build: Any) -> None:
-    store = build(curate={"spikes": True, "floor_drift": True, "mirrored": True})
-    curation = store.meta["curation"]
-    assert list(curation) == ["spikes", "floor_drift", "mirrored"]
-    assert curation["spikes"]["of"] == [4, 28]
-    rows = {row["limit"]: (row["clips"], row["windows"]) for row in curation["spikes"]["losses"]}
-    assert rows[0.075] == (0, 2)
-    assert rows[0.225] == (0, 0)
-    assert {row["limit"]: row["clips"] for row in curation["floor_drift"]["losses"]}[0.05] == 1
-    assert curation["mirrored"]["losses"][-1] == {"limit": 0.5, "clips": 0, "windows": 0}
-    text = run("info", store.path).output
-    assert "curate leaves out windows with spikes above 0.075 m; at other limits, of 4 clips and 28 windows:" in text
-    assert "curated: 1 clip and 2 windows (sinks, spike)" in text
-
-
 def test_copies_lose_the_same_windows(build: Any) -> None:
     store = build(curate={"spikes": True}, augment={"mirror": True, "tempo": {"speeds": [1]}})
     of_clip = starts(store)
@@ -311,26 +296,9 @@ def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:
     assert found.rejects == ()
 
 
-def test_damaged_losses_are_an_error(plain: Store, tmp_path: Path) -> None:
-    import shutil
-
-    for k, damaged in enumerate(({"spikes": 1}, {"spikes": {"losses": [{"limit": "x"}], "unit": "m"}}, [])):
-        folder = tmp_path / str(k)
-        shutil.copytree(plain.path, folder)
-        path = folder / "dataset.json"
-        path.write_text(json.dumps({**json.loads(path.read_text()), "curation": damaged}))
-        with pytest.raises(Exception, match=r"curat|dataset\.json"):
-            dancedata.open(folder)
-
-
-def test_the_report_shows_losses_and_repairs(build: Any, plain: Store, tmp_path: Path) -> None:
+def test_the_report_shows_repairs(build: Any, tmp_path: Path) -> None:
     from dancedata.report import write_report
 
     store = build(curate={"spikes": True, "up": True}, repair={"gaps": True})
-    found = write_report(store.path, tmp_path / "page.html")
-    assert found.document["curation"] == store.meta["curation"]
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    for text in ("Left out by curate, at other limits", "spikes, m", "2 of 28", "frames of the kinds repaired"):
-        assert text in page, text
-    write_report(plain.path, tmp_path / "plain.html")
-    assert "Left out by curate" not in (tmp_path / "plain.html").read_text(encoding="utf-8")
+    write_report(store.path, tmp_path / "page.html")
+    assert "frames of the kinds repaired" in (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -13,7 +13,6 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.originals import Compared
 from dancedata.core.plugins.plugin import Float32Array, Plugin
 from dancedata.core.rotations import Float64Array
 from dancedata.core.segments import Segment
@@ -82,13 +81,6 @@ class Dataset(Plugin):
         SourceError
             If the folder is not a copy of the dataset, or its lists are missing or contradict each other.
         """
-
-    def compared(self, source: Path) -> Sequence[Compared | str]:
-        """Compare a source with the published files, for `check`; empty where no public list names them.
-
-        A text is about the lists of the source. Reads names, sizes and lists only.
-        """
-        return ()
 
     @abstractmethod
     def load(self, ref: ClipRef) -> Motion:

@@ -17,7 +17,6 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import (
     MAX_LIST_BYTES,
@@ -207,25 +206,17 @@ class AiozGdance(Dataset):
         """Turn every pickle into the clips of its dancers, or into a reject."""
         from dancedata.datasets.aioz_gdance.motion import read_sizes
 
-        places = [place / name for place in folders.places for name in MUSIC]
-        near = NearMusic(
-            folders.source,
-            (*places, *folders.places),
-            set(music.files.values()),
-            lambda stem: not _name_problem(stem),
-        )
         clips, rejects = [], []
         for name, path in sorted(motions.files.items()):
             file, audio, of = relative(path, folders.source), music.files.get(name), lists.of(name)
             split = RULE.split(video_of(name)) if self.split == BY_VIDEO else next((s for s in SPLITS if s in of), "")
-            fix = "" if audio else near.fix(relative(folders.root / MUSIC[0] / name, folders.source))
             if not split:
                 detail = "on none of the official lists; split: by-video assigns every sequence"
                 rejects.append(Reject("unassigned", clip=name, file=file, detail=detail))
                 continue
             if audio is None and self.music == "required":
                 detail = f"no {MUSIC[0]}/{name} as wav, flac, mp3 or ogg"
-                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
+                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name))
                 continue
             try:
                 sizes = read_sizes(path)
@@ -244,7 +235,6 @@ class AiozGdance(Dataset):
                     genre=genre,
                     lists=of,
                     notes=() if sizes.frames == frames_of(name) else (note,),
-                    music_fix=fix,
                     group=name,
                     member=member,
                     keys=(("video", video_of(name)),),

@@ -1,13 +1,12 @@
 """Files and lists of an AIST++ copy: its folders, music, splits and ignore list. No motion or audio file is read."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed, shown
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets.aistpp.facts import (
     SequenceName,
     crossmodal_split,
@@ -89,8 +88,6 @@ class Copy:
         Audio files by stem: a sequence name or a music id.
     recordings, songs
         Stems of the audio files in use: those of one sequence, and those of a song.
-    music_fix
-        Returns the fix for missing music of a sequence, "" if no file has a similar name.
     rejects
         Audio files that no sequence uses, and entries that are not read.
     """
@@ -102,7 +99,6 @@ class Copy:
     music: Files
     recordings: frozenset[str]
     songs: frozenset[str]
-    music_fix: Callable[[SequenceName], str]
     splits: Splits
     ignored: Ignored
     rejects: tuple[Reject, ...]
@@ -126,12 +122,6 @@ def find_copy(source: Path, split: str, split_dir: str | None, ignore: bool, mus
         parts.music for name, parts in sequences.items() if name not in recordings and parts.music in music.files
     }
     unused = _unused_music(source, music, sequences, recordings | songs)
-    # Missing music is expected in the first folder with audio files, else in wavs/.
-    expected = relative(music.folders[0] if music.folders else folders.root / MUSIC_FOLDERS[0], source)
-    expected = "" if expected == "." else f"{expected}/"
-    near = NearMusic(
-        source, (*folders.places, *music_folders), set(music.files.values()), lambda stem: not music_problem(stem)
-    )
     return Copy(
         folders,
         "mixed" if recordings and songs else "edge" if recordings else "official",
@@ -140,7 +130,6 @@ def find_copy(source: Path, split: str, split_dir: str | None, ignore: bool, mus
         music,
         recordings,
         frozenset(songs),
-        lambda parts: near.fix(expected + parts.music, expected + parts.id),
         _find_splits(folders, sequences, split, split_dir),
         _find_ignored(folders, ignore, split_dir),
         (*unused, *music.rejects, *motions.rejects),
@@ -276,16 +265,3 @@ def _find_ignored(folders: Folders, use: bool, split_dir: str | None) -> Ignored
     if others:
         notes.append(f"not used: {listed(others)}, which differ")
     return Ignored(names, where, tuple(notes))
-
-
-def published_lists(copy: Copy, names: Iterable[str]) -> dict[str, Path]:
-    """Return the first file of each published list, such as ``splits/crossmodal_train.txt``, that a copy has.
-
-    The ignore list may be in ``splits/`` as well, as in EDGE's repository.
-    """
-    lists = {}
-    for name in names:
-        paths = (place / at for place in copy.folders.places for at in (name, f"splits/{name}"))
-        if (path := next((path for path in paths if path.is_file()), None)) is not None:
-            lists[name] = path
-    return lists

@@ -8,16 +8,14 @@ from typing import ClassVar, Literal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
-from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.aistpp.facts import SequenceName, facts, parse_name, tempo_bpm
-from dancedata.datasets.aistpp.layout import LAYOUT, MUSIC_FOLDERS, Copy, find_copy, published_lists
+from dancedata.datasets.aistpp.facts import SequenceName, facts, tempo_bpm
+from dancedata.datasets.aistpp.layout import LAYOUT, MUSIC_FOLDERS, Copy, find_copy
 from dancedata.datasets.files import ALL, SPLITS, clips_note, relative, require_choices
-from dancedata.datasets.originals import original
 
 
 def layout_notes(copy: Copy) -> list[str]:
@@ -47,15 +45,10 @@ def layout_notes(copy: Copy) -> list[str]:
     return [text, *([f"Not read: {others}, which also contain motions/."] if others else []), *copy.music.notes]
 
 
-def is_synthetic(copy: Copy) -> bool:
-    """Return whether dancedata generated the files."""
-    return (copy.folders.root / "synthetic.json").is_file()
-
-
 def count_notes(copy: Copy, missing: int) -> list[str]:
     """Return the number of motion files against the sequences of AIST++."""
     n = len(copy.sequences)
-    if is_synthetic(copy):
+    if (copy.folders.root / "synthetic.json").is_file():
         return [f"Motion: {n:,} files of a synthetic corpus."]
     copies = facts().copies
     others = [f"{count:,}" for count in copies if count != facts().sequences]
@@ -183,24 +176,6 @@ class AistPP(Dataset):
         return Scan(copy.layout, tuple(clips), (*left_out, *missing, *copy.rejects), notes)
 
     @override
-    def compared(self, source: Path) -> Sequence[Compared | str]:
-        """Compare motions, songs and lists with the published ones.
-
-        A song counts where it has a file, or a sequence that is danced to it has one, as in EDGE's layout.
-        """
-        copy = find_copy(Path(source), self.split, self.split_dir, self.ignore == "list", self.music_dir)
-        if is_synthetic(copy):
-            return ()
-        music = copy.music.files.items()
-        danced = [(parts.music, path) for name, path in music if (parts := parse_name(name)) is not None]
-        published = original(self.name)
-        return (
-            published.compare("motions", copy.motions.files.items(), copy.ignored.names),
-            published.compare("songs", [*music, *danced]),
-            published.lists_note(published_lists(copy, published.lists)),
-        )
-
-    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 60 FPS, metres, radians, +Y up, skeleton SMPL24."""
         from dancedata.datasets.aistpp.load import load_motion
@@ -223,25 +198,20 @@ class AistPP(Dataset):
             file = relative(path, copy.folders.source)
             split = splits.of.get(name, "")
             audio = music.get(name) or music.get(parts.music)
-            fix = "" if audio else copy.music_fix(parts)
             if name in ignored.names:
                 rejects.append(Reject("ignored", clip=name, file=file, detail=f"on {ignored.where}"))
             elif not split:
                 rejects.append(Reject("unassigned", clip=name, file=file, detail=f"in no {splits.name} split"))
             elif audio is None and self.music == "required":
                 detail = f"neither {name} nor {parts.music} as wav, flac, mp3 or ogg"
-                rejects.append(
-                    Reject("missing_music", clip=name, file=file, detail=detail, music=parts.music, fix=fix)
-                )
+                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=parts.music))
             else:
                 lists = (f"{splits.name}_{split}",) if splits.from_files else ()
-                clips.append(_clip(parts, path, audio, split, lists, fix))
+                clips.append(_clip(parts, path, audio, split, lists))
         return clips, rejects
 
 
-def _clip(
-    parts: SequenceName, path: Path, audio: Path | None, split: str, lists: tuple[str, ...], music_fix: str
-) -> ClipRef:
+def _clip(parts: SequenceName, path: Path, audio: Path | None, split: str, lists: tuple[str, ...]) -> ClipRef:
     tempo = tempo_bpm(parts.music)
     return ClipRef(
         id=parts.id,
@@ -254,5 +224,4 @@ def _clip(
         dancer=parts.dancer,
         lists=lists,
         notes=() if tempo is not None else (f"the tempo of music {parts.music} is unknown",),
-        music_fix=music_fix,
     )

@@ -15,7 +15,6 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import (
     Files,
@@ -127,12 +126,6 @@ class DD100(Dataset):
             )
         own = _merged([list_audio([source / _MUSIC / p], source, _pair_problem) for p in _PARTS], source)
         music = with_music_dir(own, self.music_dir, source, _pair_problem)
-        near = NearMusic(
-            source,
-            [source / _MUSIC / part for part in _PARTS],
-            set(music.files.values()),
-            lambda stem: not _pair_problem(stem),
-        )
         clips: list[ClipRef] = []
         left_out: list[Reject] = []
         pairs = sorted({stem.rsplit("_", 1)[0] for stem in motions.files})
@@ -141,14 +134,13 @@ class DD100(Dataset):
             audio = music.files.get(pair)
             present = [path for path in paths if path is not None]
             file = relative(present[0], source)
-            fix = "" if audio else near.fix(f"{_MUSIC}/all/{pair}")
             if len(present) < len(ROLES):
                 absent = next(m for m, path in enumerate(paths) if path is None)
                 detail = f"there is no {pair}_0{absent}.npy, the {ROLES[absent]}"
                 left_out.append(Reject("missing_partner", clip=f"{pair}_0{absent}", file=file, detail=detail))
             if audio is None and self.music == "required":
                 detail = f"no {_MUSIC}/all/{pair} as wav, flac, mp3 or ogg"
-                left_out.append(Reject("missing_music", clip=pair, file=file, detail=detail, music=pair, fix=fix))
+                left_out.append(Reject("missing_music", clip=pair, file=file, detail=detail, music=pair))
             else:
                 choreography = pair.rsplit("_", 1)[0]
                 clips += [
@@ -160,7 +152,6 @@ class DD100(Dataset):
                         music=pair,
                         genre=pair.split("_")[0],
                         lists=("test" if is_test(pair) else "train",),
-                        music_fix=fix,
                         group=pair,
                         member=member,
                         group_size=len(ROLES),

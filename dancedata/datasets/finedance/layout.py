@@ -1,13 +1,11 @@
 """Motion, music and labels of a FineDance copy: the lists of its folders, and its label files."""
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.text import listed, quoted
-from dancedata.datasets._near_music import NearMusic
-from dancedata.datasets.files import Files, files_by_stem, list_audio, list_folder, relative
+from dancedata.datasets.files import Files, files_by_stem, list_audio, list_folder
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.files.regular_file import read_regular
@@ -124,14 +122,3 @@ def list_music(folders: Folders, music_dir: Path | None = None) -> Files:
         return _id_problem(stem, ".wav")
 
     return list_audio([folders.root / MUSIC], folders.source, problem, music_dir=music_dir)
-
-
-def music_fix(folders: Folders, music: Files) -> Callable[[str], str]:
-    """Return a function from an id to the fix for its missing music, "" if no file has a similar name."""
-    near = NearMusic(
-        folders.source,
-        (folders.root / MUSIC, *folders.places),
-        set(music.files.values()),
-        lambda stem: _ID.fullmatch(stem) is not None,
-    )
-    return lambda clip: near.fix(relative(folders.root / MUSIC / clip, folders.source))

@@ -9,7 +9,6 @@ from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
-from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
@@ -24,12 +23,10 @@ from dancedata.datasets.finedance.layout import (
     MUSIC,
     list_labels,
     list_music,
-    music_fix,
     not_read_notes,
     read_label,
 )
 from dancedata.datasets.layout import Folders
-from dancedata.datasets.originals import original
 
 
 def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) -> list[str]:
@@ -240,14 +237,6 @@ class FineDance(Dataset):
         return Scan(layout="finedance", clips=tuple(clips), rejects=rejects, notes=notes)
 
     @override
-    def compared(self, source: Path) -> Sequence[Compared | str]:
-        """Compare motions, songs and labels with the published ids."""
-        folders, motions = LAYOUT.list_motions(Path(source))
-        files = {"motions": motions, "songs": list_music(folders, self.music_dir), "labels": list_labels(folders)}
-        ignored = facts().ignored(self.split) - self._kept()
-        return tuple(original(self.name).compare(kind, its.files.items(), ignored) for kind, its in files.items())
-
-    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, jaw and eyes still.
 
@@ -282,7 +271,6 @@ class FineDance(Dataset):
         """Turn every motion file into a clip or a reject."""
         clips = []
         rejects = []
-        fix_of = music_fix(folders, music)
         for clip, path in sorted(motions.files.items()):
             file = relative(path, folders.source)
             reason, detail = self._not_of_the_split(clip)
@@ -304,7 +292,6 @@ class FineDance(Dataset):
                     genre=label.genre,
                     lists=facts().lists(clip),
                     notes=(label.problem,) if label.problem else (),
-                    music_fix=fix_of(clip) if audio is None else "",
                 )
             )
         return clips, rejects

@@ -6,7 +6,6 @@ from pathlib import Path
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._words import words_of
 from dancedata.datasets.files import (
     AUDIO_SUFFIXES,
@@ -32,23 +31,13 @@ LOOKED_FOR = (
 
 @dataclass(frozen=True)
 class Matched:
-    """Motion and audio files by name.
-
-    Attributes
-    ----------
-    music_folder
-        Folder below the source where missing music is expected: "music/", or "" for the source itself.
-    near
-        The search for misnamed or misplaced audio files.
-    """
+    """Motion and audio files by name."""
 
     layout: str
     motions: dict[str, Path]
     music: dict[str, Path]
     rejects: tuple[Reject, ...]
     notes: tuple[str, ...]
-    music_folder: str
-    near: NearMusic
 
 
 def match_names(source: Path, music_dir: Path | None = None) -> Matched:
@@ -88,9 +77,7 @@ def match_names(source: Path, music_dir: Path | None = None) -> Matched:
     ]
     notes += files.notes
     layout = "names" if apart else "names, side by side"
-    expected = (f"{music_folders[0].name}/" if music_folders else f"{MUSIC_FOLDERS[0]}/") if apart else ""
-    near = NearMusic(source, (*music_folders, source), {music[name] for name in both}, motions.__contains__)
-    return Matched(layout, motions, music, tuple(rejects), tuple(notes), expected, near)
+    return Matched(layout, motions, music, tuple(rejects), tuple(notes))
 
 
 def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Path]:

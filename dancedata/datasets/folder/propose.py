@@ -17,11 +17,11 @@ from typing import Any
 
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import counted, csv_cell, listed, shown
-from dancedata.datasets._near_music import Name
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, best_audio, relative, require_folder
 from dancedata.datasets.folder.facts import GUESS, UPRIGHT, Declared
 from dancedata.datasets.folder.load import Reading, bvh_facts, load_motion
 from dancedata.datasets.folder.manifest import id_problem
+from dancedata.datasets.folder.names import Name
 from dancedata.formats.bvh.parse import read_bvh_header
 
 #: Lengths of motion and music that count as equal, seconds; a guessed rate has to give such a length, too.
@@ -151,7 +151,7 @@ def _paired(path: Path, source: Path, lengths: dict[Path, float | None], stems: 
     row = ProposedRow(name or re.sub(r"[^\w.+-]+", "_", relative(path, source)).lstrip("."), relative(path, source))
     equal = best_audio([song for song in lengths if song.stem == path.stem])
     name_of_motion = Name.of(path.stem)
-    near = [] if equal else [song for song in lengths if Name.of(song.stem).near(name_of_motion, misspelt=True)]
+    near = [] if equal else [song for song in lengths if Name.of(song.stem).near(name_of_motion)]
     word, named = ("", None) if equal or near else _by_word(path, lengths)
     song = equal[0] if equal else near[0] if len(near) == 1 else named
     row = _measured(path, row, None if song is None else lengths[song])

@@ -18,7 +18,6 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets._words import stated_words
 from dancedata.datasets.files import relative, require_folder
@@ -248,17 +247,13 @@ class Folder(Dataset):
         """Return the clips of a manifest; one whose files do not exist is a reject."""
         audio = {row.get("audio") for row in rows if row.get("audio")}
         stems = Counter(Path(text).stem for text in audio)
-        # Searched among the audio files in the folders of the manifest that it does not list.
-        listed = {source / text for text in audio if ".." not in Path(text).parts and not Path(text).is_absolute()}
-        folders = sorted({path.parent for path in listed})
-        near = NearMusic(source, (*folders, source), listed, {path.stem for path in listed}.__contains__)
-        read = [self._clip(source, manifest, row, stems, near) for row in rows]
+        read = [self._clip(source, manifest, row, stems) for row in rows]
         clips = [clip for clip in read if isinstance(clip, ClipRef)]
         rejects = [clip for clip in read if isinstance(clip, Reject)]
         notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}.", *guess_notes(rows), *part_notes(clips)]
         return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
 
-    def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str], near: NearMusic) -> ClipRef | Reject:
+    def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str]) -> ClipRef | Reject:
         name, split = clip_id(row), row.get("split") or self._default_split
         check_row(manifest, row, split)
         motion = inside(source, row.get("motion"), manifest, row.line, "motion")
@@ -272,8 +267,7 @@ class Folder(Dataset):
             return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
         if audio is not None and not audio.is_file():
             detail = f"{manifest.name} names {text}: {_absence(audio)}"
-            fix = near.fix(Path(text).with_suffix("").as_posix())
-            return Reject("missing_music", clip=name, file=text, detail=detail, music=text, fix=fix)
+            return Reject("missing_music", clip=name, file=text, detail=detail, music=text)
         if audio is None and self.music == "required":
             return Reject(
                 "missing_music",
@@ -306,7 +300,6 @@ class Folder(Dataset):
         clips, rejects = [], list(matched.rejects)
         for name, path in matched.motions.items():
             audio = matched.music.get(name)
-            fix = matched.near.fix(matched.music_folder + name) if audio is None else ""
             problem = id_problem(name)
             if problem is not None:
                 detail = (
@@ -316,10 +309,10 @@ class Folder(Dataset):
             elif audio is None and self.music == "required":
                 detail = f"no {name}.wav, .flac, .mp3 or .ogg; add it, or {_WITHOUT_MUSIC}"
                 file = relative(path, source)
-                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
+                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name))
             else:
                 music = name if audio else ""
-                clips.append(ClipRef(name, path, audio, self._default_split, music=music, music_fix=fix))
+                clips.append(ClipRef(name, path, audio, self._default_split, music=music))
         return clips, rejects, list(matched.notes), matched.layout
 
     @property

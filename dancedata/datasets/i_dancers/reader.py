@@ -16,7 +16,6 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets.files import Files, clips_note, list_audio, read_names, relative, require_choices
 from dancedata.datasets.i_dancers.motion import SUFFIX
 from dancedata.datasets.layout import Folders, Layout
@@ -162,20 +161,18 @@ class IDancers(Dataset):
         """Turn every dancer of every pickle into a clip, or the pickle into a reject."""
         from dancedata.datasets.i_dancers.motion import shape_of, too_short
 
-        near = NearMusic(folders.source, list(folders.places), set(music.files.values()), lambda stem: True)
         split_of = {name: split for split, names in lists.items() for name in names}
         clips, rejects = [], []
         for stem, path in sorted(motions.files.items()):
             name, file = stem.removesuffix(SUFFIX), relative(path, folders.source)
             audio = music.files.get(name)
-            fix = "" if audio else near.fix(relative(folders.root / "music" / name, folders.source))
             if name not in split_of:
                 rejects.append(Reject("unassigned", clip=name, file=file, detail="in neither train.txt nor test.txt"))
                 continue
             if audio is None and (self.music == "required" or self.fps == "auto"):
                 detail = f"no music/{name} as wav, flac, mp3 or ogg"
                 detail += "" if self.music == "required" else ", which fps: auto needs"
-                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
+                rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name))
                 continue
             try:
                 dancers, frames = shape_of(path)
@@ -189,7 +186,7 @@ class IDancers(Dataset):
             clips += [
                 ClipRef(
                     id=member_id(name, member), motion_path=path, audio_path=audio, split=split_of[name], music=name,
-                    lists=(split_of[name],), declared=(("fps", str(rate)),), music_fix=fix, group=name, member=member,
+                    lists=(split_of[name],), declared=(("fps", str(rate)),), group=name, member=member,
                     audio_start=trim, source_start=trim or None, source_end=frames / rate - trim if trim else None,
                 )
                 for member in range(dancers)

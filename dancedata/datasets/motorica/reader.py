@@ -16,7 +16,6 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_audio, relative, require_choices
 from dancedata.datasets.layout import Folders, Layout
@@ -198,22 +197,13 @@ class Motorica(Dataset):
         """Turn every recording into a clip, or two, or a reject."""
         names = [parse_name(stem) for stem in sorted(motions.files)]
         leaks = {clip: song for song, clips in shared_songs(names).items() for clip in clips}
-        near = NearMusic(
-            folders.source,
-            [folders.root / "wav", *folders.places],
-            set(music.files.values()),
-            motions.files.__contains__,
-        )
         clips, rejects = [], []
         for name in names:
             path, audio = motions.files[name.id], music.files.get(name.id)
             file = relative(path, folders.source)
-            fix = "" if audio else near.fix(relative(folders.root / "wav" / name.id, folders.source))
             if audio is None and self.music == "required":
                 detail = f"no {name.id} as wav, flac, mp3 or ogg; some recordings are published without music"
-                rejects.append(
-                    Reject("missing_music", clip=name.id, file=file, detail=detail, music=name.song, fix=fix)
-                )
+                rejects.append(Reject("missing_music", clip=name.id, file=file, detail=detail, music=name.song))
                 continue
             if self.split == "official-clean" and name.id in leaks:
                 detail = f"train has the song {name.song} of an official test recording"
@@ -230,7 +220,6 @@ class Motorica(Dataset):
                 genre=name.genre,
                 dancer=name.dancer,
                 lists=("lda_train", "lda_test") if name.id in IN_BOTH else (f"lda_{official}",),
-                music_fix=fix,
                 keys=(("song", name.song),),
                 audio_start=begin + start,
                 source_start=start or None,

@@ -13,7 +13,6 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import (
     ALL,
@@ -90,17 +89,15 @@ class PhantomDance(Dataset):
         places = [folder, source, *(entry for entry in list_folder(source) if entry.is_dir() and entry != folder)]
         places = list(dict.fromkeys(places))
         music = list_audio(places, source, lambda stem: "", places, self.music_dir)
-        near = NearMusic(source, places, set(music.files.values()), motions.files.__contains__)
         clips, left_out = [], []
         for name, path in sorted(motions.files.items()):
             audio = music.files.get(name)
-            fix = "" if audio else near.fix(relative(folder / name, source))
             if audio is None and self.music == "required":
                 file, detail = relative(path, source), f"no {name} as wav, flac, mp3 or ogg"
-                left_out.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name, fix=fix))
+                left_out.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name))
                 continue
             split = ALL if self.split == ALL else RULE.split(name)
-            clips.append(ClipRef(name, path, audio, split, music=name, music_fix=fix))
+            clips.append(ClipRef(name, path, audio, split, music=name))
         unused = music.without_motion(motions.files, source, "{}.json")
         others = [r for r in motions.rejects if not _is_beside(r.file, source, folder)]
         where = "" if folder == source else f"{relative(folder, source)}/"

@@ -10,17 +10,14 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.motion import Motion
-from dancedata.core.originals import Compared
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets._near_music import NearMusic
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import Files, clips_note, list_audio, read_names, relative, require_choices
 from dancedata.datasets.layout import Folders, Layout
-from dancedata.datasets.originals import original
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -162,18 +159,6 @@ class PopDanceSet(Dataset):
         )
 
     @override
-    def compared(self, source: Path) -> "Sequence[Compared | str]":
-        """Compare motions, songs and lists with those of POPDG's repository."""
-        folders, motions = LAYOUT.list_motions(Path(source))
-        music = self._music(folders)
-        published, where = original(self.name), folders.source / _Lists.find(folders).where
-        return (
-            published.compare("motions", motions.files.items()),
-            published.compare("songs", music.files.items()),
-            published.lists_note({name: where / name for name in published.lists}),
-        )
-
-    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 30 FPS, radians, +Y up, SMPL24_EDGE; the scale as chosen."""
         from dancedata.datasets.popdanceset.motion import load_motion
@@ -211,24 +196,17 @@ class PopDanceSet(Dataset):
         self, folders: Folders, motions: Files, music: Files, lists: _Lists
     ) -> "tuple[list[ClipRef], list[Reject]]":
         """Turn every pickle into a clip or a reject."""
-        near = NearMusic(
-            folders.source,
-            [folders.root / "wavs", *folders.places],
-            set(music.files.values()),
-            lambda stem: _NAME.fullmatch(stem) is not None,
-        )
         clips, rejects = [], []
         for clip, path in sorted(motions.files.items()):
             file, audio, video = relative(path, folders.source), music.files.get(clip), video_of(clip)
             of = lists.of(clip)
             split = RULE.split(video) if self.split == BY_VIDEO else next((s for s in of if s in lists.split), "")
-            fix = "" if audio else near.fix(relative(folders.root / "wavs" / clip, folders.source))
             if not split:
                 detail = f"in neither list of {lists.where}; split: by-video assigns every clip"
                 rejects.append(Reject("unassigned", clip=clip, file=file, detail=detail))
             elif audio is None and self.music == "required":
                 detail = f"no wavs/{clip} as wav, flac, mp3 or ogg"
-                rejects.append(Reject("missing_music", clip=clip, file=file, detail=detail, music=video, fix=fix))
+                rejects.append(Reject("missing_music", clip=clip, file=file, detail=detail, music=video))
             else:
                 clips.append(
                     ClipRef(
@@ -239,7 +217,6 @@ class PopDanceSet(Dataset):
                         music=video,
                         dancer=video,
                         lists=of,
-                        music_fix=fix,
                         keys=(("video", video),),
                     )
                 )
