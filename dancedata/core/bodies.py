@@ -161,6 +161,10 @@ SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE, SMPLX22, SMPLX52, SMPLX55,
 CROSSING = 2
 
 
+#: What to do with motion on a skeleton of another family.
+RETARGET = "put the motions on SMPL's joints by the recipe's stage retarget: --set retarget.skeleton=smpl24"
+
+
 def crosses(source: Skeleton | None, target: Skeleton) -> bool:
     """Return whether motion on a body gets another translation on another one; None is an unknown body."""
     return source is None or not np.array_equal(source.offsets[0], target.offsets[0])
@@ -247,6 +251,7 @@ def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translat
             f"a motion on skeleton {source.name} cannot be transferred to {body.name}",
             found=f"joints {', '.join(source.joints[:4])}, ...",
             allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
+            fix=RETARGET,
         )
     rotations = rotations_on(motion, body, align=source.captured)
     shift = source.offsets[0] - body.offsets[0]

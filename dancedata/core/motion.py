@@ -135,6 +135,9 @@ class Motion:
         kept; windows skip them, and grounding uses this frame.
     stretch_m
         Largest change of a bone's length in the capture that this motion's rigid bones stand for, metres.
+    fit_m
+        Mean distance of the joints from the positions that the rotations were fitted to, metres; how bones turn
+        about themselves is then unknown. None where rotations are the source's.
 
     Raises
     ------
@@ -160,6 +163,7 @@ class Motion:
     skeleton: Skeleton
     trim_start: int = 0
     stretch_m: float = 0.0
+    fit_m: float | None = None
     # The poses of a whole motion, and the slice of its frames. Not an argument of the constructor, so that
     # `dataclasses.replace` drops it.
     _poses: tuple[_Poses, slice] | None = field(default=None, init=False, repr=False)
@@ -247,6 +251,7 @@ class Motion:
             skeleton=self.skeleton,
             trim_start=trim_start,
             stretch_m=self.stretch_m,
+            fit_m=self.fit_m,
         )
         if part.n_frames == 0:
             raise DataError("the motion has no frames", reason="empty", found="0 frames")

@@ -28,7 +28,7 @@ IMPLAUSIBLE = (
     "implausible_up",
 )
 #: Flags of a whole clip that may be as it should be.
-DOUBTFUL = ("crossed_legs", "stretched_bone")
+DOUBTFUL = ("crossed_legs", "stretched_bone", "fitted")
 #: Flags of a clip's music: it has no sound, or its file is not quite what it says.
 OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "cut_music")
 OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL, *OF_MUSIC)
@@ -62,7 +62,8 @@ class Flag:
         "implausible_body": value is the size of the skeleton, metres. "implausible_root": value
         is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
         "_arms", "_elbows" and "_up": value is a cosine that should be above 0. "crossed_legs": value is the distance
-        of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres.
+        of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres. "fitted": twists
+        of bones are unknown; value is the mean distance of joints from the positions, metres.
         "silent_music": value is a level, dBFS. "steady_music": value is the range of levels, dB.
         "decoded_by_ffmpeg", "late_music", "cut_music": value is the length of the music, of the delay that it keeps,
         of what its file lacks, seconds.
@@ -105,6 +106,7 @@ def implausible_flags(motion: Motion) -> list[Flag]:
     if has_sides(motion.skeleton.joints):
         measured += [(kind, value, "1") for kind, value in implausible_sides(joints, motion)]
     measured.append(("stretched_bone", motion.stretch_m if motion.stretch_m > _RIGID_M else None, "m"))
+    measured.append(("fitted", motion.fit_m, "m"))
     return [
         Flag(kind, "", None, round(value, 6 if unit == "1" else 4), unit, str(motion.grid))
         for kind, value, unit in measured

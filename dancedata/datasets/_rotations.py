@@ -13,8 +13,8 @@ from dancedata.core.skeleton import SMPL24
 
 #: Part of every message about an array that may contain positions.
 POSITIONS = (
-    "joint positions are not rotations, and dancedata has no inverse kinematics: export BVH from the capture "
-    "software, or fit SMPL to the positions with another tool and use its rotations"
+    "joint positions are not rotations: save them as positions, numpy.savez(file, positions=(T, J, 3), "
+    "joint_names=[...]), to which rotations are fitted; or export BVH, or fit SMPL with another tool"
 )
 #: Largest number of frames that are examined.
 _MAX_FRAMES = 300
@@ -107,7 +107,7 @@ def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:
     # Hands that do not turn would all give the length of the wrist's rotation, as often as they have joints.
     moving = (points[:, 1:] != points[:1, 1:]).any(axis=(0, 2))
     judged = moving & (moves > _MOVES * length.mean(axis=0))
-    if len(points) < _LEAST_FRAMES or judged.sum() < _LEAST_BONES or not _is_human(length.mean(axis=0)):
+    if len(points) < _LEAST_FRAMES or judged.sum() < _LEAST_BONES or not is_human(length.mean(axis=0)):
         return ""
     share = length.std(axis=0)[judged] / moves[judged]
     rigid = _RIGID if len(points) >= _MANY_FRAMES else _RIGID_OF_FEW_FRAMES
@@ -117,7 +117,7 @@ def _bones_keep_their_length(points: Floats, parents: Sequence[int]) -> str:
     return f"the distances of {n} of {of} joints to their parents are constant"
 
 
-def _is_human(bones: Floats) -> bool:
+def is_human(bones: Floats) -> bool:
     """Return whether mean distances (J - 1,) of joints to their parents are in the proportions of a body."""
     usual = _lengths(np.asarray(SMPL24.offsets[1 : len(BODY_JOINTS)]))
     return len(bones) >= len(usual) and bool(np.corrcoef(bones[: len(usual)], usual)[0, 1] >= _HUMAN)

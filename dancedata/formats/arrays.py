@@ -59,6 +59,10 @@ class ArrayFile:
         """Return a short text such as a gender, "True" or "False" for a truth value; "" for any other entry."""
         raise NotImplementedError
 
+    def texts(self, name: str) -> tuple[str, ...]:
+        """Return the texts of a list, such as the names of joints; none for any other entry."""
+        return ()
+
 
 def text_of(array: Array) -> str:
     """Return the text of an array of one text, "True" or "False" for one truth value; "" for any other."""
@@ -125,6 +129,8 @@ MAX_MEMBERS = 1000
 MAX_HEADER_BYTES = 10_000
 #: A member of an .npz archive that is larger is not a short text.
 MAX_TEXT_BYTES = 4096
+#: A list of texts that is larger is not one of names.
+MAX_TEXTS_BYTES = 1 << 16
 
 
 class NpyFile(ArrayFile):
@@ -205,6 +211,15 @@ class NpzFile(ArrayFile):
             if not header.dtype.hasobject:
                 _require_size(self.path, name, header, size)
         return text_of(self._array(name))
+
+    @override
+    def texts(self, name: str) -> tuple[str, ...]:
+        header = self._any_header(name)
+        if header.dtype.kind != "U" or len(header.shape) != 1 or header.n_bytes > MAX_TEXTS_BYTES:
+            return ()
+        _require_size(self.path, name, header, self._members[name].file_size)
+        with reading(self.path):
+            return tuple(map(str, self._array(name).tolist()))
 
     @property
     def holds_objects(self) -> bool:

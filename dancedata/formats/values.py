@@ -178,6 +178,13 @@ class ValueArrays(ArrayFile):
             return str(value)[:20]
         return text_of(np.asarray(value)) if isinstance(value, np.ndarray | np.generic) else ""
 
+    @override
+    def texts(self, name: str) -> tuple[str, ...]:
+        value = self._content[name]
+        items = value.tolist() if isinstance(value, np.ndarray) and value.ndim == 1 and value.size < 1000 else value
+        texts = isinstance(items, list | tuple) and len(items) < 1000 and all(isinstance(item, str) for item in items)
+        return tuple(items) if texts else ()  # type: ignore[arg-type]
+
     def _array(self, name: str) -> Array:
         if name not in self._content:
             raise not_numbers(self.path, name, f"named values {self.listed}")

@@ -1,4 +1,4 @@
-"""Files of programs that estimate body motion from video: WHAM, PHALP (4D-Humans) and GVHMR.
+"""Files of programs that estimate body motion from video: WHAM, PHALP (4D-Humans) and GVHMR; and of MDM.
 
 ::
 
@@ -9,6 +9,8 @@
             camera's axes: +Y down, +Z away from the camera (Rajasegaran et al. 2022)
     GVHMR   torch: {smpl_params_global: {global_orient (T, 3), body_pose (T, 63), transl (T, 3), betas (T, 10)}}. One
             person; +Y up (Shen et al. 2024)
+    MDM     numpy.save of {motion (N, 22, 3, T) joint positions, lengths (N,), text, num_samples, ...}; each sample is
+            divided as a person is. +Y up, metres, 20 FPS (Tevet et al. 2023)
 
 Files of other programs that nest arrays by person as WHAM does are divided by people as well.
 """
@@ -28,7 +30,7 @@ from dancedata.formats.safe_pickle import as_array
 from dancedata.formats.values import ValueArrays, load_values
 
 #: Programs whose files are recognised; what they write are rotations.
-TOOLS = ("wham", "phalp", "gvhmr")
+TOOLS = ("wham", "phalp", "gvhmr", "mdm")
 #: More people than any video has.
 MAX_PEOPLE = 1000
 #: A person in a frame of PHALP takes more than 1,000 bytes, also compressed.
@@ -38,6 +40,7 @@ PHALP_ROTATIONS, PHALP_CAMERA = "global_orient and body_pose", "camera"
 _PHALP = ("tid", "smpl", "camera")
 _WHAM = {"pose_world", "trans_world"}
 _GVHMR = "smpl_params_global"
+_MDM = {"motion", "lengths", "num_samples"}
 _FRAMES = ("frame_ids", "frame_id")
 
 Values = Mapping[Any, Any]
@@ -127,6 +130,8 @@ def _divided(path: Path, content: object, size: int) -> tuple[PersonArrays, ...]
     inner = content.get(_GVHMR)
     if isinstance(inner, Mapping):
         return (PersonArrays(path, inner, tool="gvhmr"),)
+    if content.keys() >= _MDM:
+        return tuple(_mdm(path, content))
     values = list(content.values())
     if not values or not all(isinstance(value, Mapping) for value in values):
         return (PersonArrays(path, content, tool="wham" if content.keys() >= _WHAM else ""),)
@@ -141,6 +146,19 @@ def _divided(path: Path, content: object, size: int) -> tuple[PersonArrays, ...]
         PersonArrays(path, value, str(name), "wham" if value.keys() >= _WHAM else "")
         for name, value in content.items()
     )
+
+
+def _mdm(path: Path, content: Values) -> Iterator[PersonArrays]:
+    """Yield the samples of MDM: motion (N, 22, 3, T) and their lengths."""
+    motion, lengths = as_array(content["motion"]), as_array(content["lengths"])
+    if motion is None or motion.ndim != 4 or motion.shape[1:3] != (22, 3) or motion.dtype.kind not in "fiu":
+        shape = None if motion is None else motion.shape
+        raise _invalid(path, f"motion {shown(shape)}", "(N, 22, 3, T), HumanML3D's joints")
+    if lengths is None or lengths.shape != motion.shape[:1] or not 0 < len(motion) <= MAX_PEOPLE:
+        raise _invalid(path, f"{len(motion):,} samples", f"1 to {MAX_PEOPLE:,}, each with a length")
+    for number, (sample, length) in enumerate(zip(motion, lengths.tolist(), strict=True)):
+        positions = sample.transpose(2, 0, 1)[: max(int(length), 0)]
+        yield PersonArrays(path, {"positions": positions}, str(number) if len(motion) > 1 else "", "mdm")
 
 
 def _phalp(path: Path, frames: Sequence[Values], size: int) -> Iterator[PersonArrays]:

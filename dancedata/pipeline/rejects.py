@@ -120,6 +120,7 @@ _CURES = {
         "convert its original to wav or flac, or state audio_start_s",
     ),
     "cut_music": ("music whose file is cut", "copy it again"),
+    "fitted": ("rotations fitted to positions", "take rotations of the capture where twists of bones matter"),
 }
 
 
@@ -155,6 +156,8 @@ def _detail(row: Mapping[str, Any]) -> str:
         "decoded_by_ffmpeg": f"ffmpeg decoded {value:.2f} s of music, which libsndfile does not read to its end",
         "late_music": f"the mp3 has no tag of its encoder's delay: its music may be up to {1000 * value:.0f} ms late",
         "cut_music": f"the header of the music announces {value:.2f} s more than the file has",
+        "fitted": "twist unknown: rotations are fitted to positions, from which the joints are "
+        f"{100 * value:.2g} cm off on average",
     }[row["kind"]]
 
 

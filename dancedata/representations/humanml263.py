@@ -1,20 +1,21 @@
 """HumanML3D's 263 columns."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import BODY_JOINTS, has_body
+from dancedata.core.bodies import BODY_JOINTS, RETARGET, has_body
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
+from dancedata.core.fitting import fitted
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.core.rotations import Float64Array, rotvec_from_matrix, shortest_rotation
+from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
@@ -104,6 +105,7 @@ class Humanml263(Representation):
                 f"{self.name} cannot hold a motion on skeleton {motion.skeleton.name}",
                 found=f"joints {', '.join(motion.skeleton.joints[:4])}, ...",
                 allowed=f"bodies of the SMPL family, whose first joints are {', '.join(BODY_JOINTS[:4])}, ...",
+                fix=RETARGET,
             )
         return motion.joints()[:, : humanml.N_JOINTS]
 
@@ -160,67 +162,3 @@ def _rotations() -> Part:
 def _contacts() -> Part:
     names = ("left_ankle", "left_foot", "right_ankle", "right_foot")
     return Part(Group("foot_contact", 4, "1", names), Mirror((2, 3, 0, 1), (1, 1, 1, 1)))
-
-
-#: Rounds in which the arrangement of a joint's children is averaged over frames; two suffice where it is rigid.
-_ROUNDS = 4
-
-
-def fitted(positions: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Motion:
-    """Return a motion whose joints are at given positions.
-
-    Bones have their mean length over the frames. How a bone turns about itself does not follow from positions: it
-    turns as little as possible from its parent. A joint with several children (pelvis, chest) takes the rotation that
-    comes closest to all of them, so positions are exact where its children are arranged alike in every frame.
-
-    Parameters
-    ----------
-    positions
-        (T, J, 3) metres, finite.
-    skeleton
-        J joints; it gives the directions of the bones at rest.
-    """
-    children: list[list[int]] = [[] for _ in skeleton.joints]
-    for joint, parent in enumerate(skeleton.parents[1:], start=1):
-        children[parent].append(joint)
-    offsets = np.array(skeleton.offsets)
-    world = np.empty((*positions.shape[:2], 3, 3))
-    local = np.empty_like(world)
-    for joint, below in enumerate(children):
-        parent = skeleton.parents[joint]
-        above = np.broadcast_to(np.eye(3), world[:, 0].shape) if parent < 0 else world[:, parent]
-        bones = positions[:, below] - positions[:, [joint]]
-        length = np.linalg.norm(bones, axis=-1).mean(axis=0)[:, None]
-        offsets[below] *= length / np.linalg.norm(offsets[below], axis=-1, keepdims=True)
-        if len(below) > 1:
-            offsets[below] = _arrangement(bones, offsets[below])
-            world[:, joint] = _closest(offsets[below], bones)
-        elif below:
-            world[:, joint] = _aimed(above, offsets[below[0]], bones[:, 0])
-        else:
-            world[:, joint] = above
-        local[:, joint] = np.swapaxes(above, -1, -2) @ world[:, joint]
-    body = replace(skeleton, offsets=offsets)
-    return Motion(positions[:, 0] - offsets[0], rotvec_from_matrix(local), grid, body)
-
-
-def _aimed(rotations: Float64Array, offset: Float64Array, bones: Float64Array) -> Float64Array:
-    """Turn rotations (T, 3, 3) as little as possible, so that they bring an offset (3,) to bones (T, 3)."""
-    for _ in range(2):  # the second takes away what a half turn leaves where the bone is almost opposite
-        rotations = shortest_rotation(rotations @ offset, bones, rotations[:, :, 2]) @ rotations
-    return rotations
-
-
-def _arrangement(bones: Float64Array, start: Float64Array) -> Float64Array:
-    """Return the mean arrangement (K, 3) of bones (T, K, 3), turned onto each other, to begin with onto `start`."""
-    mean = start
-    for _ in range(_ROUNDS):
-        mean = np.mean(np.swapaxes(_closest(mean, bones), -1, -2)[:, None] @ bones[..., None], axis=0)[..., 0]
-    return mean
-
-
-def _closest(offsets: Float64Array, bones: Float64Array) -> Float64Array:
-    """Return the rotations (T, 3, 3) that bring offsets (K, 3) closest to bones (T, K, 3) (Kabsch, 1976)."""
-    u, _, v = np.linalg.svd(np.einsum("tka,kb->tab", bones, offsets))
-    u[..., 2] *= np.sign(np.linalg.det(u @ v))[:, None]
-    return np.asarray(u @ v)

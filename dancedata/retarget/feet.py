@@ -1,5 +1,7 @@
 """Feet that stay where they stand: contacts of the source, and two-bone inverse kinematics of the legs."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -78,7 +80,7 @@ def with_planted_feet(motion: Motion, wanted: Float64Array, spans: list[list[tup
         for joint in leg[:3]:
             above = np.swapaxes(world[:, skeleton.parents[joint]], -1, -2)
             local[:, joint] = rotvec_from_matrix(above @ world[:, joint])
-    return Motion(motion.translation, local, motion.grid, skeleton, motion.trim_start, motion.stretch_m)
+    return replace(motion, rotations=local)
 
 
 def _corrections(toes: Float64Array, wanted: Float64Array, spans: list[tuple[int, int]], fade: int) -> Float64Array:

@@ -119,7 +119,7 @@ def retargeted(
         skeleton = replace(skeleton, captured=True)
     rotations = rotations_on(body.motion, skeleton, align=True)
     place = (body.motion.translation + source.offsets[0]) * factor - skeleton.offsets[0]
-    moved = Motion(place, rotations, motion.grid, skeleton, motion.trim_start, body.motion.stretch_m)
+    moved = replace(body.motion, translation=place, rotations=rotations, skeleton=skeleton)
     toes = toes_of(body.places, body.joints, skeleton, body.motion.joints())
     spans = [contact_spans(toes[:, side], float(motion.grid.rate)) for side in (0, 1)]
     lift = _lift(moved.joints()[:, skeleton.feet[2:], 1], toes[..., 1] * factor, spans)

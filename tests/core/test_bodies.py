@@ -21,6 +21,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+from dancedata.representations.humanml263 import Humanml263
 from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
@@ -164,3 +165,10 @@ def test_smplhs_mean_body_is_smpls() -> None:
 
 def test_edges_root_is_kept() -> None:
     assert carried_over(motion_on(SMPL24_EDGE), SMPL24).skeleton is SMPL24_EDGE
+
+
+def test_a_skeleton_of_another_family_is_sent_to_retarget() -> None:
+    motion = Motion(np.zeros((3, 3)), np.zeros((3, 21, 3)), FrameGrid.of(30), MOTORICA21)
+    for call in (lambda: on_body(motion, SMPLX22), lambda: Humanml263().encode(motion)):
+        with raises_message(UsageError, "retarget.skeleton=smpl24"):
+            call()

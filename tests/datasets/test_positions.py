@@ -46,21 +46,19 @@ def read(tmp_path: Path) -> Callable[..., Motion]:
 
 
 def refused(call: Callable[[], Any], reason: str) -> None:
-    with raises_message(DataError, "body_pose|software") as caught:
+    with raises_message(DataError, r"body_pose|\(T, J, 3\)|joint_names|axis-angle") as caught:
         call()
     assert caught.value.reason == reason
 
 
-@pytest.mark.parametrize("shape", [(24, 3), (22, 3), (17, 3), (72,), (66,)])
-def test_an_array_of_positions_is_an_error_with_a_fix(read: Any, dance: Motion, shape: tuple[int, ...]) -> None:
-    joints = dance.joints()[:, : int(np.prod(shape)) // 3].reshape(-1, *shape)
-    refused(lambda: read(joints), "bad_shape")
+@pytest.mark.parametrize("shape", [(72,), (66,)])
+def test_flat_positions_are_an_error_with_a_fix(read: Any, dance: Motion, shape: tuple[int, ...]) -> None:
+    refused(lambda: read(dance.joints()[:, : int(np.prod(shape)) // 3].reshape(-1, *shape)), "bad_shape")
 
 
 def test_named_positions_say_it_too(read: Any, dance: Motion) -> None:
     joints = dance.joints()
-    refused(lambda: read(joints=joints), "missing_key")
-    refused(lambda: read(keypoints3d=joints[:, :17], score=np.ones(3)), "missing_key")
+    refused(lambda: read(keypoints3d=joints[:, :17], score=np.ones(3)), "unknown_joints")
     refused(lambda: read(poses=joints[:, :22], trans=joints[:, 0]), "bad_shape")
     refused(lambda: read(verts=np.ones((5, 4))), "missing_key")
 
@@ -81,7 +79,7 @@ def test_measured_positions_in_disguise(peers: Any, noise_m: float) -> None:
     motion = _aistpp_load.load_motion(sorted((peers / "inputs").rglob("*.pkl"))[0], 60)
     joints = motion.joints()
     joints = joints + np.random.default_rng(0).normal(0, noise_m, joints.shape)
-    with raises_message(DataError, "software", where="x", reason="not_rotations"):
+    with raises_message(DataError, "joint_names", where="x", reason="not_rotations"):
         require_rotations(Path("x"), "poses", joints - joints[:, :1], motion.translation, SMPL24.parents)
 
 
@@ -91,7 +89,7 @@ def test_a_measured_root_in_disguise(dance: Motion) -> None:
     path = np.stack([0.4 * np.sin(3 * seconds), np.full_like(seconds, 0.9), 0.4 * np.cos(3 * seconds)], axis=1)
     vectors = dance.rotations.copy()
     vectors[:, 0] = path + rng.normal(0, 0.01, path.shape)
-    with raises_message(DataError, "software", where="x", reason="not_rotations"):
+    with raises_message(DataError, "joint_names", where="x", reason="not_rotations"):
         require_rotations(Path("x"), "poses", vectors, path, SMPL24.parents)
     # A root that turns as it rises follows the translation in one direction only: that is a dance.
     vectors[:, 0] = np.stack([0.1 * np.sin(5 * seconds), 2 * seconds, 0.1 * np.cos(3 * seconds)], axis=1)
@@ -199,12 +197,12 @@ def test_real_motions_are_rotations_and_their_joints_are_not(shared: Path) -> No
     for motion in motions:
         parents = motion.skeleton.parents
         require_rotations(Path("x"), "poses", motion.rotations, motion.translation, parents)
-        with raises_message(DataError, "software", where="x", reason="not_rotations"):
+        with raises_message(DataError, "joint_names", where="x", reason="not_rotations"):
             require_rotations(Path("x"), "poses", motion.joints(), np.zeros((motion.n_frames, 3)), parents)
     # Positions as they were captured: bones of keypoints change their length, but the root gives them away.
     for path in sorted((shared / "realdata/aistpp/keypoints3d").glob("*.pkl")):
         points = np.asarray(load_pickle(path)["keypoints3d_optim"])[:, :17]
-        with raises_message(DataError, "software", where="x", reason="not_rotations"):
+        with raises_message(DataError, "joint_names", where="x", reason="not_rotations"):
             require_rotations(Path("x"), "poses", np.nan_to_num(points), np.nan_to_num(points[:, 0]), range(-1, 16))
 
 

@@ -17,6 +17,7 @@ from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.draw import Draw
 from dancedata.core.errors import DataError, UsageError
+from dancedata.core.fitting import fitted
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import SampleField
@@ -25,7 +26,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.spatial import Placement, moved
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations import _humanml as humanml
-from dancedata.representations.humanml263 import HUMANML22, Humanml263, fitted
+from dancedata.representations.humanml263 import HUMANML22, Humanml263
 from dancedata.representations.humanml264 import Humanml264, with_root_angle
 from dancedata.testing.examples import mirrored_motion, random_motion
 from tests.conftest import DATA, Arrays, unpack

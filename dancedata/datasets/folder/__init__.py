@@ -24,19 +24,21 @@ Without one, motion and music are matched by file name:
 Words and events of clips: ``segments.csv`` or ``segments.jsonl`` and ``texts/NAME.txt`` in SOURCE, see
 docs/segments.md.
 
-Motion: ``.npz``, ``.npy``, ``.pkl`` in the layouts of AMASS, SMPL, SMPL-X and FineDance (`array_layouts`), and
-``.bvh`` of any skeleton with the joints of a human body (`formats.bvh.joint_names`). Frame rate, up axis and unit
-come from the manifest, else from the file or its format, else from the recipe; they are never guessed unless the
-recipe asks for it. Music: wav, flac, mp3 or ogg. See docs/own-data.md.
+Motion: ``.npz``, ``.npy``, ``.pkl`` in the layouts of AMASS, SMPL, SMPL-X, FineDance, Motion-X, HumanML3D and MDM
+(`array_layouts`), joint positions (`positions`), and ``.bvh`` of any skeleton with the joints of a human body
+(`formats.bvh.joint_names`). Frame rate, up axis and unit come from the manifest, else from the file or its format,
+else from the recipe; they are never guessed unless the recipe asks for it. See docs/own-data.md.
 """
 
 from dancedata.datasets.folder.array_layouts import RATE_KEYS, same_rate, stated_grid
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
 from dancedata.datasets.folder.layout import MOTION_FOLDERS, MUSIC_FOLDERS
 from dancedata.datasets.folder.manifest import MANIFESTS
+from dancedata.datasets.folder.positions import JOINT_NAMES
 from dancedata.datasets.folder.reader import Folder
 
 __all__ = [
+    "JOINT_NAMES",
     "MANIFESTS",
     "MOTION_FOLDERS",
     "MUSIC_FOLDERS",

@@ -9,10 +9,16 @@
     smplh      poses (T, 156) trans (T, 3), or global_orient body_pose (T, 63) transl [hands]
     smplx      poses (T, 165) trans (T, 3), or global_orient body_pose (T, 63) transl [hands jaw eyes]
     finedance  one array (T, 315): translation 3, then 52 joints x 6D, two rows of each matrix    +Y up, metres
+    motionx    one array (T, 322): SMPL-X's root 3, body 63, hands 90, jaw 3, face 150, translation 3, betas 10;
+               +Y up, metres, 30 FPS
+    humanml3d  one array (T, 263), see `representations.humanml263`; mdm: results.npy, {motion (N, 22, 3, T), lengths
+               (N,)}; +Y up, metres, 20 FPS
+    positions  one array (T, J, 3), see `positions`
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +28,17 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
-from dancedata.datasets._rotations import POSITIONS, check_rows, require_rotations, rotations_of
+from dancedata.datasets._rotations import check_rows, require_rotations, rotations_of
 from dancedata.datasets.folder.array_values import (
     bad_shape,
     finite,
     from_matrices,
-    is_three_columns,
     scales,
     scaling,
     stored_rate,
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
+from dancedata.datasets.folder.positions import positions_in
 from dancedata.datasets.motion_checks import lengths_differ
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
@@ -41,12 +47,14 @@ RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framer
 _SAVE_AGAIN = "save the file again"
 _AMASS_RATES = RATE_KEYS[:2]
 _TRANSLATIONS = ("trans", "transl", "smpl_trans")
-_BODIES: dict[str, Skeleton] = {"smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55}
+_BODIES: dict[str, Skeleton] = {
+    "smpl": SMPL24, "smplh": SMPLH52, "smplx": SMPLX55, "finedance": SMPLX55, "positions": SMPL24,
+}  # fmt: skip
 _BY_WIDTH = {72: "smpl", 156: "smplh", 165: "smplx"}
 _BY_MATRICES = {24 * 9: "smpl", 52 * 9: "smplh", 55 * 9: "smplx"}
 _FINEDANCE_WIDTH = 3 + 6 * 52
-#: Arrays of a file in an unknown layout that are searched for joint positions.
-_MAX_SEARCHED = 100
+MOTIONX_WIDTH, _HUMANML3D_WIDTH = 322, 263
+_RATE_20 = Fact(Fraction(20), "HumanML3D's definition")
 #: Arrays of the parts of a body in the order of its joints: (names in use, columns).
 _ROOT = (("global_orient", "root_orient"), 3)
 _BODY = (("body_pose", "pose_body"), 63)
@@ -84,12 +92,12 @@ class Layout:
     name
         "amass" or another layout.
     body
-        "smpl", "smplh", "smplx" or "finedance": how the columns are read.
+        "smpl", "smplh", "smplx", "finedance" or "positions": how the columns are read.
     poses
         Name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
     translation
         Name of its array; None if it is in the same array.
-    up, unit
+    up, unit, rate
         As defined by the layout, None where it defines nothing.
     scaling
         Name of the array that divides the translation.
@@ -97,6 +105,8 @@ class Layout:
         Whether the rotations are matrices, row by row, in place of axis-angle.
     keyed
         Whether the recipe names the arrays.
+    joints
+        Set of joints of positions, as `positions.JOINT_SETS` has them; "" where names decide.
     """
 
     name: str
@@ -108,6 +118,8 @@ class Layout:
     scaling: str | None = None
     matrices: bool = False
     keyed: bool = False
+    rate: Fact[Fraction] | None = None
+    joints: str = ""
 
     @property
     def skeleton(self) -> Skeleton:
@@ -124,7 +136,9 @@ def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None =
         ``missing_key`` or ``bad_shape`` for an unknown layout; ``bad_declaration`` if another one was declared.
     """
     names = arrays.names
-    if keys is not None and keys["rotation"] in names:
+    if keys is not None and "positions" in keys and keys["positions"] in names:
+        layout = Layout("positions", "positions", keys["positions"], None, keyed=True)
+    elif keys is not None and keys.get("rotation") in names:
         layout = _keyed(arrays, keys)
     elif isinstance(arrays, PersonArrays) and arrays.tool:
         layout = _of_tool(arrays)
@@ -134,6 +148,12 @@ def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None =
         layout = _whole(arrays, "poses", _first(names, _TRANSLATIONS))
     elif _first(names, _ROOT[0]) and _first(names, _BODY[0]) and _first(names, _TRANSLATIONS):
         layout = _in_parts(arrays, declared)
+    elif {"rotations", "translation"} <= set(names) and _width(arrays, "rotations") in _BY_WIDTH:
+        body, own = _BY_WIDTH[_width(arrays, "rotations")], "skeleton" in names
+        up, unit = (Fact(value, "dancedata's definition") if own else None for value in ("y", "m"))
+        layout = Layout(body, body, "rotations", "translation", up, unit)
+    elif (positions := positions_in(arrays)) is not None:
+        layout = Layout("positions", "positions", positions, None)
     elif names == ("",):
         layout = _unnamed(arrays)
     else:
@@ -143,10 +163,9 @@ def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None =
             where=str(arrays.path),
             found=f"arrays {arrays.listed}",
             allowed="poses and trans; smpl_poses and smpl_trans; global_orient, body_pose and transl; "
-            "or one array (T, 315) in an .npy file",
-            fix=POSITIONS
-            if any(is_three_columns(arrays, name) for name in arrays.names[:_MAX_SEARCHED])
-            else "name its arrays in the recipe: dataset.folder.keys={rotation: NAME, translation: NAME}",
+            "positions (T, J, 3); or one array (T, 315), (T, 322) or (T, 263) in an .npy file",
+            fix="name its arrays in the recipe: dataset.folder.keys={rotation: NAME, translation: NAME}, or "
+            "{positions: NAME}",
         )
     return _as_declared(arrays, layout, declared)
 
@@ -180,6 +199,9 @@ def _of_tool(arrays: PersonArrays) -> Layout:
     if arrays.tool == "phalp":
         up, unit = Fact("-y", "PHALP's camera axes"), Fact("m", "PHALP's definition")
         return Layout("phalp", "smpl", PHALP_ROTATIONS, PHALP_CAMERA, up, unit, matrices=True)
+    if arrays.tool == "mdm":
+        up, unit = Fact("y", "HumanML3D's axes"), Fact("m", "HumanML3D's definition")
+        return Layout("mdm", "positions", "positions", None, up, unit, rate=_RATE_20, joints="smpl22")
     up, unit = Fact("y", "GVHMR's world"), Fact("m", "the body model's definition")
     return Layout("gvhmr", "smplx", None, "transl", up, unit)
 
@@ -222,10 +244,19 @@ def _smpl_metres(body: str) -> Fact[str] | None:
 
 def _unnamed(arrays: ArrayFile) -> Layout:
     width = _width(arrays, "")
+    if width == MOTIONX_WIDTH:
+        up, unit = Fact("y", "Motion-X's definition"), Fact("m", "the body model's definition")
+        return Layout("motionx", "smplx", "", None, up, unit, rate=Fact(Fraction(30), "Motion-X's definition"))
+    if width == _HUMANML3D_WIDTH and len(arrays.shape("")) == 2:
+        up, unit = Fact("y", "HumanML3D's axes"), Fact("m", "HumanML3D's definition")
+        return Layout("humanml3d", "positions", "", None, up, unit, rate=_RATE_20, joints="smpl22")
     if width != _FINEDANCE_WIDTH:
         named = "; for axis-angle rotations an .npz from numpy.savez(file, poses=..., trans=...)"
-        allowed = f"(T, {_FINEDANCE_WIDTH}), translation 3, then 52 joints x 6D{named if width in _BY_WIDTH else ''}"
-        raise bad_shape(arrays, "", allowed, POSITIONS if width % 3 == 0 else None)
+        allowed = (
+            f"(T, {_FINEDANCE_WIDTH}), translation 3, then 52 joints x 6D; (T, {MOTIONX_WIDTH}), Motion-X; "
+            f"(T, {_HUMANML3D_WIDTH}), HumanML3D; positions (T, J, 3){named if width in _BY_WIDTH else ''}"
+        )
+        raise bad_shape(arrays, "", allowed)
     up, unit = Fact("y", "FineDance's definition"), Fact("m", "FineDance's definition")
     return Layout("finedance", "finedance", "", None, up, unit)
 
@@ -256,6 +287,12 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
         ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``, ``out_of_range``, ``bad_scaling``, ``bad_rotation`` or
         ``not_rotations``.
     """
+    if layout.name == "motionx":
+        array = finite(arrays, layout.poses or "")
+        body, hands, jaw, place = array[:, :66], array[:, 66:156], array[:, 156:159], array[:, 309:312]
+        rotations = np.concatenate([body, jaw, np.zeros((len(array), 6)), hands], axis=1).reshape(-1, 55, 3)
+        require_rotations(arrays.path, "the array", rotations, place, SMPLX55.parents)
+        return place, rotations
     if layout.body == "finedance":
         array = finite(arrays, layout.poses or "")
         rows = array[:, 3:].reshape(len(array), 52, 6)

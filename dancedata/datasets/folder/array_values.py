@@ -9,7 +9,6 @@ from dancedata.core.errors import DataError
 from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.text import shown
 from dancedata.datasets import motion_checks
-from dancedata.datasets._rotations import POSITIONS
 from dancedata.datasets.folder.facts import MAX_RATE, MIN_RATE, exact_rate, rate_of_text
 from dancedata.datasets.motion_checks import require_finite
 from dancedata.formats.arrays import ArrayFile
@@ -88,18 +87,9 @@ def stored_rate(arrays: ArrayFile, key: str) -> Fraction:
     return rate
 
 
-def is_three_columns(arrays: ArrayFile, name: str) -> bool:
-    """Return whether an array is (T, J, 3), as joint positions are."""
-    try:
-        shape = arrays.shape(name)
-    except DataError:
-        return False  # not numbers
-    return len(shape) == 3 and shape[1] > 1 and shape[2] == 3
-
-
 def bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:
     """Return the DataError for an array of another shape."""
-    fix = fix or (POSITIONS if is_three_columns(arrays, name) else "save the motion in one of the layouts above")
+    fix = fix or "save the motion in one of these layouts"
     return motion_checks.bad_shape(arrays.path, name or "the array", arrays.shape(name), allowed, fix)
 
 

@@ -98,7 +98,7 @@ def _in_range(rate: Fraction) -> Fraction | None:
 T = TypeVar("T")
 Floats = NDArray[np.float64]
 
-LAYOUTS = ("auto", "amass", "smpl", "smplh", "smplx", "finedance", *TOOLS)
+LAYOUTS = ("auto", "amass", "smpl", "smplh", "smplx", "finedance", *TOOLS, "motionx", "humanml3d", "positions")
 #: Metres per unit. "cmu": the files of the CMU database are in inches / 0.45.
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
 GUESS = "guess"

@@ -1,6 +1,6 @@
 """One motion file of any format -> canonical motion, and the facts about it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -30,6 +30,15 @@ from dancedata.datasets.folder.facts import (
     undeclared,
 )
 from dancedata.datasets.folder.people import on_video_frames, open_person
+from dancedata.datasets.folder.positions import (
+    JOINT_SETS,
+    body_at,
+    fit_body,
+    height_of,
+    humanml_at,
+    joint_names,
+    map_names,
+)
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
@@ -60,8 +69,8 @@ class Reading:
         SMPL joint -> name in BVH files, or the name of a producer.
     body_model
         File or folder; None for the mean body.
-    keys
-        The recipe's names of arrays, as in `Folder`.
+    keys, joints
+        The recipe's names of arrays, and of the joints of positions, as in `Folder`.
     """
 
     manifest: Declared
@@ -69,6 +78,7 @@ class Reading:
     joint_map: Mapping[str, str] | str | None = None
     body_model: Path | None = None
     keys: Mapping[str, str] | None = None
+    joints: Sequence[str] | str | None = None
 
 
 def load_motion(path: Path, reading: Reading) -> Motion:
@@ -91,6 +101,8 @@ def motion_of(arrays: ArrayFile, reading: Reading) -> Motion:
 
     layout = recognised(arrays, reading)
     facts = array_facts(arrays, layout, reading)
+    if layout.body == "positions":
+        return _fitted(arrays, layout, reading, facts)
     translation, rotations, first = on_video_frames(arrays, *read_motion(arrays, layout))
     skeleton = layout.skeleton
     if reading.body_model is not None:
@@ -128,6 +140,38 @@ class FileFacts:
         )
 
 
+def _fitted(arrays: ArrayFile, layout: Layout, reading: Reading, facts: FileFacts) -> Motion:
+    """Return the motion that is fitted to joint positions."""
+    at, unseen = _body_at(arrays, layout, reading)
+    upright = at * facts.metres @ UPRIGHT[facts.up.value].T
+    motion = fit_body(arrays.path, upright, unseen, FrameGrid(facts.rate.value))
+    joints = motion.joints()
+    if facts.up.where != IN_MANIFEST:
+        _check_up(arrays.path, joints, facts.up)
+    _check_sides(arrays.path, joints, toes=not {10, 11} & set(unseen))
+    return motion
+
+
+def _body_at(arrays: ArrayFile, layout: Layout, reading: Reading) -> tuple[Floats, list[int]]:
+    if layout.name == "humanml3d":
+        return humanml_at(arrays)
+    return body_at(arrays, layout.poses or "", layout.joints or reading.joints, reading.joint_map)
+
+
+def fitting_note(arrays: ArrayFile, layout: Layout, reading: Reading) -> tuple[str, ...]:
+    """Return the note on positions: which joints they are of, and what is not known."""
+    if layout.joints:
+        names, where = JOINT_SETS[layout.joints], f"{layout.name}'s definition"
+    else:
+        names, where = joint_names(arrays, layout.poses or "", reading.joints)
+    of = map_names(arrays.path, names, None if layout.joints else reading.joint_map)
+    missing = [joint for s, joint in enumerate(SMPL24.joints) if s not in of and not joint.startswith("spine")]
+    without = f"; without {', '.join(missing)}" if missing else ""
+    return (
+        f"Positions of {len(names)} joints ({where}){without}: rotations are fitted, twists of bones are unknown",
+    )
+
+
 def recognised(arrays: ArrayFile, reading: Reading) -> Layout:
     """Return the layout of a file of arrays, checked against the declared one."""
     return recognise(arrays, reading.manifest.layout or reading.recipe.layout or "auto", reading.keys)
@@ -142,11 +186,16 @@ def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFact
     key = next((key for key in RATE_KEYS if key in arrays.names), None)
     if key is not None and reading.manifest.fps is None:
         stated = Fact(stored_rate(arrays, key), key)
+    stated = stated or layout.rate
     rate_fact = decide(reading.manifest.rate, stated, reading.recipe.rate)
     up = decide(reading.manifest.up, layout.up, reading.recipe.up)
     unit = decide(reading.manifest.unit, layout.unit, reading.recipe.unit)
-    # The unit is guessed from bones, which these files do not contain.
-    factor = None if unit is None else metres(unit.value)
+    # The unit is guessed from bones, which files of rotations do not contain.
+    factor: float | None
+    if unit is not None and unit.value == GUESS and layout.body == "positions":
+        unit, factor = _guessed(height_of(_body_at(arrays, layout, reading)[0]), unit)
+    else:
+        factor = None if unit is None else metres(unit.value)
     also = [*["up"] * (up is None), *["unit"] * (factor is None)]
     if rate_fact is None:
         raise undeclared(path, "fps", "frame rate", "frames per second, such as 30 or 30000/1001", found, also)
@@ -218,7 +267,7 @@ def _load_bvh(path: Path, reading: Reading) -> Motion:
     joints = motion.joints()
     if facts.up.where != IN_MANIFEST:
         _check_up(path, joints, facts.up)
-    _check_sides(path, joints, rig.joints)
+    _check_sides(path, joints, toes={10, 11} <= set(rig.joints.of))
     return motion
 
 
@@ -315,9 +364,9 @@ _SWAPPED = {
 }
 
 
-def _check_sides(path: Path, joints: Floats, names: JointMap) -> None:
+def _check_sides(path: Path, joints: Floats, *, toes: bool) -> None:
     """Reject a capture whose names of sides certainly contradict its body; doubts are flags, see `core.quality`."""
-    sides = sides_of(joints, toes={10, 11} <= set(names.of))
+    sides = sides_of(joints, toes=toes)
     if sides.swapped and sides.certain:
         raise DataError(
             _SWAPPED[sides.swapped],

@@ -28,6 +28,7 @@ from dancedata.datasets.folder.load import (
     Reading,
     array_facts,
     bvh_facts,
+    fitting_note,
     load_motion,
     motion_of,
     recognised,
@@ -45,6 +46,7 @@ from dancedata.datasets.folder.manifest import (
 )
 from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
+from dancedata.datasets.folder.positions import JOINT_SETS
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.bvh.producers import producers
@@ -75,7 +77,7 @@ class Folder(Dataset):
         BVH is 1.2 to 2.2 m tall.
     layout
         "auto", or the layout of arrays: "amass", "smpl", "smplh", "smplx", "finedance",
-        "wham", "phalp", "gvhmr".
+        "wham", "phalp", "gvhmr", "mdm", "motionx", "humanml3d", "positions".
     joint_map
         SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint. Or the name of a producer, such
         as "mixamo", whose names all BVH files have. Without it the producer of each file is found by its names.
@@ -92,7 +94,11 @@ class Folder(Dataset):
         Names of the arrays in files of other layouts, ``{rotation: pred_thetas, translation: transl}``. Rotations
         are axis-angle, 3 columns per joint, or matrices, 9 row by row, of SMPL's 24, SMPL-H's 52 or SMPL-X's 55
         joints. ``scale`` names what divides the translation: one number, one per frame, or a weak-perspective camera
-        (T, 3) with the scale first. Files without the array of the rotation are read as if there were no keys.
+        (T, 3) with the scale first. ``{positions: NAME}`` names joint positions (T, J, 3). Files without the array
+        are read as if there were no keys.
+    joints
+        Names of the joints of positions, in their order, where files do not have them; or a set: "smpl", "smpl22",
+        "smplx", "coco17", "body25", "h36m17", "ntu25".
     people
         "split" makes a clip of each person in files that are divided by people, ``NAME-personID``; "one" reads
         files of one person, and sets others aside.
@@ -109,7 +115,10 @@ class Folder(Dataset):
     fps: float | str | None = None
     up: Literal["y", "z", "-y"] | None = None
     unit: float | str | None = None
-    layout: Literal["auto", "amass", "smpl", "smplh", "smplx", "finedance", "wham", "phalp", "gvhmr"] = "auto"
+    layout: Literal[
+        "auto", "amass", "smpl", "smplh", "smplx", "finedance", "wham", "phalp", "gvhmr", "mdm", "motionx",
+        "humanml3d", "positions",
+    ] = "auto"  # fmt: skip
     joint_map: Mapping[str, str] | str | None = None
     body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
     gender: Literal["neutral", "male", "female"] | None = None
@@ -117,6 +126,7 @@ class Folder(Dataset):
     music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
     music_dir: Path | None = field(default=None, metadata={"path": True})
     keys: Mapping[str, str] | None = None
+    joints: str | tuple[str, ...] | None = None
     people: Literal["one", "split"] = field(default="one", metadata={"scan": True})
     language: str = field(default="", metadata={"scan": True})
 
@@ -141,6 +151,11 @@ class Folder(Dataset):
                 f"folder: invalid value for {name}", found=repr(value), allowed=allowed, fix=f"set {name}"
             )
         _check_keys(self.keys)
+        if isinstance(self.joints, str) and self.joints not in JOINT_SETS:
+            raise UsageError(
+                f"folder: joints is no set of joints: {self.joints!r}",
+                allowed=f"{did_you_mean(self.joints, tuple(JOINT_SETS))}; or a list of names",
+            )
         if isinstance(self.joint_map, str) and self.joint_map not in producers():
             problem_text = f"folder: joint_map is not a producer: {self.joint_map!r}"
             allowed = f"{did_you_mean(self.joint_map, tuple(producers()))}; or a mapping {{left_hip: NAME, ...}}"
@@ -239,7 +254,7 @@ class Folder(Dataset):
     def _reading(self, ref: ClipRef) -> Reading:
         stated = Declared(**dict(ref.declared))
         names = self.joint_map if stated.joint_map is None else json.loads(stated.joint_map)
-        return Reading(stated, self._declared, names, self.body_model, self.keys)
+        return Reading(stated, self._declared, names, self.body_model, self.keys, self.joints)
 
     def _listed(
         self, source: Path, manifest: Path, rows: list[Row]
@@ -334,17 +349,17 @@ class Folder(Dataset):
 def _check_keys(keys: Mapping[str, str] | None) -> None:
     if keys is None:
         return
-    roles = ("rotation", "translation", "scale")
+    roles = ("rotation", "translation", "scale", "positions")
     wrong = next((key for key in keys if key not in roles), None)
     if wrong is not None:
         raise UsageError(f"folder: unknown key in keys: {wrong!r}", allowed=did_you_mean(wrong, roles))
-    missing = [key for key in roles[:2] if not keys.get(key)]
+    missing = [key for key in roles[:2] if not keys.get(key) and "positions" not in keys]
     if missing:
         raise UsageError(
             f"folder: keys does not name the array of the {missing[0]}",
             found=", ".join(keys) or "nothing",
             allowed="rotation and translation, and scale where the translation is divided by it",
-            fix="set dataset.folder.keys={rotation: NAME, translation: NAME}",
+            fix="set dataset.folder.keys={rotation: NAME, translation: NAME}, or {positions: NAME}",
         )
 
 
@@ -372,6 +387,7 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
         facts = array_facts(arrays, layout, reading)
         span = seen_in(arrays)
         tracks = arrays.tracks if isinstance(arrays, PersonArrays) else ()
+        fit = fitting_note(arrays, layout, reading) if layout.body == "positions" else ()
     joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
     text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
     video = (f"Video: {span[0]}",) if span is not None and str(span[0]) else ()
@@ -381,7 +397,7 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
             *video,
         )
     body = layout.skeleton.name if reading.body_model is None else ""
-    return (text, *video, *_drift(facts)), body, facts.rate.value
+    return (text, *fit, *video, *_drift(facts)), body, facts.rate.value
 
 
 def _drift(facts: FileFacts) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
-from dancedata.datasets.folder import RATE_KEYS, UNITS, UPRIGHT, Folder, metres, same_rate, stated_grid
+from dancedata.datasets.folder import JOINT_NAMES, RATE_KEYS, UNITS, UPRIGHT, Folder, metres, same_rate, stated_grid
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
@@ -182,7 +182,7 @@ class FileClip(ClipInput):
 
     def _positions(self, arrays: ArrayFile) -> Pose | None:
         name = next((n for n in _JOINTS if n in arrays.names and _is_positions(arrays, n)), None)
-        if name is None:
+        if name is None or _are_foreign(arrays):
             return None
         if self.format.up is None:
             raise self._undeclared("up axis of these positions", "--up y or --up z")
@@ -251,6 +251,10 @@ class _One(ArrayFile):
     def text(self, name: str) -> str:
         return self._arrays.text(name)
 
+    @override
+    def texts(self, name: str) -> tuple[str, ...]:
+        return self._arrays.texts(name)
+
 
 def _n_dancers(arrays: ArrayFile) -> int:
     """Return P of a group's file; DataError "bad_shape" for a file of one dancer."""
@@ -277,6 +281,14 @@ def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
         if name and len(arrays.names) > 1:
             return ()  # such as the names of the joints
         raise
+
+
+def _are_foreign(arrays: ArrayFile) -> bool:
+    """Return whether a file names joints that are not in SMPL's order: the folder's reader maps them."""
+    named = next(
+        (names for key in JOINT_NAMES if key in arrays.names and (names := arrays.texts(key))), SMPL24.joints
+    )
+    return named[:_LEAST_JOINTS] != SMPL24.joints[:_LEAST_JOINTS]
 
 
 def _is_positions(arrays: ArrayFile, name: str) -> bool:
