@@ -367,7 +367,7 @@ _RAW_NAMES = st.one_of(
 @st.composite
 def _torch(draw: Draw) -> bytes:
     """A torch file around a pickle that no torch writes."""
-    data = TARGETS["weights"].seeds()[0]
+    data = TARGETS["torch_old"].seeds()[0]
     at = draw(st.integers(60, data.index(b"u.")))
     return data[:at] + draw(ATOMS) + b"".join(draw(st.lists(AROUND, max_size=2))) + b"0" + data[at:]
 
@@ -414,7 +414,7 @@ STRATEGIES: dict[str, st.SearchStrategy[bytes]] = {
     "jsonl": _jsonl(),
     "names": _TEXTS.map(lambda text: text.encode("utf-8", "surrogatepass")),
     "file_names": st.lists(_RAW_NAMES, max_size=3).map(b"\0".join),
-    "weights": _torch(),
+    "torch_old": _torch(),
     "joblib": _opcodes("joblib"),
     "phalp": _opcodes("phalp"),
     "model_pickle": _opcodes("model_pickle"),

@@ -26,12 +26,12 @@ from valid_files import (
     model_pickles,
     npy,
     npz,
+    old_torches,
     phalps,
     pickles,
     store,
     torches,
     wav,
-    weights,
 )
 
 
@@ -269,16 +269,6 @@ def _seal(folder: Path, document: dict[str, Any]) -> None:
     (folder / "dataset.json").write_text(text)
 
 
-def _read_weights(path: Path) -> None:
-    from dancedata.audio.jukebox.weights.legacy_file import LegacyFile, LegacyTensor
-
-    with LegacyFile(path) as file:
-        content = file.object if isinstance(file.object, dict) else {}
-        for name, tensor in content.items():
-            if isinstance(tensor, LegacyTensor) and tensor.shape:
-                file.read_into(tensor, name, memoryview(bytearray(tensor.span(1) * tensor.item_bytes)))
-
-
 def _read_tables(path: Path) -> None:
     """Read tables as if they had been published: dataset.json has their size and hash."""
     from dancedata.store import open_store, verify_store
@@ -370,7 +360,7 @@ TARGETS: dict[str, Target] = {
         "txt", "x_train.txt", _text("gBR_sBM_cAll_d04_mBR2_ch08\n# no\n\nname 2\n"), _read_names, text=True
     ),
     "file_names": Target("names", "names.bin", lambda: [b"001\0gBR_sBM_cAll_d04_mBR2_ch08"], _read_file_names),
-    "weights": Target("torch", "a.pth.tar", weights, _read_weights),
+    "torch_old": Target("torch", "a.pth", old_torches, _read_people),
     "hdf5": Target("hdf5", TABLES, lambda: [store()[TABLES]], _read_tables, also=("clip train_c",)),
 }
 

@@ -181,15 +181,14 @@ def encoded(container: str, subtype: str, rate: int = 22_050) -> bytes:
     return file.getvalue()
 
 
-def weights() -> list[bytes]:
-    """Return a torch file from before the zip format, with two tensors and an object of OpenAI's package."""
+def old_torches() -> list[bytes]:
+    """Return a torch file from before the zip format, with two tensors."""
     tensor = (
         b"ctorch._utils\n_rebuild_tensor_v2\n((X\x07\x00\x00\x00storagectorch\nFloatStorage\n"
         b"X\x01\x00\x00\x00%dX\x03\x00\x00\x00cpuK\x06NtQK\x00K\x02K\x03\x86K\x03K\x01\x86\x89ccollections\nOrderedDict\n)RtR"
     )
-    hparams = b"cjukebox.hparams\nHyperparams\n)\x81}(X\x02\x00\x00\x00srM\x44\xacub"
     content = b"\x80\x02}(X\x01\x00\x00\x00a" + tensor % 1 + b"X\x01\x00\x00\x00b" + tensor % 2
-    content += b"X\x03\x00\x00\x00hps" + hparams + b"u."
+    content += b"u."
     parts = [pickle.dumps(part, 2) for part in (0x1950A86A20F9469CFC6C, 1001, {"little_endian": True})]
     elements = struct.pack("<q6f", 6, *range(6))
     return [b"".join([*parts, content, pickle.dumps(["1", "2"], 2), elements, elements])]

@@ -11,11 +11,21 @@ from functools import cached_property
 from dancedata.core.segments import Layer, Segment
 
 _WORDS = re.compile(r"\w+(?:-\w+)*")
+#: A letter, and the mark of a border in camel case, which no text has: a noncharacter of Unicode.
+_L, _CAMEL = r"[^\W\d_]", "\uffff"
+_LETTERS = re.compile(f"{_L}+")
+#: What a blank of a pair stands for.
+_BLANKS = re.compile(rf"[\s_\-{_CAMEL}]+")
+#: Letters of a word that is looked for inside of others.
+_LEAST_INSIDE = 4
 
 
 @dataclass(frozen=True)
 class Lexicon:
     """Words of one language that are exchanged in texts about a mirrored dancer.
+
+    Letters alone are inside a word: "turn_left", "left2" and "LeftKick" have the word "left". Blanks in a pair
+    stand for any blanks, hyphens and underscores.
 
     Attributes
     ----------
@@ -24,7 +34,8 @@ class Lexicon:
     pairs
         (a, b): a becomes b, and b becomes a where no earlier pair has it. In any case of letters.
     exact
-        Pairs that are compared with their case, such as ("L", "R").
+        Pairs that are compared with their case, such as ("L", "R"). Single letters also count in small where they are
+        joined to another word: "l_arm", "hand.l", "lArm".
     same
         Phrases that stay as they are: "right away".
     whole_words
@@ -39,11 +50,17 @@ class Lexicon:
 
     def names_side(self, text: str) -> bool:
         """Whether a text has one of the words."""
-        return any(match.lastgroup != "same" for match in self._pattern.finditer(text))
+        return any(match.lastgroup != "same" for match in self._pattern.finditer(_split(text)))
 
     def mirrored(self, text: str) -> str:
         """Return a text with the words exchanged; their capitals stay."""
-        return self._pattern.sub(self._exchanged, text)
+        return self._pattern.sub(self._exchanged, _split(text)).replace(_CAMEL, "")
+
+    def unread(self, text: str) -> str:
+        """Return a word that has one of the words inside, such as "leftkick"; "" for none."""
+        rest = self._pattern.sub(" ", _split(text)).replace(_CAMEL, "")
+        words = (word for word in _LETTERS.findall(rest) if any(side in word.lower() for side in self._inside))
+        return next(words, "") if self.whole_words else ""
 
     def _exchanged(self, match: re.Match[str]) -> str:
         word = match[0]
@@ -51,7 +68,9 @@ class Lexicon:
             return word
         if match.lastgroup == "exact":
             return self._exact[word]
-        other = self._any_case[word.lower()]
+        if match.lastgroup == "joined":
+            return self._exact[word.upper()].lower()
+        other = self._any_case[_spaced(word)]
         if word.isupper() and len(word) > 1:
             return other.upper()
         return other[:1].upper() + other[1:] if word[:1].isupper() else other
@@ -62,39 +81,72 @@ class Lexicon:
 
     @cached_property
     def _any_case(self) -> Mapping[str, str]:
-        return _both_ways((a.lower(), b.lower()) for a, b in self.pairs)
+        exchanged = _both_ways((a.lower(), b.lower()) for a, b in self.pairs)
+        return {_spaced(word): other for word, other in exchanged.items()}
+
+    @cached_property
+    def _inside(self) -> tuple[str, ...]:
+        return tuple(word for word in self._any_case if len(word) >= _LEAST_INSIDE and word.isalpha())
 
     @cached_property
     def _pattern(self) -> re.Pattern[str]:
-        def group(name: str, words: Iterable[str], flags: str) -> str:
-            # The longest first: "counter-clockwise" before "clockwise".
-            words = sorted(map(re.escape, words), key=lambda word: (-len(word), word))
-            return f"(?P<{name}>(?{flags}:{'|'.join(words) or '(?!)'}))"
+        def group(name: str, words: Iterable[str], flags: str, blanks: str = _BLANKS.pattern) -> str:
+            # The longest first: "counter clockwise" before "clockwise".
+            ordered = (map(re.escape, word.split()) for word in sorted(words, key=lambda word: (-len(word), word)))
+            return f"(?P<{name}>(?{flags}:{'|'.join(map(blanks.join, ordered)) or '(?!)'}))"
 
-        exact, pairs = group("exact", self._exact, "-i"), group("any", self._any_case, "i")
-        parts = "|".join((group("same", self.same, "i"), exact, pairs))
-        return re.compile(rf"(?<!\w)(?:{parts})(?!\w)" if self.whole_words else parts)
+        joint = rf"[_.\-{_CAMEL}]"
+        letters = "|".join(sorted({re.escape(word.lower()) for word in self._exact if len(word) == 1})) or "(?!)"
+        joined = rf"(?P<joined>(?-i:(?<={_L}{_L}{joint})(?:{letters})|(?:{letters})(?={joint}{_L}{_L})))"
+        # "is_left" is a side, "is left" is not.
+        same = group("same", self.same, "i", r"\s+")
+        parts = "|".join((same, group("exact", self._exact, "-i"), group("any", self._any_case, "i"), joined))
+        return re.compile(rf"(?<!{_L})(?:{parts})(?!{_L})" if self.whole_words else parts)
 
 
 ENGLISH = Lexicon(
     "en",
     pairs=(
-        ("left", "right"),
-        *((f"left{end}", f"right{end}") for end in ("ward", "wards", "most", "hand", "handed", "footed", "y")),
-        ("lefty", "righty"), ("lefties", "righties"),
-        ("clockwise", "counterclockwise"),
-        *((f"{counter}clockwise", "clockwise") for counter in ("anti", "anti-", "anti ", "counter-", "counter ")),
+        ("left", "right"), ("lefts", "rights"), ("lft", "rgt"),
+        *((f"left{end}", f"right{end}") for end in (
+            "ward", "wards", "most", "hand", "handed", "hander", "foot", "footed", "side", "sided", "y")),
+        ("lefties", "righties"),
+        ("clockwise", "counterclockwise"), ("anticlockwise", "clockwise"), ("anti clockwise", "clockwise"),
+        ("counter clockwise", "clockwise"), ("cw", "ccw"), ("acw", "cw"),
+        *((f"{a} o'clock", f"{b} o'clock") for a, b in ((1, 11), (2, 10), (3, 9), (4, 8), (5, 7))),
     ),
     exact=(("L", "R"), ("LH", "RH"), ("LF", "RF")),
     same=(
         "right away", "right now", "right after", "right before", "right behind", "right in front", "right on time",
         "right on the beat", "right on beat", "right there", "right here", "right next to", "right at the",
-        "right angle", "right angles", "right-angled", "right side up", "right way up", "the right way",
-        "all right", "just right", "R&B", "R & B",
+        "right angle", "right angles", "right angled", "right-angled", "right side up", "right way up",
+        "the right way", "all right", "just right", "R&B", "R & B",
         *(f"left the {place}" for place in ("stage", "floor", "frame", "room", "ground", "circle", "group", "scene")),
         "left off", "left over", "left alone", "is left", "are left", "has left", "have left", "had left",
+        "nothing left", "anything left", "the right thing",
+        *(f"{start}right{end}" for start, ends in (
+            ("up", ("", "s", "ness")), ("b", ("", "er", "est", "ly", "ness", "en", "ens", "ened", "ening")),
+            ("f", ("", "s", "en", "ens", "ened", "ening", "ful")), ("", ("ful", "fully", "ly", "eous", "eously")),
+            ("sp", ("ly",)), ("copy", ("", "ed")), ("w", ("", "s")), ("playw", ("",)), ("birth", ("",)),
+            ("al", ("",)), ("a", ("",)), ("out", ("",)), ("down", ("",)), ("forth", ("",))) for end in ends),
+        "cleft", "leftover", "leftovers", "leftist",
     ),
 )  # fmt: skip
+
+
+def _split(text: str) -> str:
+    """Mark the borders in "LeftKick" and "LKick"."""
+    parts = []
+    for before, letter, after in zip(" " + text, text, text[1:] + " ", strict=False):
+        if letter.isupper() and before.isalpha() and (not before.isupper() or after.islower()):
+            parts.append(_CAMEL)
+        parts.append(letter)
+    return "".join(parts)
+
+
+def _spaced(phrase: str) -> str:
+    """Return a phrase in small letters with one blank between its words."""
+    return _BLANKS.sub(" ", phrase.lower())
 
 
 def _both_ways(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
@@ -118,7 +170,8 @@ def with_mirrored_words(
 
     `Layer.sided` "unknown" becomes "no" where no word of a layer names a side, "mirrored" where all mirrored words
     are stated or a lexicon of the layer's language makes them; without either it stays. "mirrored" becomes "unknown"
-    where words are neither stated nor made. Labels that name a side get a pair in `Layer.mirror`.
+    where words are neither stated nor made, as in a layer with "leftkick" (`unread_word`). Labels that name a side
+    get a pair in `Layer.mirror`.
     """
     by_layer: dict[Layer, list[Segment]] = defaultdict(list)
     for segment in (segment for segments in clips for segment in segments):
@@ -126,6 +179,16 @@ def with_mirrored_words(
     found = {layer: lexicon_of(layer.language, lexicons) for layer in by_layer}
     layers = {layer: _sided_layer(layer, segments, found[layer]) for layer, segments in by_layer.items()}
     return [tuple(_completed(s, layers[s.layer], found[s.layer]) for s in segments) for segments in clips]
+
+
+def unread_word(layer: Layer, segments: Iterable[Segment], lexicon: Lexicon) -> str:
+    """Return a word of a layer of which its lexicon cannot tell whether it names a side; "" without one.
+
+    Not words whose mirrored ones are stated.
+    """
+    stated = {label for pair in layer.mirror for label in pair}
+    said = (text for s in segments for text in ({s.label} - stated).union(() if s.texts_mirrored else s.texts))
+    return next(filter(None, map(lexicon.unread, said)), "")
 
 
 def _sided_layer(layer: Layer, segments: Sequence[Segment], lexicon: Lexicon | None) -> Layer:
@@ -140,6 +203,8 @@ def _sided_layer(layer: Layer, segments: Sequence[Segment], lexicon: Lexicon | N
         if labels or not all(s.texts_mirrored for s in words):
             return layer
         return replace(layer, sided="mirrored" if words or stated else "no")
+    if unread_word(layer, segments, lexicon):
+        return replace(layer, sided="unknown")
     sides = [(label, lexicon.mirrored(label)) for label in labels if lexicon.names_side(label)]
     pairs = tuple(dict.fromkeys((min(a, b), max(a, b)) for a, b in sides))
     named = stated or pairs or any(s.texts_mirrored or any(map(lexicon.names_side, s.texts)) for s in words)

@@ -57,6 +57,6 @@ def read_json(path: Path, limit: int) -> Any:
     OSError
         If it cannot be read, is not a regular file, or is larger.
     ValueError
-        If it is not JSON in UTF-8, or nested deeper than MAX_DEPTH.
+        If it is not JSON in UTF-8, with or without a byte order mark, or nested deeper than MAX_DEPTH.
     """
-    return parse_json(read_regular(path, limit).decode("utf-8"))
+    return parse_json(read_regular(path, limit).decode("utf-8-sig"))

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.segments import Segment
-from dancedata.core.sided_words import mirrored_segment, with_mirrored_words
-from dancedata.core.text import counted
+from dancedata.core.sided_words import Lexicon, lexicon_of, mirrored_segment, unread_word, with_mirrored_words
+from dancedata.core.text import counted, quoted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
@@ -79,7 +79,7 @@ def make_copies(
     rejects: list[Reject] = []
     for spec in recipe.augment:
         context = _Context(cache, recipe, spec, content, faults, jobs, progress)
-        rejects += _without_words(spec, [original.clip for original in originals])
+        rejects += _without_words(spec, [original.clip for original in originals], recipe.segments.lexicons)
         if any(original.clip.group for original in originals):
             require_acts_on(spec)
         with_facts = _with_facts(context, originals)
@@ -230,7 +230,7 @@ def segments_of_copy(
     return tuple(replace(segment, other=spec.clip_id(segment.other) if segment.other else "") for segment in segments)
 
 
-def _without_words(spec: CopySpec, clips: Sequence[StoredClip]) -> list[Reject]:
+def _without_words(spec: CopySpec, clips: Sequence[StoredClip], lexicons: Sequence[Lexicon]) -> list[Reject]:
     """Return a reject for each layer with segments that mirrored copies cannot have."""
     if spec.augmentation.name != "mirror":
         return []
@@ -242,5 +242,10 @@ def _without_words(spec: CopySpec, clips: Sequence[StoredClip]) -> list[Reject]:
         language = f"language {layer.language}" if layer.language else "without a language"
         detail = f"mirrored copies go without {found}: layer {layer.name}, {language}, has no mirrored words for them"
         fix = "state the language of the layer, its texts_mirrored, or sided: no; or give a lexicon: segments.lexicon"
+        lexicon = lexicon_of(layer.language, lexicons)
+        segments = (s for c in clips for s in c.segments if s.layer == layer)
+        if lexicon is not None and (word := unread_word(layer, segments, lexicon)):
+            detail += f"; whether {quoted(word)} names a side cannot be told"
+            fix = "write sides as words of their own (left_kick, LeftKick), or state texts_mirrored or label_mirrored"
         rejects.append(Reject("unmirrored_words", clip=spec.clip_id(of_layer[0]), detail=detail, fix=fix))
     return rejects

@@ -10,12 +10,11 @@ from dancedata.core.motion import Motion, world_matrices
 from dancedata.core.rotations import Float64Array, rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.retarget.maps import Names, map_skeleton
-from dancedata.retarget.rest import POINT, Aligner, anchor, norm, rest_positions
+from dancedata.retarget.rest import LEGS, POINT, Aligner, anchor, body_size, missing_bone, norm, rest_positions
 
 #: Frames that are inspected for the mean rotations of joints.
 _SAMPLES = 300
-_LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
-_SMPL_LEGS = sum(norm(SMPL24.offsets[b]) for _, b in _LEGS)
+_SMPL_LEGS = sum(norm(SMPL24.offsets[b]) for _, b in LEGS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,20 +58,21 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
     of = map_skeleton(source, names)
     rest = rest_positions(source.parents, source.offsets)
     places = {j: rest[k] for j, k in of.items()}
-    size = max(norm(a - b) for a in places.values() for b in places.values())
-    for a, b in (*_LEGS, (1, 2)):
-        if not norm(places[a] - places[b]) > size * POINT:
-            raise UsageError(
-                f"skeleton {source.name}: {SMPL24.joints[a]} and {SMPL24.joints[b]} are at the same position",
-                allowed="a distance above 0",
-            )
+    size = body_size(places)
+    if (bone := missing_bone(places, size)) is not None:
+        a, b = (SMPL24.joints[j] for j in bone[:2])
+        raise UsageError(
+            f"skeleton {source.name}: {a} and {b} are at the same position",
+            found=f"a distance of {bone[2]:.4g} m",
+            allowed=f"more than {bone[3]:.4g} m",
+        )
     world = world_matrices(source, motion.matrices)
     step = -(-motion.n_frames // _SAMPLES)
     turns = {j: world[::step, k] for j, k in of.items()}
     aligner = Aligner(places, size * POINT, np.array([0.0, 1.0, 0.0]), turns, level=False)
     align = aligner.run()
     bones = np.zeros((24, 3))
-    scale = sum(norm(places[b] - places[a]) for a, b in _LEGS) / _SMPL_LEGS
+    scale = sum(norm(places[b] - places[a]) for a, b in LEGS) / _SMPL_LEGS
     for j in range(1, 24):
         above = anchor(j, places)
         bones[j] = align[above].T @ (places[j] - places[above]) if j in of else 0.0

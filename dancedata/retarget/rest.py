@@ -35,6 +35,28 @@ _CHILD |= {13: 16, 14: 17, 16: 18, 17: 19, 18: 20, 19: 21, 20: 22, 21: 23}
 _FREE = (1, 2, 16, 17, 18, 19, 20, 21)
 #: Bones shorter than this fraction of the body count as points.
 POINT = 1e-4
+#: No thigh, shin, upper arm, forearm or trunk is shorter than this fraction of the body.
+_LEAST_BONE = 0.01
+LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
+_ARMS = ((16, 18), (18, 20), (17, 19), (19, 21))
+
+
+def body_size(places: Mapping[int, Floats]) -> float:
+    """Return the largest distance of two joints at rest."""
+    return max(norm(a - b) for a in places.values() for b in places.values())
+
+
+def missing_bone(places: Mapping[int, Floats], size: float) -> tuple[int, int, float, float] | None:
+    """Return two joints that are at one place at rest, their distance and the least one; None for a whole body.
+
+    Of thighs, shins, upper arms, forearms, the trunk, and the lines between hips and shoulders.
+    """
+    trunk = (PELVIS, NECK if NECK in places else HEAD)
+    least = dict.fromkeys((*LEGS, *_ARMS, trunk), _LEAST_BONE) | {(1, 2): POINT, (16, 17): POINT}
+    for (a, b), fraction in least.items():
+        if a in places and b in places and not norm(places[a] - places[b]) > size * fraction:
+            return a, b, norm(places[a] - places[b]), size * fraction
+    return None
 
 
 def anchor(joint: int, places: Mapping[int, Floats]) -> int:

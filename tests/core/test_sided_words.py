@@ -26,6 +26,21 @@ def segment(*texts: str, layer: Layer = WORDS, **more: object) -> Segment:
         ("goes anti clockwise", "goes clockwise"),
         ("lifts the L foot and the RH", "lifts the R foot and the LH"),
         ("right away turns right", "right away turns left"),
+        ("turn_left", "turn_right"),
+        ("left2, 2left", "right2, 2right"),
+        ("LeftKick then kickRIGHT", "RightKick then kickLEFT"),
+        ("leftFoot_up", "rightFoot_up"),
+        ("TURN_LEFT", "TURN_RIGHT"),
+        ("step_L, L2, LKick, kickL", "step_R, R2, RKick, kickR"),
+        ("l_arm hand.l lArm, r-leg", "r_arm hand.r rArm, l-leg"),
+        ("turns CW, then ccw, TurnCW", "turns CCW, then cw, TurnCCW"),
+        ("Counter_clockwise, AntiClockwise", "Clockwise, Clockwise"),
+        ("counter  clockwise", "clockwise"),
+        ("from 3 o'clock to 10 o'clock", "from 9 o'clock to 2 o'clock"),
+        ("lefts and rights", "rights and lefts"),
+        ("stage-left/upstage right.", "stage-right/upstage left."),
+        ("the dancer's left, bright", "the dancer's right, bright"),
+        ("is_left, right away, turnRight", "is_right, right away, turnLeft"),
     ],
 )
 def test_words_are_exchanged(text: str, mirrored: str) -> None:
@@ -33,10 +48,54 @@ def test_words_are_exchanged(text: str, mirrored: str) -> None:
     assert ENGLISH.mirrored(text) == mirrored
 
 
-@pytest.mark.parametrize("text", ["upright", "he left the stage right away", "R&B", "a right angle", "the lift", "l"])
+@pytest.mark.parametrize(
+    "text",
+    ["upright", "he left the stage right away", "R&B", "a right angle", "the lift", "l", "l. and r.", "r.n.b",
+     "bright", "all  right", "he has nothing left", "Brightly frightened, a leftover", "XL, ULTRA, Rn", "a l'air",
+     "LaFAN, McLeod", "clock", "\u5411\u5de6\u8f6c"],
+)  # fmt: skip
 def test_words_that_name_no_side(text: str) -> None:
     assert not ENGLISH.names_side(text)
     assert ENGLISH.mirrored(text) == text
+    assert not ENGLISH.unread(text)
+    assert sided(segment(text))[0].layer.sided == "no"
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("leftkick", "leftkick"),
+        ("a kickright, LEFTTURN", "kickright"),
+        ("turn left, then a turnleft", "turnleft"),
+        ("LeFt", "LeFt"),
+        ("clockwiseturn", "clockwiseturn"),
+        ("rightsize, copyrightleft", "rightsize"),
+    ],
+)
+def test_a_side_inside_of_a_word_is_never_no_side(text: str, word: str) -> None:
+    """Such a layer is unknown, whatever else it says, unless the author says what its words become."""
+    assert ENGLISH.unread(text) == word
+    for sides in ("unknown", "mirrored"):
+        layer = replace(WORDS, sided=sides)
+        for found in sided(segment("jumps", layer=layer), segment(text, layer=layer)):
+            assert found.layer.sided == "unknown"
+            assert not found.texts_mirrored
+    labels = sided(segment(label="turn left"), segment(label=text))
+    assert {s.layer.sided for s in labels} == {"unknown"}
+    (stated,) = sided(segment(text, texts_mirrored=("said",)))
+    assert stated.layer.sided == "mirrored"
+    pair = replace(WORDS, mirror=((text, "its mirror"),))
+    assert sided(segment(label=text, layer=pair))[0].layer.sided == "mirrored"
+    assert sided(segment(text, layer=replace(WORDS, sided="no")))[0].layer.sided == "no"
+
+
+def test_own_lexicons_have_the_same_borders() -> None:
+    german = Lexicon("de", (("links", "rechts"), ("linkes", "rechtes")), same=("rechtsstaat",))
+    assert german.mirrored("Drehung_links, LinksDrehung") == "Drehung_rechts, RechtsDrehung"
+    assert german.unread("Rechtsdrehung") == "Rechtsdrehung"
+    assert german.unread("linksherum") == "linksherum"
+    assert not german.unread("rechtsstaat, Recht")
+    assert not CHINESE.unread("\u5411\u5de6\u8f6c")
 
 
 def test_scripts_without_spaces_and_varieties_of_a_language() -> None:

@@ -119,7 +119,9 @@ def test_a_joint_map_of_one_row(source: Path) -> None:
     text = (source / "b.bvh").read_text().replace("LeftUpLeg", "Bone7")
     (source / "c.bvh").write_text(text)
     (source / "maps").mkdir()
-    (source / "maps" / "mine.json").write_text('{"about": "", "joints": {"left_hip": "Bone7"}}')
+    (source / "maps" / "mine.json").write_text(
+        '\ufeff{"about": "", "joints": {"left_hip": "Bone7"}}'
+    )  # as Notepad does
     row = {"motion": "c.bvh", "id": "inline", "joint_map": {"left_hip": "Bone7"}}
     other = {"motion": "c.bvh", "id": "file", "joint_map": "maps/mine.json"}
     plain = {"motion": "b.bvh", "id": "plain"}

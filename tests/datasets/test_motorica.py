@@ -260,6 +260,8 @@ def _change(path: Path, old: str, new: str) -> None:
         ("Frame Time: 0.008333", "Frame Time: 0.0333", "bad_rate"),
         ("CHANNELS 6 Xposition", "CHANNELS 5", "missing_channels"),
         ("JOINT LeftToeBase", "JOINT LeftToe", "bad_skeleton"),
+        ("JOINT LeftHandThumb2", "JOINT LeftForeArm", "bad_skeleton"),
+        ("OFFSET 28.700000 0.000000", "OFFSET 0 0", "bad_skeleton"),
         ("OFFSET 0.000000 -35.700000", "OFFSET 0.000000 -0.357000", "bad_unit"),
         ("Frames: 60", "Frames: 61", "truncated"),
         ("\n0.000000 8", "\nnan 8", "nan"),

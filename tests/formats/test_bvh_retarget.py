@@ -548,6 +548,9 @@ def test_hips_that_nothing_moves_are_refused(own: Path, root: str | None, hips: 
 def test_names_that_occur_twice(own: Path) -> None:
     """No matter where they are not used; refused where one of them is a joint of the body, however it is mapped."""
     text = own.read_text()
+    expected = load(own, unit="cm", joint_map={"left_hand": "", "right_hand": ""}).joints()
+    own.write_text(text.replace("HandMiddle1", "Hand"))  # below a joint of its name: the end of that one
+    np.testing.assert_array_equal(load(own, unit="cm").joints(), expected)
     own.write_text(text.replace("mixamorig:LeftToeBase", "Nub").replace("mixamorig:RightToeBase", "Nub"))
     assert load(own, unit="cm").n_frames == 150
     for joint_map in (None, {"left_foot": "Nub"}):

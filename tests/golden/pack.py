@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import lzma
+import math
 import re
 import shutil
 import sys
@@ -21,7 +22,7 @@ import soundfile
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
-from dancedata.audio.jukebox.weights.legacy_file import LegacyFile
+from dancedata.audio.jukebox.weights.sources import TorchFile
 from dancedata.formats.values import load_object
 
 Arrays = dict[str, np.ndarray]
@@ -246,12 +247,11 @@ def pack_old_metrics(peers: Path, out: Path) -> None:
 def pack_checkpoint(path: Path, out: Path, needed: dict[str, int]) -> None:
     """A checkpoint whose tensors, and rows of tables, that no comparison looks at are zero. All else stays."""
     data = bytearray(path.read_bytes())
-    with LegacyFile(path) as file:
-        for name, tensor in file.object["model"].items():
-            start, count = file._starts[tensor.key]
+    with TorchFile(path) as file:
+        for name, tensor in file._tensors.items():
+            start, size = file._places[tensor.untyped_storage()._cdata], tensor.untyped_storage().nbytes()
             rows = needed.get(name, 0)
-            row_items = int(np.prod(tensor.shape[1:], dtype=np.int64))
-            begin, end = start + rows * row_items * tensor.item_bytes, start + count * tensor.item_bytes
+            begin, end = start + rows * math.prod(tensor.shape[1:]) * tensor.itemsize, start + size
             if rows < tensor.shape[0]:
                 data[begin:end] = bytes(end - begin)
     out.mkdir(parents=True, exist_ok=True)

@@ -71,6 +71,16 @@ def test_the_hash_of_missing_weights(tmp_path: Path) -> None:
         checkpoint_sha256(tmp_path)
 
 
+def test_files_that_are_not_openais_are_not_read(tiny: SimpleNamespace, tmp_path: Path) -> None:
+    for name in (VQVAE_FILE, PRIOR_FILE):
+        (tmp_path / name).write_bytes(b"a pickle that takes forever")
+    for read in (checkpoint_sha256, lambda folder: convert(folder, tmp_path / "out", 4, config=tiny.config)):
+        with raises_message(SourceError, "OpenAI.*hparams", where=tmp_path.name):
+            read(tmp_path)
+    (tmp_path / "hparams.json").write_bytes((tiny.folder / "hparams.json").read_bytes())
+    assert set(checkpoint_sha256(tmp_path)) == {VQVAE_FILE, PRIOR_FILE}
+
+
 def test_tensors_are_the_originals_with_the_needed_rows(tiny: SimpleNamespace, converted: Path) -> None:
     originals = {**tiny.tensors[VQVAE_FILE], **tiny.tensors[PRIOR_FILE]}
     tensors = {k: v for path in converted.glob("*.safetensors") for k, v in load_file(path).items()}

@@ -23,9 +23,8 @@ import torch
 from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.network.tensors import BLOCKS
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
-from dancedata.audio.jukebox.weights.legacy_file import MAGIC, PROTOCOL
-from dancedata.audio.jukebox.weights.sources import LegacySource, ZipSource, open_torch_file
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.audio.jukebox.weights.sources import TorchFile
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.testing.jukebox import write_torch_file
 
 QKV = f"{BLOCKS}.3.attn.c_attn.w"
@@ -52,7 +51,7 @@ def _load(folder: Path, tiny: SimpleNamespace, layers: tuple[int, ...] = (6,)) -
 
 @pytest.mark.parametrize("file", [VQVAE_FILE, PRIOR_FILE])
 def test_every_tensor_bit_for_bit(tiny: SimpleNamespace, file: str) -> None:
-    with LegacySource(tiny.folder / file) as source:
+    with TorchFile(tiny.folder / file) as source:
         assert set(source.shapes()) == set(tiny.tensors[file])
         for name, tensor in tiny.tensors[file].items():
             assert source.shapes()[name] == tuple(tensor.shape)
@@ -68,14 +67,14 @@ def test_storages_are_tagged_as_on_a_gpu(tiny: SimpleNamespace) -> None:
 
 def test_only_needed_tensors_are_read(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[tuple[str, int]] = []
-    original = LegacySource.read
+    original = TorchFile.read
 
-    def counting(self: LegacySource, name: str, rows: int) -> torch.Tensor:
+    def counting(self: TorchFile, name: str, rows: int) -> torch.Tensor:
         tensor = original(self, name, rows)
         read.append((name, tensor.numel() * tensor.element_size()))
         return tensor
 
-    monkeypatch.setattr(LegacySource, "read", counting)
+    monkeypatch.setattr(TorchFile, "read", counting)
     JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(2,), device="cpu", max_codes=100)
     names = [name for name, _ in read]
     assert len(names) == len(set(names))
@@ -109,8 +108,7 @@ def test_weights_stored_in_fp32_are_not_rounded(tiny: SimpleNamespace, broken: C
 
 def test_zip_format_gives_the_same(tiny: SimpleNamespace, tiny_encoder: JukeboxEncoder, broken) -> None:
     folder = broken("none", {}, legacy=False)
-    with open_torch_file(folder / PRIOR_FILE) as source:
-        assert isinstance(source, ZipSource)
+    assert (folder / PRIOR_FILE).read_bytes().startswith(b"PK")
     codes = np.arange(64)
     np.testing.assert_array_equal(_load(folder, tiny).activations(codes)[6], tiny_encoder.activations(codes)[6])
 
@@ -124,7 +122,7 @@ def test_prefix_of_distributed_training(tiny: SimpleNamespace, tmp_path: Path) -
 def test_storages_that_are_shared(tmp_path: Path) -> None:
     whole = torch.arange(24.0)
     write_torch_file(tmp_path / "x", {"a": whole[:12].view(3, 4), "b": whole[12:].view(2, 6)})
-    with LegacySource(tmp_path / "x") as source:
+    with TorchFile(tmp_path / "x") as source:
         assert torch.equal(source.read("b", 2), whole[12:].view(2, 6))
         assert torch.equal(source.read("b", 1), whole[12:18].view(1, 6))
 
@@ -132,7 +130,7 @@ def test_storages_that_are_shared(tmp_path: Path) -> None:
 def test_tensors_that_are_not_contiguous(tmp_path: Path) -> None:
     tensors = {"t": torch.arange(12.0).view(3, 4).T, "s": torch.arange(20.0)[1::3].view(7, 1), "e": torch.zeros(0, 3)}
     write_torch_file(tmp_path / "x", tensors)
-    with LegacySource(tmp_path / "x") as source:
+    with TorchFile(tmp_path / "x") as source:
         for name, tensor in tensors.items():
             assert torch.equal(source.read(name, len(tensor)), tensor)
         assert torch.equal(source.read("t", 2), tensors["t"][:2])
@@ -154,7 +152,7 @@ def test_other_content_of_the_checkpoint_is_ignored(tmp_path: Path, monkeypatch:
         patch.setitem(sys.modules, "jukebox.hparams", module)
         content = {"hps": hparams, "model": {"a": torch.ones(2)}, "loss": np.float64(0.5), "opt": None}
         torch.save(content, tmp_path / "x", _use_new_zipfile_serialization=False)
-    with LegacySource(tmp_path / "x") as source:
+    with TorchFile(tmp_path / "x") as source:
         assert list(source.shapes()) == ["a"]
         assert torch.equal(source.read("a", 2), torch.ones(2))
 
@@ -225,17 +223,12 @@ def test_other_config_than_the_files(tiny: SimpleNamespace) -> None:
         JukeboxEncoder.from_openai(tiny.folder, layers=(66,), device="cpu")
 
 
-@pytest.mark.parametrize("kept", [0.999, 0.5, 0.05])
-def test_truncated_file_names_the_first_lost_tensor(
-    tiny: SimpleNamespace, broken: Callable[..., Path], kept: float
-) -> None:
-    folder = broken("none", {})
-    path = folder / PRIOR_FILE
+@pytest.mark.parametrize(("file", "kept"), [(PRIOR_FILE, 0.999), (PRIOR_FILE, 0.5), (VQVAE_FILE, 0.05)])
+def test_a_truncated_file(tiny: SimpleNamespace, broken: Callable[..., Path], file: str, kept: float) -> None:
+    path = broken("none", {}) / file
     os.truncate(path, int(kept * path.stat().st_size))
-    with pytest.raises(
-        SourceError, match=r"prior_level_2\.pth\.tar: the torch file is truncated.*the tensor \S+\.\S+"
-    ):
-        _load(folder, tiny)
+    with raises_message(SourceError, "truncated|complete file", where=file):
+        _load(path.parent, tiny)
 
 
 @pytest.mark.parametrize("content", [b"", b"<html>404</html>", b"\x80\x02}q\x00.", b"PK\x03\x04nonsense"])
@@ -246,13 +239,6 @@ def test_no_torch_file(tiny: SimpleNamespace, broken: Callable[..., Path], conte
         _load(folder, tiny)
 
 
-def test_cut_within_the_pickles(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
-    folder = broken("none", {})
-    os.truncate(folder / VQVAE_FILE, 300)
-    with raises_message(SourceError, "truncated", where="vqvae.pth.tar"):
-        _load(folder, tiny)
-
-
 def test_damaged_element_count(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
     folder = broken("none", {})
     data = (folder / PRIOR_FILE).read_bytes()
@@ -260,7 +246,7 @@ def test_damaged_element_count(tiny: SimpleNamespace, broken: Callable[..., Path
     at = data.index(weight.numpy().tobytes())
     assert struct.unpack("<q", data[at - 8 : at]) == (weight.numel(),)
     (folder / PRIOR_FILE).write_bytes(data[: at - 8] + struct.pack("<q", 7) + data[at:])
-    with raises_message(SourceError, "tensor", where="prior_level_2.pth.tar"):
+    with raises_message(SourceError, "7 elements", where="prior_level_2.pth.tar"):
         _load(folder, tiny)
 
 
@@ -271,11 +257,6 @@ def test_checkpoint_without_a_model(tiny: SimpleNamespace, broken: Callable[...,
         _load(folder, tiny)
 
 
-def _legacy(obj: object) -> bytes:
-    parts = (MAGIC, PROTOCOL, {"little_endian": True}, obj, [])
-    return b"".join(pickle.dumps(part, protocol=2) for part in parts)
-
-
 class _Runs:
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -284,28 +265,25 @@ class _Runs:
         return os.mkdir, (str(self.path),)
 
 
-@pytest.mark.parametrize("wrap", [lambda x: {"model": {}, "hps": x}, lambda x: OrderedDict(model={"a": x})])
-def test_foreign_code_is_not_run(tiny: SimpleNamespace, broken: Callable[..., Path], tmp_path: Path, wrap) -> None:
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        lambda runs: pickle.dumps({"model": {}, "hps": runs}, 2),
+        lambda runs: pickle.dumps(OrderedDict(model={"a": runs}), 2),
+        lambda runs: b"\x80\x02ctorch\nFloatStorage\n}X\x01\x00\x00\x00aK\x01sb.",  # sets the state of a class
+    ],
+)
+def test_foreign_code_is_not_run(
+    tiny: SimpleNamespace, broken: Callable[..., Path], tmp_path: Path, pickled: Callable[[object], bytes]
+) -> None:
     folder = broken("none", {})
-    (folder / VQVAE_FILE).write_bytes(_legacy(wrap(_Runs(tmp_path / "made"))))
-    with raises_message(DataError, "foreign", where="vqvae.pth.tar") as caught:
+    head = [pickle.dumps(part, 2) for part in (0x1950A86A20F9469CFC6C, 1001, {"little_endian": True})]
+    content = b"".join([*head, pickled(_Runs(tmp_path / "made")), pickle.dumps([], 2)])
+    (folder / VQVAE_FILE).write_bytes(content)
+    with raises_message(SourceError, "weights", where="vqvae.pth.tar"):
         _load(folder, tiny)
-    assert caught.value.reason == "unsafe_pickle"
     assert not (tmp_path / "made").exists()
-
-
-def test_state_of_foreign_objects_is_not_set(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
-    # BUILD on a tensor type's stand-in.
-    folder = broken("none", {})
-    (folder / VQVAE_FILE).write_bytes(
-        pickle.dumps(MAGIC, 2)
-        + pickle.dumps(PROTOCOL, 2)
-        + pickle.dumps({"little_endian": True}, 2)
-        + b"\x80\x02ctorch\nFloatStorage\n}X\x01\x00\x00\x00aK\x01sb."
-        + pickle.dumps([], 2)
-    )
-    with raises_message(DataError, "foreign", where="vqvae.pth.tar", reason="unsafe_pickle"):
-        _load(folder, tiny)
+    assert not hasattr(torch.FloatStorage, "a")
 
 
 def test_hugging_face_is_refused_with_the_reason(tiny: SimpleNamespace, tmp_path: Path) -> None:
@@ -337,23 +315,3 @@ def test_bad_arguments(tiny: SimpleNamespace, arguments: dict[str, object], mess
         JukeboxEncoder.from_openai(
             tiny.folder, **{"config": tiny.config, "layers": (1,), "device": "cpu", **arguments}
         )
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"}" + b"K\x01" + b"2\x86" * 59 + b"Ns",
-        b"}" + b")" + b"\x85" * 300_000 + b"Ns",
-        b"ccollections\nOrderedDict\n]" + b"K\x01" + b"2\x86" * 59 + b"N\x86a\x85R",
-        b"(X\x07\x00\x00\x00storagectorch\nFloatStorage\n" + b"K\x01" + b"2\x86" * 59 + b"NK\x01NtQ",
-        b"(" + b"K\x01" + b"2\x86" * 59 + b"NNNNtQ",
-    ],
-)
-def test_weights_that_take_forever(tiny: SimpleNamespace, broken: Callable[..., Path], content: bytes) -> None:
-    """Keys and names that hold themselves twice, 59 levels deep, or are nested deep."""
-    folder = broken("none", {})
-    head = [pickle.dumps(part, 2) for part in (MAGIC, PROTOCOL, {"little_endian": True})]
-    (folder / VQVAE_FILE).write_bytes(b"".join([*head, b"\x80\x02", content, b"."]))
-    with raises_message(SourceError, "truncated", where="vqvae.pth.tar") as error:
-        _load(folder, tiny)
-    assert len(str(error.value)) < 800

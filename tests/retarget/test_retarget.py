@@ -208,8 +208,9 @@ def test_large_residuals_are_flagged_once_for_each_run(dance: Motion) -> None:
 
 def test_a_map_may_come_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "own.json"
-    path.write_text(json.dumps({"joints": {"pelvis": "Root", "left_hip": ["LThigh"]}}))
-    assert load_map(path) == {"pelvis": ("Root",), "left_hip": ("LThigh",)}
+    for encoding in ("utf-8", "utf-8-sig"):  # as Notepad saves it
+        path.write_text(json.dumps({"joints": {"pelvis": "Root", "left_hip": ["LThigh"]}}), encoding=encoding)
+        assert load_map(path) == {"pelvis": ("Root",), "left_hip": ("LThigh",)}
 
 
 def test_an_unknown_map_is_an_error() -> None:
@@ -241,6 +242,15 @@ def test_a_skeleton_without_a_body_is_an_error(dance: Motion) -> None:
     with pytest.raises(DataError, match="cannot be retargeted") as caught:
         spec.apply(dance.on(skeleton), where="a.bvh", grouped=False)
     assert caught.value.reason == "bad_skeleton"
+
+
+@pytest.mark.parametrize("joint", ["left_elbow", "right_wrist", "left_knee"])
+def test_a_limb_without_length_is_an_error(dance: Motion, joint: str) -> None:
+    source = renamed(dance, "mixamo", 1)
+    offsets = np.array(source.skeleton.offsets)
+    offsets[SMPL24.index(joint)] = 0
+    with raises_message(UsageError, "same position"):
+        retargeted(source.on(replace(source.skeleton, offsets=offsets)), SMPL24)
 
 
 def test_a_target_of_another_family_is_an_error(dance: Motion) -> None:

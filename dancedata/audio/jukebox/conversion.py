@@ -91,11 +91,11 @@ def convert(
     folder, out, config = Path(folder), Path(out), config or JukeboxConfig()
     if not 1 <= layer <= config.depth:
         raise UsageError("jukebox: invalid value for layer", found=layer, allowed=f"1 to {config.depth}")
+    source = checkpoint_sha256(folder)  # before anything in the files is read
     checkpoint = open_openai(folder, config)
     try:
         require_tensors(checkpoint.vqvae, vqvae_tensors(config))
         require_tensors(checkpoint.prior, prior_tensors(config, layer))
-        source = checkpoint_sha256(folder)
         with ExitStack() as stack:
             with _writable(out):
                 out.mkdir(parents=True, exist_ok=True)

@@ -8,8 +8,7 @@ from dancedata.core.text import listed, quoted
 from dancedata.datasets.files import Files, files_by_stem, list_audio, list_folder
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.layout import Folders, Layout
-from dancedata.files.regular_file import read_regular
-from dancedata.files.strict_json import parse_json
+from dancedata.files.strict_json import read_json
 
 KEY = "style2"
 #: Labels have about a hundred bytes; larger files are not read.
@@ -49,7 +48,7 @@ def read_label(path: Path | None, clip: str) -> Label:
     if path is None:
         return Label(reason="missing_label", problem=f"there is no {name}")
     try:
-        content = parse_json(read_regular(path, MAX_BYTES).decode("utf-8-sig"))
+        content = read_json(path, MAX_BYTES)
     except (OSError, ValueError) as error:
         return _broken(name, str(error))
     if not isinstance(content, dict):

@@ -144,6 +144,17 @@ def _skeleton(bvh: Bvh, kept: list[int]) -> Skeleton:
             allowed=f"{_LEG_M[0] * 100:g} to {_LEG_M[1] * 100:g} cm from hip to ankle",
             fix=_PUBLISHED,
         )
+    limbs = [f"{side}{name}" for side in ("Left", "Right") for name in ("Leg", "Foot", "ForeArm", "Hand")]
+    lost = [name for name in limbs if not float(np.linalg.norm(offsets[names.index(name)])) > leg / 50]
+    if lost:
+        raise DataError(
+            "bones have no length",
+            reason="bad_skeleton",
+            where=str(bvh.path),
+            found=f"{listed(lost)} at their parents' places",
+            allowed=f"more than {leg * 2:.3g} cm",
+            fix=_PUBLISHED,
+        )
     pairs = tuple((j, names.index(f"Right{n[4:]}")) for j, n in enumerate(names) if n.startswith("Left"))
     left, right, toe, other_toe = (names.index(MOTORICA21.joints[j]) for j in MOTORICA21.feet)
     digest = hashlib.sha256((np.round(offsets, 5) + 0.0).astype("<f8").tobytes()).hexdigest()[:8]

@@ -16,8 +16,7 @@ from dancedata.core.sides import wrong_up
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.core.text import listed, quoted
 from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, bad_shape, lengths_differ, no_frames, require_finite
-from dancedata.files.regular_file import read_regular
-from dancedata.files.strict_json import parse_json
+from dancedata.files.strict_json import read_json
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 RATE = 30
@@ -65,7 +64,7 @@ def load_motion(path: Path) -> Motion:
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        content = parse_json(read_regular(path, MAX_BYTES).decode("utf-8-sig"))
+        content = read_json(path, MAX_BYTES)
     except (OSError, ValueError) as error:
         raise DataError(
             "the motion file cannot be read",

@@ -54,8 +54,11 @@ def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, st
         ``missing_channels`` if neither the pelvis nor a joint above it moves or turns the body.
     """
     chosen, declared = (declared, {}) if isinstance(declared, str) else ("", declared or {})
-    of = _declared(path, joints, declared)
-    detected = detect(path, [joint.name for joint in joints], declared, chosen)
+    # A joint with a namesake above it is the end of that one.
+    ends = {k for k, joint in enumerate(joints) if joint.name in {joints[a].name for a in ancestors(joints, k)}}
+    names = ["" if k in ends else joint.name for k, joint in enumerate(joints)]
+    of = _declared(path, names, declared)
+    detected = detect(path, names, declared, chosen)
     of.update(detected.of)
     missing = [name for name in REQUIRED if SMPL24.index(name) not in of]
     if SMPL24.index("neck") not in of and SMPL24.index("head") not in of:
@@ -68,8 +71,7 @@ def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, st
     return JointMap(str(detected), dict(sorted(of.items())))
 
 
-def _declared(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str]) -> dict[int, int]:
-    names = [joint.name for joint in joints]
+def _declared(path: Path, names: Sequence[str], declared: Mapping[str, str]) -> dict[int, int]:
     for joint, name in declared.items():
         if name and name not in names:
             # As shown in messages, so that a name of any length is compared in bounded time.

@@ -36,14 +36,21 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.formats.bvh.joint_names import JointMap, ancestors
 from dancedata.formats.bvh.kinematics import bone_offsets, world
 from dancedata.formats.bvh.parse import Bvh
-from dancedata.retarget.rest import HEAD, NECK, PELVIS, POINT, SMPL_REST, Aligner, anchor, norm, rest_positions
+from dancedata.retarget.rest import (
+    LEGS,
+    PELVIS,
+    POINT,
+    SMPL_REST,
+    Aligner,
+    anchor,
+    body_size,
+    missing_bone,
+    norm,
+    rest_positions,
+)
 
 Floats = NDArray[np.float64]
 
-_LEGS = ((1, 4), (4, 7), (2, 5), (5, 8))
-_ARMS = ((16, 18), (18, 20), (17, 19), (19, 21))
-#: No thigh, shin, upper arm, forearm or trunk is shorter than this fraction of the body.
-_LEAST_BONE = 0.01
 #: Largest difference of a left and a right bone that needs no note, as a fraction of the longer one.
 _UNEVEN = 0.1
 _SAMPLES = 300
@@ -97,7 +104,7 @@ def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
     """
     rest = rest_positions([joint.parent for joint in bvh.joints], bone_offsets(bvh))
     places = {s: rest[b] for s, b in joints.of.items()}
-    size = max(norm(a - b) for a in places.values() for b in places.values())
+    size = body_size(places)
     _check_bones(bvh, joints, places, size)
     turns = _sampled(bvh, joints)
     maker = Aligner(places, size * POINT, up, turns, level=not _rests_as_smpl(places, size))
@@ -187,20 +194,16 @@ def _body_rotations(rig: Rig, mapped: list[int], turns: Floats, places: Floats) 
 
 def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size: float) -> None:
     where, fix = str(bvh.path), "export the file again with the skeleton of the capture"
-    trunk = (PELVIS, NECK if NECK in places else HEAD)
-    least = {pair: _LEAST_BONE for pair in (*_LEGS, *_ARMS, trunk)} | {(1, 2): POINT, (16, 17): POINT}
-    for (a, b), fraction in least.items():
-        length = norm(places[a] - places[b])
-        if not length > size * fraction:
-            names = " and ".join(bvh.joints[joints.of[s]].name for s in (a, b))
-            raise DataError(
-                f"{names} are at the same position",
-                reason="bad_skeleton",
-                where=where,
-                found=f"a distance of {length:.4g} in a body of {size:.4g}",
-                allowed=f"more than {size * fraction:.4g}",
-                fix=fix,
-            )
+    if (bone := missing_bone(places, size)) is not None:
+        a, b, length, least = bone
+        raise DataError(
+            f"{bvh.joints[joints.of[a]].name} and {bvh.joints[joints.of[b]].name} are at the same position",
+            reason="bad_skeleton",
+            where=where,
+            found=f"a distance of {length:.4g} in a body of {size:.4g}",
+            allowed=f"more than {least:.4g}",
+            fix=fix,
+        )
     for k, joint in enumerate(bvh.joints):
         columns = list(joint.position_columns.values())
         if columns and len(bvh.values) and joints.of[PELVIS] in ancestors(bvh.joints, k):
@@ -218,7 +221,7 @@ def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size:
 
 def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Floats:
     """Return the offsets (24, 3) in SMPL's rest pose, in the file's unit."""
-    bones, smpl = (sum(norm(at[b] - at[a]) for a, b in _LEGS) for at in (places, SMPL_REST))
+    bones, smpl = (sum(norm(at[b] - at[a]) for a, b in LEGS) for at in (places, SMPL_REST))
     scale = bones / smpl
     inner = set(SMPL24.parents)
     offsets = np.zeros((24, 3))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 
-from dancedata.audio.jukebox.weights.folder import LICENCE, PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import LICENCE, PRIOR_FILE, SHA256, VQVAE_FILE
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.text import quoted, shown
 from dancedata.files.atomic import PREFIX, atomic_file
@@ -55,10 +55,10 @@ class RemoteFile:
         return self.max_size if self.size is None else self.size
 
 
-# Sizes and hashes as other projects report them. The tensors of the small file take 7.5 MB.
+# Sizes as other projects report them. The tensors of the small file take 7.5 MB.
 FILES = (
-    RemoteFile(VQVAE_FILE, None, "69745413a48e887f8a3fe91b972a6f7f434021a1ce911a99187b331eb48c059a", 1 << 24),
-    RemoteFile(PRIOR_FILE, 10_288_727_721, "89a1dd14f5b2f9b16b3e73b53fa2138cc89fd96bb13249b4267fea471de92672"),
+    RemoteFile(VQVAE_FILE, None, SHA256[VQVAE_FILE], 1 << 24),
+    RemoteFile(PRIOR_FILE, 10_288_727_721, SHA256[PRIOR_FILE]),
 )
 
 Progress = Callable[[str, int, int | None], None]

@@ -16,6 +16,11 @@ VQVAE_FILE = "vqvae.pth.tar"
 PRIOR_FILE = "prior_level_2.pth.tar"
 #: Limit of JSON files in the folder of the weights, which have some ten kilobytes.
 MAX_JSON_BYTES = 1 << 20
+#: SHA-256 of OpenAI's files, as other projects report them.
+SHA256 = {
+    VQVAE_FILE: "69745413a48e887f8a3fe91b972a6f7f434021a1ce911a99187b331eb48c059a",
+    PRIOR_FILE: "89a1dd14f5b2f9b16b3e73b53fa2138cc89fd96bb13249b4267fea471de92672",
+}
 LICENCE = (
     "The Jukebox weights are OpenAI's. They are published under OpenAI's Noncommercial Use License "
     "(https://github.com/openai/jukebox/blob/master/LICENSE): noncommercial use only, and anyone who passes "
@@ -114,7 +119,7 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
     Raises
     ------
     SourceError
-        A file is missing, or it is a Hugging Face model.
+        A file is missing, it is a Hugging Face model, or the files are not OpenAI's and no hparams.json says so.
     """
     folder = Path(folder)
     if is_converted(folder):
@@ -128,7 +133,17 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
             found=", ".join(missing) + " not there",
             fix="get both with `dancedata jukebox fetch`",
         )
-    return {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
+    found = {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
+    others = [name for name in found if found[name] != SHA256[name]]
+    if others and not (folder / HPARAMS_FILE).exists():
+        raise SourceError(
+            "files of Jukebox's weights are not OpenAI's",
+            where=folder,
+            found=", ".join(f"{name} with SHA-256 {found[name]}" for name in others),
+            allowed=", ".join(SHA256[name] for name in others),
+            fix=f"get them with `dancedata jukebox fetch`; those of another network have its sizes in {HPARAMS_FILE}",
+        )
+    return found
 
 
 def refuse_hugging_face(folder: Path) -> None:

@@ -1,17 +1,22 @@
-"""Sources of tensors: one interface for legacy torch files, zip torch files and safetensors folders."""
+"""Sources of tensors: one interface for torch files and folders of safetensors."""
 
+import os
+from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, BinaryIO, Protocol, Self
 
+import numpy as np
 import torch
+from torch._weights_only_unpickler import Unpickler
+from torch._weights_only_unpickler import load as unpickle
 
 from dancedata.audio.jukebox.network.tensors import TensorSpec
-from dancedata.audio.jukebox.weights.legacy_file import LegacyFile, LegacyTensor
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
+from dancedata.formats.torch_file import torch_for
 
 _FLOATING = (torch.float16, torch.bfloat16, torch.float32)
 
@@ -49,63 +54,68 @@ class _Closing:
         """Close all open files; by default there are none."""
 
 
-class LegacySource(_Closing):
-    """A torch file from before the zip format, read lazily."""
+class TorchFile(_Closing):
+    """A torch file of tensors and plain containers; tensors are read one at a time.
+
+    torch's own unpickler for weights reads it, which runs no code: of the zip format by `torch.load`, mapped into
+    memory, of the one before torch 1.6, as OpenAI's, its head alone.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = LegacyFile(path)
+        self._places: dict[int, int] = {}
+        torch_for(path)
         try:
-            self._tensors: dict[str, LegacyTensor] = {
-                name: tensor
-                for name, tensor in _model(self._file.object, path).items()
-                if isinstance(tensor, LegacyTensor)
-            }
-        except BaseException:
-            self._file.close()
-            raise
-
-    def shapes(self) -> Mapping[str, tuple[int, ...]]:
-        """Shape of every tensor, by name."""
-        return {name: tensor.shape for name, tensor in self._tensors.items()}
-
-    def dtype(self, name: str) -> torch.dtype:
-        """Type of a tensor."""
-        dtype: torch.dtype = getattr(torch, self._tensors[name].dtype)
-        return dtype
-
-    def read(self, name: str, rows: int) -> torch.Tensor:
-        """Read the leading rows into separate memory, in the stored type."""
-        stored = self._tensors[name]
-        tensor = torch.empty(stored.span(rows), dtype=self.dtype(name))
-        # numpy has no bfloat16: the buffer is the plain bytes.
-        self._file.read_into(stored, name, tensor.view(torch.uint8).numpy().data)
-        shape = (rows, *stored.shape[1:])
-        return tensor.as_strided(shape, stored.stride).contiguous()
-
-    @override
-    def close(self) -> None:
-        self._file.close()
-
-
-class ZipSource(_Closing):
-    """A torch file of the zip format, mapped into memory."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            loaded = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+            with path.open("rb") as file, torch.serialization.safe_globals(_STAND_INS):
+                if file.read(4) == b"PK\x03\x04":
+                    loaded = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+                else:
+                    file.seek(0)
+                    loaded = self._head(file)
         except Exception as error:  # torch may raise anything for a damaged file
             raise SourceError(
-                "torch cannot read this file as weights",
+                "torch cannot read this file as weights; nothing of it was run",
                 where=path,
                 found=shown(error),
                 allowed="a complete file that torch.save wrote, of tensors and plain containers",
-                fix="get the file again",
+                fix="get the file again with `dancedata jukebox fetch`, or from the address in docs/jukebox.md",
             ) from error
         self._tensors: dict[str, torch.Tensor] = {
             name: tensor for name, tensor in _model(loaded, path).items() if isinstance(tensor, torch.Tensor)
         }
+
+    def _head(self, file: BinaryIO) -> Any:
+        """Return the object of a file from before torch 1.6, tensors without memory; note where their storages are.
+
+        The file is five pickles: a number, a version, the machine, the object, the keys of its storages; then for
+        each key a count of elements, int64, and the elements.
+        """
+        storages: dict[str, Any] = {}
+        counts: dict[str, int] = {}
+
+        def storage(pid: tuple[Any, ...]) -> Any:
+            kind, (key, _, count, view) = pid[1].dtype, pid[2:]
+            if view is not None:
+                raise ValueError("a storage that is a part of another one, which torch has not written since 0.4")
+            whole = storages.setdefault(key, _Storage(count * kind.itemsize, device="meta"))
+            counts[key] = count
+            return _TypedStorage(wrap_storage=whole, dtype=kind, _internal=True)
+
+        if unpickle(file) != _MAGIC or unpickle(file) != _VERSION or not unpickle(file)["little_endian"]:
+            raise ValueError("not a file of torch.save on a little-endian machine")
+        unpickler = _Unpickler(file, encoding="utf-8")
+        unpickler.persistent_load = storage
+        loaded, keys = unpickler.load(), unpickle(file)
+        size, position = os.fstat(file.fileno()).st_size, file.tell()
+        for key in keys:
+            self._places[storages[key]._cdata] = position + 8
+            file.seek(position)
+            if (found := int.from_bytes(file.read(8), "little")) != counts[key] and position + 8 <= size:
+                raise ValueError(f"a storage of {found} elements, which has {counts[key]} in the head of the file")
+            position += 8 + storages[key].nbytes()
+        if position > size:
+            raise ValueError(f"the file is truncated: {size:,} of {position:,} bytes")
+        return loaded
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """Shape of every tensor, by name."""
@@ -117,11 +127,33 @@ class ZipSource(_Closing):
 
     def read(self, name: str, rows: int) -> torch.Tensor:
         """Read the leading rows into separate memory, in the stored type."""
-        return self._tensors[name][:rows].clone(memory_format=torch.contiguous_format)
+        part = self._tensors[name][:rows]
+        if not part.numel():
+            return torch.empty(part.shape, dtype=part.dtype)
+        if not part.is_meta:
+            return part.clone(memory_format=torch.contiguous_format)
+        count = 1 + sum((n - 1) * step for n, step in zip(part.shape, part.stride(), strict=True))
+        start = self._places[part.untyped_storage()._cdata] + part.storage_offset() * part.itemsize
+        data = np.fromfile(self.path, np.uint8, count * part.itemsize, offset=start)
+        return torch.frombuffer(data, dtype=part.dtype).as_strided(part.shape, part.stride()).contiguous()
 
     @override
     def close(self) -> None:
         self._tensors = {}
+
+
+#: Classes of torch whose arguments have no types.
+_Unpickler: Any = Unpickler
+_Storage: Any = torch.UntypedStorage
+_TypedStorage: Any = torch.storage.TypedStorage
+#: First pickles of a file from before torch 1.6.
+_MAGIC, _VERSION = 0x1950A86A20F9469CFC6C, 1001
+_NUMBER = np.float64().__reduce__()[0]
+#: What stands for OpenAI's class of hyperparameters, which is a dict; and numpy's numbers, which may be in them.
+_STAND_INS: list[Any] = [
+    (OrderedDict, "jukebox.hparams.Hyperparams"), np.dtype, *(type(np.dtype(kind)) for kind in "fdilqbB?"),
+    *((_NUMBER, f"numpy.{core}.multiarray.scalar") for core in ("core", "_core")),
+]  # fmt: skip
 
 
 class SafetensorsSource(_Closing):
@@ -190,16 +222,8 @@ class SafetensorsSource(_Closing):
 _SAFETENSORS_DTYPES = {"F16": torch.float16, "BF16": torch.bfloat16, "F32": torch.float32}
 
 
-def open_torch_file(path: Path) -> LegacySource | ZipSource:
-    """Open a torch file of either format.
-
-    Raises
-    ------
-    SourceError
-        The file does not exist, is of neither format, or is damaged.
-    DataError
-        "unsafe_pickle".
-    """
+def open_torch_file(path: Path) -> TorchFile:
+    """Open a torch file of either format; SourceError if it does not exist, is of neither, or is damaged."""
     if not path.is_file():
         raise SourceError(
             "a file of the Jukebox checkpoint is missing",
@@ -207,9 +231,7 @@ def open_torch_file(path: Path) -> LegacySource | ZipSource:
             found=sorted(p.name for p in path.parent.iterdir())[:10] if path.parent.is_dir() else "no such folder",
             fix="get it with `dancedata jukebox fetch`, from OpenAI, a mirror or another folder",
         )
-    with path.open("rb") as file:
-        start = file.read(4)
-    return ZipSource(path) if start == b"PK\x03\x04" else LegacySource(path)
+    return TorchFile(path)
 
 
 def _model(loaded: Any, path: Path) -> Mapping[str, Any]:
