@@ -7,7 +7,8 @@ The names in `__all__` are the public list, modules among them. They are loaded 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import sys
+from typing import TYPE_CHECKING, Any
 
 from dancedata.core.lazy import lazy_names
 from dancedata.core.version import __version__
@@ -93,3 +94,27 @@ else:  # type checkers take the imports above, and so find misspelt names
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic", "training"),
     )
+
+#: What IPython shows as the viewer draws it.
+_DRAWN = {
+    "Motion": "dancedata.core.motion",
+    "Store": "dancedata.store.dataset",
+    "ClipView": "dancedata.store.clip_view",
+    "Clips": "dancedata.store.clip_view",
+}
+
+
+def load_ipython_extension(shell: Any) -> None:
+    """Show datasets, clips and motions on the last line of a cell; importing dancedata in IPython calls this."""
+
+    def draw(value: Any) -> str:
+        from dancedata.viewer.notebook import html_of  # when the first is shown
+
+        return html_of(value)
+
+    for name, module in _DRAWN.items():
+        shell.display_formatter.formatters["text/html"].for_type_by_name(module, name, draw)
+
+
+if (_shell := getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()) is not None:
+    load_ipython_extension(_shell)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from importlib import import_module
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -208,28 +205,6 @@ class Motion:
         length = f"{self.n_frames} frames at {self.grid} FPS, {float(self.grid.seconds(self.n_frames)):.2f} s"
         trimmed = f", trim_start {self.trim_start}" if self.trim_start else ""
         return f"Motion({length}, skeleton {self.skeleton.name}{trimmed})"
-
-    def view(self, *, music: str | Path | None = None) -> Any:
-        """Return a page that plays the motion, a `viewer.notebook.View`: a notebook's output, with `save` and `open`.
-
-        Parameters
-        ----------
-        music
-            Music file whose second 0 is frame 0; it is put into the page.
-
-        Examples
-        --------
-        >>> from dancedata.core.skeleton import SMPL24
-        >>> from dancedata.testing.examples import random_motion
-        >>> random_motion(SMPL24, 60).view().title
-        'motion'
-        """
-        # By name: a motion is computed with without what draws it.
-        return import_module("dancedata.viewer.notebook").view_motions(self, music=music)
-
-    def _repr_html_(self) -> str:
-        html: str = self.view()._repr_html_()
-        return html
 
     def part(self, start: int, stop: int) -> Motion:
         """Return frames start .. stop - 1. A part that ends before trim_start has a trim_start of 0."""

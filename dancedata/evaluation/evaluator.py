@@ -19,16 +19,17 @@ from dancedata.evaluation.evaluate import pool_for
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.store import columns_problem, reader_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
-from dancedata.evaluation.music import BEAT, ClipMusic, about_windows, beat_field, field_beats
+from dancedata.evaluation.music import ClipMusic, about_windows, beat_field
 from dancedata.evaluation.pool import Pool
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.request import Request
 from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, process_rank, sample_lengths
 from dancedata.store import Store
+from dancedata.store.beats import BEAT, field_beats
+from dancedata.store.like import Reader, opened, scaling_of, store_of
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import Scaler
-from dancedata.store.scaling import Reader, Scaling, opened, store_of
 from dancedata.store.schema import Field
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ class Evaluator:
         dataset = store_of(like)
         name, reader = reader_for(dataset, rules.motion, field)
         columns = reader.representation.columns.labels
-        scaling = Scaling.of(like, name, columns, normalized=normalized, scaler=scaler, clip=clip)
+        scaling = scaling_of(like, name, columns, normalized=normalized, scaler=scaler, clip=clip)
         if scaling.normalized is None:
             raise scaling.unstated(f"{dataset.path}, field {name}")
         reader = replace(reader, scaling=scaling)

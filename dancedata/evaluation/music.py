@@ -10,12 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Reject, Window
-from dancedata.core.columns import Columns, Group
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
-from dancedata.core.registry import FEATURES, beat_rows_late
+from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp import parse_name, tempo_bpm
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
@@ -38,12 +37,11 @@ from dancedata.pipeline.audio import (
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
 from dancedata.store import ClipView, Store
+from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.listed_file import FileHash
 from dancedata.store.schema import Field
 
 #: Group of the beats in an audio feature.
-BEAT = "beat"
-_BEAT_ALONE = Columns((Group(BEAT, 1, "0/1"),), None)
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)
 
@@ -101,28 +99,6 @@ class ClipMusic:
             pieces = [[start, beats.frames.tolist()] for start, beats in sorted(self.by_piece.items())]
         read = [self.beats, *(beats for _, beats in sorted((self.by_piece or {}).items()))] if instants else []
         return [str(self.beats.grid), self.beats.frames.tolist(), pieces, *(b.seconds.tolist() for b in read)]
-
-
-def field_beats(rows: npt.NDArray[Any], field: Field | FeatureJob) -> MusicBeats:
-    """Return the beats of rows (T, D) of an audio field, or of its column of beats alone (T,), at their instants."""
-    late = beat_rows_late(field.name)
-    if rows.ndim == 1:
-        return MusicBeats.of_rows(rows[:, None], _BEAT_ALONE, field.grid, late=late)
-    return MusicBeats.of_rows(rows, field.columns, field.grid, late=late)
-
-
-def clip_beats(store: Store, clip_id: str, field: str = "") -> npt.NDArray[np.float64]:
-    """Return the instants of a clip's stored beats, (M,) seconds from its first frame; see `ClipView.beats`."""
-    fields = {f.name: f for f in store.fields_with(BEAT)}
-    name = field or next(iter(fields), "")
-    if name not in fields:
-        raise UsageError(
-            "no beats are stored" if not field else f"field {field!r} has no beats", where=str(store.path),
-            allowed=", ".join(fields) or "a dataset with librosa35 or beats",
-        )  # fmt: skip
-    lead, rows = store.rows_within(clip_id, name)
-    seconds = field_beats(rows, fields[name]).seconds + lead / float(fields[name].rate)
-    return np.asarray(seconds.clip(min=0))
 
 
 def beats_after(beats: MusicBeats, start: int, grid: FrameGrid) -> MusicBeats:

@@ -26,9 +26,10 @@ from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
 from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
+from dancedata.store.like import Reader, scaling_of
 from dancedata.store.motion_fields import ColumnsReader, motion_readers
 from dancedata.store.normalize import Scaler
-from dancedata.store.scaling import Reader, Scaling
+from dancedata.store.scaling import Scaling
 from dancedata.store.schema import DATASET_FILE
 
 #: Joint positions (T, J, 3) or motions, by the id of a clip.
@@ -212,7 +213,7 @@ class Request:
         return "" if scaler is None else scaler.sha256
 
     def _scaling(self, field: str, plugin: Representation) -> Scaling:
-        return Scaling.of(
+        return scaling_of(
             self.reader or self.like, field, plugin.columns.labels, normalized=self.normalized, scaler=self.scaler,
             clip=self.clip,
         )  # fmt: skip

@@ -21,12 +21,12 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend
 from dancedata.pipeline.commands import folder_of, jobs_of
 from dancedata.store import Store
-from dancedata.store.scaling import opened, store_of
+from dancedata.store.like import opened, store_of
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
+    from dancedata.store.like import Reader
     from dancedata.store.normalize import Scaler
-    from dancedata.store.scaling import Reader
 
 __all__ = ["evaluate", "self_test"]
 

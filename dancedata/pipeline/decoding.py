@@ -19,8 +19,8 @@ from dancedata.representations.root_place import RootPlace
 
 if TYPE_CHECKING:
     from dancedata.store import Store
+    from dancedata.store.like import Reader
     from dancedata.store.normalize import Scaler
-    from dancedata.store.scaling import Reader
 
 
 #: A dataset, open or not, or a reader of it.
@@ -257,11 +257,11 @@ class Decoder:
 
     def _undone(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], FrameGrid]:
         """Return columns as they are stored, and their rate."""
-        from dancedata.store.scaling import Scaling, opened, store_of
+        from dancedata.store.like import opened, scaling_of, store_of
 
         like = None if self.like is None else opened(self.like)
         grid = _grid(self.representation, self.field, self.fps, None if like is None else store_of(like), self.grid)
-        scaling = Scaling.of(
+        scaling = scaling_of(
             like, self.field, self.representation.columns.labels, normalized=self.normalized, scaler=self.scaler,
             clip=self.clip,
         )  # fmt: skip

@@ -15,8 +15,8 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import listed, shown
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
+from dancedata.store.like import Reader, scaling_of
 from dancedata.store.normalize import MinMax, Scaler
-from dancedata.store.scaling import Reader, Scaling
 from dancedata.store.schema import Field
 
 _log = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
                 fix="name the field: scaler={FIELD: ...}",
             )  # fmt: skip
     joined = {
-        name: Scaling.of(store, name, store.fields[name].labels, scaler=choice) for name, choice in by_field.items()
+        name: scaling_of(store, name, store.fields[name].labels, scaler=choice) for name, choice in by_field.items()
     }
     return {name: choice.scaler for name, choice in joined.items() if choice.scaler is not None}
 

@@ -10,9 +10,10 @@ import numpy as np
 from dancedata.core.clip import Window
 from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
-from dancedata.evaluation.music import beats_after, field_beats
+from dancedata.evaluation.music import beats_after
 from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
 from dancedata.store import ClipView, Store
+from dancedata.store.beats import field_beats
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.schema import Field
 from dancedata.viewer.figure import Figure

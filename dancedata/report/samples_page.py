@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,16 +15,12 @@ from dancedata.report.markup import Figure, Markup, escaped, number, percent, ro
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.page import chapter_links, chapters_html, grid, outlier_figures, whole_page
 from dancedata.report.player import Player
+from dancedata.report.samples_document import SAMPLES, NearestPose, SampleRow, SamplesReport, of_sample
 from dancedata.report.space_figures import pose_figures, split_space_figures
 from dancedata.report.stills import still
 from dancedata.report.svg import histogram
 from dancedata.report.tally import nice_edges
 
-if TYPE_CHECKING:
-    from dancedata.report.samples import NearestPose, SampleRow, SamplesReport
-
-#: Split of the samples among the poses.
-SAMPLES = "samples"
 #: Numbers of clips that are compared: name, unit, and least width of a bin.
 MEASURES: Mapping[str, tuple[str, str, float]] = {
     "speed": ("speed of the body", "m/s", 0.01),
@@ -38,16 +33,6 @@ MEASURES: Mapping[str, tuple[str, str, float]] = {
     "key_beat_ms": ("key motions from the nearest beat", "ms", 1.0),
 }
 _POSES = 12
-
-
-def of_sample(clip: str) -> str:
-    """Return the name of a sample among the clips of the dataset, which may have the same."""
-    return f"{SAMPLES}/{clip}"
-
-
-def sample_of(name: str) -> str:
-    """Return the sample of a name of `of_sample`."""
-    return name.removeprefix(f"{SAMPLES}/")
 
 
 def describe(report: SamplesReport) -> list[str]:

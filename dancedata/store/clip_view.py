@@ -5,40 +5,21 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from importlib import import_module
 from itertools import accumulate, groupby
-from typing import Any, Protocol, Self, overload
+from typing import Any, Self, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.row_queries import RowQueries
 from dancedata.store.tables import Tables
 
 #: Ids that the text of a list of clips shows.
 _SHOWN = 3
-
-
-class ClipReader(Protocol):
-    """The part of a `Store` that reads clips."""
-
-    grid: FrameGrid
-
-    def has_field(self, clip_id: str, field: str) -> bool:
-        """Return whether a clip has rows of a field."""
-        ...
-
-    def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
-        """Read all rows of a field that belong to a clip."""
-        ...
-
-    def read_song(self, clip_id: str, field: str) -> npt.NDArray[Any]:
-        """Read an audio field to the end of a clip's music."""
-        ...
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -51,10 +32,10 @@ class ClipView(ClipRecord):
         The `Store` that it is read from.
     """
 
-    store: ClipReader
+    store: RowQueries
 
     @classmethod
-    def of(cls, store: ClipReader, record: ClipRecord) -> Self:
+    def of(cls, store: RowQueries, record: ClipRecord) -> Self:
         """Make the view of a row of the table /clips."""
         # Not through __init__, which sets field by field: lists of clips are made for whole splits.
         view = object.__new__(cls)
@@ -113,16 +94,18 @@ class ClipView(ClipRecord):
         UsageError
             For a field without rotations, or a dataset without such a field.
         """
-        motion: Motion = import_module("dancedata.store.motion_fields").clip_motion(self.store, self.id, field)
-        return motion
+        from dancedata.store.motion_fields import clip_motion  # with the plug-ins, which a list of clips needs not
+
+        return clip_motion(self.store, self.id, field)
 
     def joints(self, field: str = "") -> npt.NDArray[np.float64]:
         """Return the positions of the clip's joints, (T, J, 3) metres, +Y up; `field` as for `motion`.
 
         A dataset without rotations gives the joints of its first field of positions.
         """
-        pose = import_module("dancedata.store.motion_fields").clip_pose(self.store, self.id, field)
-        return np.asarray(pose.joints)
+        from dancedata.store.motion_fields import clip_pose
+
+        return clip_pose(self.store, self.id, field).joints
 
     def beats(self, field: str = "") -> npt.NDArray[np.float64]:
         """Return the instants of the stored beats, (M,) seconds from the clip's first frame.
@@ -137,13 +120,9 @@ class ClipView(ClipRecord):
         UsageError
             For a field without beats, or a dataset without such a field.
         """
-        return np.asarray(import_module("dancedata.evaluation.music").clip_beats(self.store, self.id, field))
+        from dancedata.store.beats import clip_beats
 
-    def _repr_html_(self) -> str:
-        """Show the clip in a notebook: the player of `dancedata view`, complete in itself."""
-        # By name: a store is read without what draws it.
-        html: str = import_module("dancedata.viewer.notebook").view_clip(self.store, self)._repr_html_()
-        return html
+        return clip_beats(self.store, self.id, field)
 
     def __repr__(self) -> str:
         length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"
@@ -155,7 +134,7 @@ class ClipView(ClipRecord):
 class Clips(Sequence[ClipView]):
     """The clips of a store, in stored order; each view is made on access."""
 
-    def __init__(self, store: ClipReader, tables: Sequence[Tables], rows: range | None = None) -> None:
+    def __init__(self, store: RowQueries, tables: Sequence[Tables], rows: range | None = None) -> None:
         self._store, self._tables = store, tables
         self._begin = [0, *accumulate(part.n_clips for part in tables)]
         self._rows = range(self._begin[-1]) if rows is None else rows
@@ -189,11 +168,6 @@ class Clips(Sequence[ClipView]):
         return self._store is other._store and self._rows == other._rows
 
     __hash__ = None  # type: ignore[assignment]
-
-    def _repr_html_(self) -> str:
-        """Show the first clips in a notebook, with a still of each."""
-        table: str = import_module("dancedata.viewer.tables").clips_html(self)
-        return table
 
     def __repr__(self) -> str:
         names = [repr(clip.id) for clip in self[:_SHOWN]]

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from dancedata.core.errors import UsageError
-from dancedata.core.licence import Licence
 from dancedata.files.regular_file import sha256_file
 from dancedata.remote import Origin, local_folder, origin_of
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.normalize import MinMax, ZScore
-from dancedata.store.row_queries import RowQueries
-from dancedata.store.schema import Field, Kind
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
-from dancedata.store.segments import quality_rows
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -72,7 +67,7 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     return store
 
 
-class Store(RowQueries, SegmentQueries):
+class Store(SegmentQueries):
     """A built dataset.
 
     Safe to pickle, to fork and to read from several threads: tables are read once, rows straight from the
@@ -107,12 +102,6 @@ class Store(RowQueries, SegmentQueries):
     def reference(self) -> tuple[str, str]:
         """Arguments for `reopen`: the path, and a hash of dataset.json."""
         return str(self.path), self._description.self_sha256
-
-    def _repr_html_(self) -> str:
-        """Show the dataset in a notebook: splits, fields, licence and the first clips."""
-        # By name: a store is read without what draws it.
-        table: str = import_module("dancedata.viewer.tables").store_html(self)
-        return table
 
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}, splits={self.splits}, fields={tuple(self.fields)}, fps={self.fps})"
@@ -158,20 +147,6 @@ class Store(RowQueries, SegmentQueries):
         return ClipView.of(self, tables.record(row))
 
     @property
-    def required_fields(self) -> tuple[str, ...]:
-        """Names of the fields that every clip has."""
-        return tuple(name for name, f in self._fields.items() if not f.optional)
-
-    @property
-    def optional_fields(self) -> tuple[str, ...]:
-        """Names of the fields that a clip may not have."""
-        return tuple(name for name, f in self._fields.items() if f.optional)
-
-    def fields_with(self, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
-        """Return the fields of a kind that have these groups of columns, such as "beat", in the dataset's order."""
-        return tuple(f for f in self._fields.values() if f.kind == kind and set(groups) <= set(f.columns.names))
-
-    @property
     def origin(self) -> Origin | None:
         """Address of a dataset that was fetched, of a hub with its commit; None for one of the local disk."""
         return origin_of(self.path)
@@ -183,24 +158,9 @@ class Store(RowQueries, SegmentQueries):
         return {name: text for name, text in weights.items() if text}
 
     @property
-    def licences(self) -> tuple[Licence, ...]:
-        """Terms of clips that differ from the dataset's, numbered as in `ClipRecord.licence`."""
-        return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.meta.get("licences", ()))
-
-    @property
     def stats(self) -> dict[str, Any]:
         """stats.json: per field, over the rows that train windows cover."""
         return self._side_files.stats
-
-    @property
-    def rejects(self) -> list[dict[str, Any]]:
-        """rejects.jsonl: what the build left out, and why."""
-        return self._side_files.rejects
-
-    @property
-    def quality(self) -> list[dict[str, Any]]:
-        """Quality flags: by clip in stored order, and by time."""
-        return quality_rows(self)
 
     def __len__(self) -> int:
         """Return the number of clips."""
@@ -240,9 +200,9 @@ class Store(RowQueries, SegmentQueries):
         MissingPackageError
             Without pandas.
         """
-        # By name: a store is read without pandas.
-        frame: DataFrame = import_module("dancedata.store.tables_out").table(self, table)
-        return frame
+        from dancedata.store.tables_out import table_of
+
+        return table_of(self, self.clips, table)
 
     def normalizer(self, field: str, mirror: bool = False) -> MinMax:
         """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.

@@ -20,7 +20,7 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
-from dancedata.store.dataset import Store
+from dancedata.store.row_queries import RowQueries
 from dancedata.store.scaling import Scaling
 from dancedata.store.schema import Field
 
@@ -186,16 +186,16 @@ class ColumnsReader:
         return Pose(positions, plugin.skeleton.joints, self.grid, bool(plugin.skeleton.offsets[0].any()))
 
 
-def motion_reader(store: Store, name: str) -> ColumnsReader:
+def motion_reader(store: RowQueries, name: str) -> ColumnsReader:
     """Return the reader of a motion field; UsageError as `stored_representation`."""
     return _reader(store, store.field(name))
 
 
-def _reader(store: Store, field: Field) -> ColumnsReader:
+def _reader(store: RowQueries, field: Field) -> ColumnsReader:
     return ColumnsReader(stored_representation(store.meta.get("recipe"), field.name, field.columns), field.grid)
 
 
-def clip_pose(store: Store, clip_id: str, field: str = "") -> Pose:
+def clip_pose(store: RowQueries, clip_id: str, field: str = "") -> Pose:
     """Return the pose of a whole clip, by the field that is named, else by the first with rotations, else positions.
 
     UsageError as `stored_representation`, and for a dataset without such a field.
@@ -204,7 +204,7 @@ def clip_pose(store: Store, clip_id: str, field: str = "") -> Pose:
     return reader.pose(store.read_clip(clip_id, field), where=clip_id)
 
 
-def _reader_of_clip(store: Store, clip_id: str, field: str) -> tuple[str, ColumnsReader]:
+def _reader_of_clip(store: RowQueries, clip_id: str, field: str) -> tuple[str, ColumnsReader]:
     if field:
         return field, motion_reader(store, field)
     kept = {name: reader for name, reader in pose_readers(store).items() if store.has_field(clip_id, name)}
@@ -216,12 +216,12 @@ def _reader_of_clip(store: Store, clip_id: str, field: str) -> tuple[str, Column
     return min(kept.items(), key=lambda item: not item[1].representation.decodes)
 
 
-def clip_motion(store: Store, clip_id: str, field: str = "") -> Motion:
+def clip_motion(store: RowQueries, clip_id: str, field: str = "") -> Motion:
     """Return the motion of a whole clip; UsageError as `clip_pose`, and for a field without rotations."""
     return _with_rotations(clip_pose(store, clip_id, field), store, field)
 
 
-def clip_stretches(store: Store, clip_id: str, field: str = "") -> Iterator[tuple[int, Motion]]:
+def clip_stretches(store: RowQueries, clip_id: str, field: str = "") -> Iterator[tuple[int, Motion]]:
     """Yield the motion of a clip as far as it is stored without a gap: first frame, at the field's rate, and motion.
 
     In track scope that is the whole clip. In window scope windows are joined where they hold the same motion in the
@@ -264,7 +264,7 @@ def _joined(parts: Sequence[Motion]) -> Motion:
     return replace(parts[0], translation=np.concatenate([part.translation for part in parts]), rotations=rotations)
 
 
-def _with_rotations(pose: Pose, store: Store, field: str) -> Motion:
+def _with_rotations(pose: Pose, store: RowQueries, field: str) -> Motion:
     if pose.motion is None:
         raise UsageError(
             "the field has no rotations", where=str(store.path), found=field or "fields of positions alone",
@@ -273,7 +273,7 @@ def _with_rotations(pose: Pose, store: Store, field: str) -> Motion:
     return pose.motion
 
 
-def pose_readers(store: Store) -> dict[str, ColumnsReader]:
+def pose_readers(store: RowQueries) -> dict[str, ColumnsReader]:
     """Return those of `motion_readers` that give positions of joints."""
     return {
         name: reader
@@ -282,7 +282,7 @@ def pose_readers(store: Store) -> dict[str, ColumnsReader]:
     }
 
 
-def motion_readers(store: Store) -> dict[str, ColumnsReader]:
+def motion_readers(store: RowQueries) -> dict[str, ColumnsReader]:
     """Return a reader of each motion field whose plug-in is installed, in the order of the dataset."""
     readers = {}
     for field in store.fields_with(kind="motion"):

@@ -5,15 +5,13 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.plugins import Representation
-from dancedata.store.dataset import Store, open_store
 from dancedata.store.normalize import Scaler
 
 if TYPE_CHECKING:
@@ -34,46 +32,6 @@ _DOUBT = 0.1
 _INSIDE, _FAR = 0.05, 10.0
 #: Mean size of values that are about 0.
 _NEAR_0 = 0.1
-
-
-class Reader(Protocol):
-    """A `WindowDataset` or `ClipDataset`."""
-
-    @property
-    def store(self) -> Store:
-        """The dataset."""
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the fields that it reads."""
-
-    @property
-    def normalized(self) -> tuple[str, ...]:
-        """Names of the fields that it normalises."""
-
-    def normalizer(self, field: str) -> Scaler:
-        """Return the scaler of a field: of one that is not normalised, what normalising it would use."""
-
-
-#: An open dataset, or a reader of it.
-Like = Store | Reader
-
-
-def opened(like: Like | str | Path) -> Like:
-    """Return a dataset or reader, opened if it is a path."""
-    if isinstance(like, str | Path):
-        return open_store(Path(like).expanduser())
-    if not hasattr(like, "normalizer"):
-        raise UsageError(
-            "like is neither a dataset nor a reader", found=type(like).__name__,
-            fix="give the WindowDataset or ClipDataset that it holds",
-        )  # fmt: skip
-    return like
-
-
-def store_of(like: Like) -> Store:
-    """Return the dataset, or that of a reader."""
-    return like if isinstance(like, Store) else like.store
 
 
 def stated_in(arrays: ArrayFile) -> bool | None:
@@ -109,61 +67,6 @@ class Scaling:
     scaler: Scaler | None = None
     normalized: bool | None = None
     clip: bool = False
-
-    @classmethod
-    def of(
-        cls,
-        like: Like | None,
-        field: str,
-        columns: tuple[str, ...],
-        *,
-        normalized: bool | None = None,
-        scaler: Scaler | str | Path | None = None,
-        clip: bool = False,
-    ) -> Scaling:
-        """Join what a caller states.
-
-        Parameters
-        ----------
-        like
-            A dataset, whose stored scaler it is; or a reader, which states its scaler and whether it normalises.
-        field, columns
-            Name of the field, and names of its columns.
-        scaler
-            Another scaler, or its file: the columns are then normalised.
-
-        Raises
-        ------
-        UsageError
-            For statements that contradict each other, no scaler, or one that is not of these columns or this dataset.
-        StoreError
-            If the dataset has no scaler, and columns are stated to be normalised.
-        """
-        store = None if like is None else store_of(like)
-        if scaler is not None:
-            if normalized is False:
-                raise UsageError(
-                    "a scaler is given for columns that are not normalised", fix="leave out the one that is wrong"
-                )
-            read = scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
-            stored = None if store is None else _stored(store, field)
-            dataset = "" if stored is None else stored.sha256
-            return cls(read.require(field=field, columns=columns, dataset=dataset), True, clip)
-        if like is None or store is None:
-            if normalized:
-                raise UsageError(
-                    "normalised columns need the scaler of a dataset",
-                    fix="name it: like=, in a command --like STORE; or scaler=, in a command --scaler FILE",
-                )
-            return cls(None, False)
-        if field not in store.fields:
-            raise UsageError(f"no field named {field!r}", where=store.path, fix=did_you_mean(field, store.fields))
-        if not isinstance(like, Store) and field in like.fields:
-            normalized = field in like.normalized if normalized is None else normalized
-            if normalized or field in like.normalized:
-                return cls(like.normalizer(field), normalized, clip)
-        stored_scaler = store.normalizer(field) if normalized else _stored(store, field)
-        return cls(stored_scaler, False if stored_scaler is None else normalized, clip)
 
     def identity(self) -> Any:
         """Return JSON data for cache keys."""
@@ -218,12 +121,6 @@ class Scaling:
             return columns
         undone: npt.NDArray[Any] = self.scaler.unnormalize(rows, clip=self.clip)
         return np.where(np.isfinite(rows), undone, np.nan)  # clipping would hide infinity
-
-
-def _stored(store: Store, field: str) -> Scaler | None:
-    if field not in store.fields or store.field(field).codebook is not None or field not in store.stats["fields"]:
-        return None
-    return store.normalizer(field)
 
 
 def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

@@ -1,21 +1,27 @@
 """Segments of a store, of clips and of windows: words and events in time."""
 
+import math
+from collections.abc import Iterator
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
-from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.segments import Layer, Segment
-from dancedata.store.segments import PlacedRow, PlacedSegment, layer_of, segments_of
-from dancedata.store.store_tables import StoreTables
+from dancedata.core.text import shown
+from dancedata.files.strict_json import parse_json
+from dancedata.store.dataset_json import checked_flag
+from dancedata.store.row_queries import RowQueries
+from dancedata.store.segments import QUALITY, PlacedRow, PlacedSegment, layer_of, segments_of
 from dancedata.store.table_file import SegmentTable, read_segments
 from dancedata.store.tables import Tables
 
 
-class SegmentQueries(StoreTables):
+class SegmentQueries(RowQueries):
     """The part of a `Store` that reads segments."""
 
     @cached_property
@@ -110,3 +116,24 @@ class SegmentQueries(StoreTables):
         names = sorted({stored.name for stored in self.layers})
         if layer is not None and layer not in names:
             raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))
+
+    @property
+    def quality(self) -> list[dict[str, Any]]:
+        """Quality flags: by clip in stored order, and by time; StoreError for damaged ones."""
+        try:
+            return [row for split in self.splits for row in self._flags(split)]
+        except (ValueError, IndexError) as error:
+            raise StoreError("the quality flags cannot be read", where=str(self.path), found=shown(error)) from error
+
+    def _flags(self, split: str) -> Iterator[dict[str, Any]]:
+        table, layers = self.segment_table(split), self.layers
+        numbers = [k for k, layer in enumerate(layers) if layer.name == QUALITY]
+        if table is None or not numbers:
+            return
+        columns, ids = table.columns, self.tables(split).ids
+        for k in np.flatnonzero(np.isin(columns["layer"], numbers)).tolist():
+            value = float(columns["value"][k])
+            flag: dict[str, Any] = {"clip": ids[int(columns["clip"][k])]}
+            flag |= {"kind": columns["label"][k]} if columns["label"][k] else {}
+            flag |= {} if math.isnan(value) else {"value": value}
+            yield {**checked_flag(flag | parse_json(columns["data"][k] or "{}"), f"segment {k}")}

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
-
-import numpy as np
+from typing import Any, NamedTuple, Protocol
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, StoreError
@@ -17,12 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import canonical_json
 from dancedata.core.segments import TICKS_PER_SECOND, Layer, Segment, ticks
 from dancedata.core.text import shown
-from dancedata.files.strict_json import parse_json
-from dancedata.store.dataset_json import checked_flag
 from dancedata.store.table_file import SegmentTable
-
-if TYPE_CHECKING:
-    from dancedata.store.dataset import Store
 
 #: Layers of the quality flags: of places, and of whole clips.
 QUALITY = "quality"
@@ -230,25 +223,3 @@ def quality_segments(
         segment = Segment(layer, start, end, str(flag.get("kind", "")), value=value, data=data)
         segments.setdefault(clip, []).append(segment)
     return segments
-
-
-def quality_rows(store: Store) -> list[dict[str, Any]]:
-    """Return the quality flags of a store; StoreError for damaged ones."""
-    try:
-        return [row for split in store.splits for row in _flags(store, split)]
-    except (ValueError, IndexError) as error:
-        raise StoreError("the quality flags cannot be read", where=str(store.path), found=shown(error)) from error
-
-
-def _flags(store: Store, split: str) -> Iterator[dict[str, Any]]:
-    table, layers = store.segment_table(split), store.layers
-    numbers = [k for k, layer in enumerate(layers) if layer.name == QUALITY]
-    if table is None or not numbers:
-        return
-    columns, ids = table.columns, store.tables(split).ids
-    for k in np.flatnonzero(np.isin(columns["layer"], numbers)).tolist():
-        value = float(columns["value"][k])
-        flag: dict[str, Any] = {"clip": ids[int(columns["clip"][k])]}
-        flag |= {"kind": columns["label"][k]} if columns["label"][k] else {}
-        flag |= {} if math.isnan(value) else {"value": value}
-        yield {**checked_flag(flag | parse_json(columns["data"][k] or "{}"), f"segment {k}")}

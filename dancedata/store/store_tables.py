@@ -4,12 +4,14 @@ from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError, did_you_mean, nearest
+from dancedata.core.licence import Licence
 from dancedata.store.dataset_json import Description
 from dancedata.store.listed_file import ListedFile, SideFiles
-from dancedata.store.schema import Field, sort_splits
+from dancedata.store.schema import Field, Kind, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.table_file import SegmentTable, read_tables
@@ -50,6 +52,30 @@ class StoreTables:
         if name not in self._fields:
             raise UsageError(f"no field named {name!r}", where=str(self.path), fix=did_you_mean(name, self._fields))
         return self._fields[name]
+
+    @property
+    def required_fields(self) -> tuple[str, ...]:
+        """Names of the fields that every clip has."""
+        return tuple(name for name, f in self._fields.items() if not f.optional)
+
+    @property
+    def optional_fields(self) -> tuple[str, ...]:
+        """Names of the fields that a clip may not have."""
+        return tuple(name for name, f in self._fields.items() if f.optional)
+
+    def fields_with(self, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
+        """Return the fields of a kind that have these groups of columns, such as "beat", in the dataset's order."""
+        return tuple(f for f in self._fields.values() if f.kind == kind and set(groups) <= set(f.columns.names))
+
+    @property
+    def licences(self) -> tuple[Licence, ...]:
+        """Terms of clips that differ from the dataset's, numbered as in `ClipRecord.licence`."""
+        return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.meta.get("licences", ()))
+
+    @property
+    def rejects(self) -> list[dict[str, Any]]:
+        """rejects.jsonl: what the build left out, and why."""
+        return self._side_files.rejects
 
     def tables(self, split: str) -> Tables:
         """Return the tables of a split: columns of its clips and windows, read on first use.

@@ -10,19 +10,19 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.store.clip_columns import FREE
-from dancedata.store.clip_view import ClipView
-from dancedata.store.dataset import Store
+from dancedata.store.clip_view import Clips, ClipView
+from dancedata.store.segment_queries import SegmentQueries
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def table(store: Store, name: str) -> DataFrame:
+def table_of(store: SegmentQueries, clips: Clips, name: str) -> DataFrame:
     """Return a table of `Store.to_pandas`; UsageError for an unknown one, or without pandas."""
     if name not in _TABLES:
         raise UsageError(f"no table named {name!r}", fix=did_you_mean(name, _TABLES))
     pandas = load("pandas", "pandas", what="to_pandas")
-    rows = list(_TABLES[name](store))
+    rows = list(_TABLES[name](store, clips))
     frame: DataFrame = pandas.DataFrame.from_records(rows, columns=None if rows else _EMPTY[name])
     for column, kind in free_types(store).items() if name == "clips" and rows else ():
         values = [row[column] for row in rows]
@@ -31,12 +31,12 @@ def table(store: Store, name: str) -> DataFrame:
     return frame
 
 
-def free_types(store: Store) -> dict[str, str]:
+def free_types(store: SegmentQueries) -> dict[str, str]:
     """Return the types of the free columns, by name with the prefix."""
     return {name: kind for split in store.splits for name, kind in store.tables(split).types.items()}
 
 
-def clip_row(store: Store, clip: ClipView, free: Iterable[str]) -> dict[str, Any]:
+def clip_row(store: SegmentQueries, clip: ClipView, free: Iterable[str]) -> dict[str, Any]:
     """Return a clip's row of the table of clips; `free` has the names of the free columns."""
     row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
     row |= {name: _plain(value) for name, value in asdict(clip.record).items() if name not in {*row, "columns"}}
@@ -45,23 +45,23 @@ def clip_row(store: Store, clip: ClipView, free: Iterable[str]) -> dict[str, Any
     return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
 
 
-def _licence(store: Store, clip: ClipView) -> str:
+def _licence(store: SegmentQueries, clip: ClipView) -> str:
     return (store.licences[clip.licence].text if clip.licence >= 0 else "") or str(store.meta.get("licence") or "")
 
 
-def window_row(store: Store, split: str, window: Window) -> dict[str, Any]:
+def window_row(store: SegmentQueries, split: str, window: Window) -> dict[str, Any]:
     """Return a row of the table of windows."""
     seconds = float(store.grid.seconds(window.start)), float(store.grid.seconds(window.length))
     return {"clip": window.clip, "split": split, "start": window.start, "length": window.length,
             "start_s": seconds[0], "length_s": seconds[1]}  # fmt: skip
 
 
-def _clips(store: Store) -> Iterator[dict[str, Any]]:
+def _clips(store: SegmentQueries, clips: Clips) -> Iterator[dict[str, Any]]:
     free = free_types(store)
-    return (clip_row(store, clip, free) for clip in store.clips)
+    return (clip_row(store, clip, free) for clip in clips)
 
 
-def _windows(store: Store) -> Iterator[dict[str, Any]]:
+def _windows(store: SegmentQueries, clips: Clips) -> Iterator[dict[str, Any]]:
     fields = store.required_fields  # windows of clips without an optional field as well
     return (
         window_row(store, split, window) for split in store.splits for window in store.windows(split, fields=fields)
@@ -75,11 +75,11 @@ def _plain(value: Any) -> Any:
     return float(value) if hasattr(value, "numerator") and not isinstance(value, int) else value
 
 
-_TABLES: Mapping[str, Callable[[Store], Iterator[dict[str, Any]]]] = {
+_TABLES: Mapping[str, Callable[[SegmentQueries, Clips], Iterator[dict[str, Any]]]] = {
     "clips": _clips,
     "windows": _windows,
-    "rejects": lambda store: iter(store.rejects),
-    "quality": lambda store: iter(store.quality),
+    "rejects": lambda store, clips: iter(store.rejects),
+    "quality": lambda store, clips: iter(store.quality),
 }
 
 #: Columns of a table without rows, so that a filter on one of them finds nothing instead of failing.

@@ -19,9 +19,9 @@ from dancedata.datasets.files import MOTION_SUFFIXES
 from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
+from dancedata.store.like import scaling_of
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import Scaler
-from dancedata.store.scaling import Scaling
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.payload import Json, curve, figure_payload
 from dancedata.viewer.scene_list import Item, Scene, SceneList
@@ -177,7 +177,7 @@ def file_format(
             fix="give it with --fps, or with --like STORE",
         )
     like = store if stored or normalized else None
-    scaling = Scaling.of(like, representation, plugin.columns.labels, normalized=normalized, scaler=scaler, clip=clip)
+    scaling = scaling_of(like, representation, plugin.columns.labels, normalized=normalized, scaler=scaler, clip=clip)
     return FileFormat(fps=str(rate), up=up, unit=unit, columns=ColumnsReader(plugin, rate, scaling))
 
 

@@ -16,10 +16,12 @@ from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.store import ClipView, Store
+from dancedata.store.clip_view import Clips
 from dancedata.viewer.motions import MotionScenes, MusicFiles
 from dancedata.viewer.opus import opus
 from dancedata.viewer.page import PageSound, clip_page
 from dancedata.viewer.scenes import Scenes
+from dancedata.viewer.tables import clips_html, store_html
 from dancedata.viewer.wall import Wall, WallSounds
 
 #: One motion, or several, by name or numbered from 0.
@@ -127,6 +129,19 @@ def view_clip(store: Store, clip: ClipView) -> View:
     scenes = Scenes(store)
     items = scenes.items_of(clip.id)[:_CELL_WINDOWS] if scenes.items else []
     return View(repr(clip), clip_page(scenes, items))
+
+
+def html_of(value: Motion | ClipView | Clips | Store) -> str:
+    """Return what a notebook shows: a player of a motion or a clip; of clips or a dataset tables with stills."""
+    if isinstance(value, Store):
+        return store_html(value)
+    if isinstance(value, Clips):
+        return clips_html(value)
+    if isinstance(value, Motion):
+        return view_motions(value)._repr_html_()
+    if not isinstance(value.store, Store):
+        raise UsageError("the clip is not of a dataset", found=repr(value))
+    return view_clip(value.store, value)._repr_html_()
 
 
 def write_page(

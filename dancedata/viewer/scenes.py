@@ -17,9 +17,9 @@ from dancedata.core.grid import as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
-from dancedata.evaluation.music import BEAT, field_beats
 from dancedata.keymotion.minima import KeyMotion
 from dancedata.store import Store
+from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.dataset import reopen
 from dancedata.store.motion_fields import ColumnsReader, motion_reader, pose_readers
 from dancedata.store.schema import DATASET_FILE, Field

@@ -31,7 +31,7 @@ def for_type_checkers(package: ModuleType) -> dict[str, str]:
     (branch,) = (
         node
         for node in ast.parse(Path(str(package.__file__)).read_text(encoding="utf-8")).body
-        if isinstance(node, ast.If)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
     )
     return {
         alias.asname or alias.name: f"{node.module}:{alias.name}"

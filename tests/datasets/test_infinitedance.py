@@ -14,8 +14,7 @@ import dancedata
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.datasets.infinitedance import InfiniteDance
-from dancedata.datasets.infinitedance.motion import FIRST_CODES, load_columns, load_fit, write_example
-from dancedata.datasets.infinitedance.reader import (
+from dancedata.datasets.infinitedance.corpus import (
     COLUMNS_FOLDER,
     FITS_FOLDER,
     MUQ_FOLDER,
@@ -23,6 +22,7 @@ from dancedata.datasets.infinitedance.reader import (
     TEST_FOLDER,
     TOKENS_FOLDER,
 )
+from dancedata.datasets.infinitedance.motion import FIRST_CODES, load_columns, load_fit, write_example
 from dancedata.readers import WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -63,6 +64,12 @@ def circle(root: Path) -> list[str]:
 
 def test_no_module_imports_itself_through_others() -> None:
     assert circle(ROOT / "dancedata") == []
+
+
+def test_only_the_registry_imports_by_name() -> None:
+    texts = {path: path.read_text(encoding="utf-8") for path in (ROOT / "dancedata").rglob("*.py")}
+    named = [str(path) for path, text in texts.items() if re.search(r"""import_module\(\s*f?["']dancedata""", text)]
+    assert named == []
 
 
 @pytest.mark.parametrize(

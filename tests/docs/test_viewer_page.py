@@ -15,6 +15,7 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.formats.motion_files import motion_file
 from dancedata.synthetic import synthesise_motion, write_synthetic
+from dancedata.viewer.notebook import html_of
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = (ROOT / "docs" / "viewer.md").read_text(encoding="utf-8")
@@ -76,7 +77,7 @@ def test_its_notebook_cell_shows_the_clip(folder: Path, monkeypatch: pytest.Monk
     *before, last = cell.replace(CLIP, known).strip().splitlines()
     names: dict[str, object] = {}
     exec("\n".join(before), names)
-    assert eval(last, names)._repr_html_().startswith("<iframe srcdoc=")
+    assert html_of(eval(last, names)).startswith("<iframe srcdoc=")
 
 
 def test_its_keys_are_those_of_the_page() -> None:

@@ -16,11 +16,12 @@ from dancedata.core.dance import Dance, MusicBeats, peak_offsets
 from dancedata.core.grid import FrameGrid
 from dancedata.datasets.aistpp.load import load_motion
 from dancedata.evaluation.measuring import measure_pose
-from dancedata.evaluation.music import ClipMusic, beats_after, field_beats
+from dancedata.evaluation.music import ClipMusic, beats_after
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.set_statistics import STATISTICS, frechet
+from dancedata.store.beats import field_beats
 from dancedata.store.motion_fields import Pose
 from dancedata.store.schema import Field
 

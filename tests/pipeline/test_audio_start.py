@@ -23,7 +23,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.inputs.clip import ClipSet
 from dancedata.evaluation.inputs.songs import MusicSources
 from dancedata.evaluation.inputs.store import store_clips
-from dancedata.evaluation.music import Resources, clip_music, field_beats
+from dancedata.evaluation.music import Resources, clip_music
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -31,6 +31,7 @@ from dancedata.readers import WindowDataset
 from dancedata.report import write_report
 from dancedata.report.pieces import ClipReader
 from dancedata.store import Store, verify_store
+from dancedata.store.beats import field_beats
 from dancedata.store.songs import alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
 from dancedata.viewer import Scenes

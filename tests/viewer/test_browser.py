@@ -13,6 +13,7 @@ import dancedata
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from dancedata.viewer import Scenes
+from dancedata.viewer.notebook import html_of
 from dancedata.viewer.page import clip_page, page_data, whole_page
 from dancedata.viewer.payload import scene_payload
 from dancedata.viewer.view import ViewRequest
@@ -376,7 +377,7 @@ def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source:
 
 def test_a_clip_in_a_notebook_plays(browser: Browser, odd: Path, tmp_path: Path) -> None:
     page = tmp_path / "notebook.html"
-    page.write_text(f"<!doctype html><meta charset=utf-8>{dancedata.open(odd).clip('wav')._repr_html_()}")
+    page.write_text(f"<!doctype html><meta charset=utf-8>{html_of(dancedata.open(odd).clip('wav'))}")
     browser.driver.get(page.as_uri())
     browser.driver.switch_to.frame(0)
     browser.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")

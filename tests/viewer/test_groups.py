@@ -12,6 +12,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import facing_angles
 from dancedata.viewer import Figure, Item, Scenes
 from dancedata.viewer.comparisons import comparison_of, comparison_payload, file_format
+from dancedata.viewer.notebook import html_of
 from dancedata.viewer.page import clip_page
 from dancedata.viewer.palette import DANCERS
 from dancedata.viewer.payload import item_rows, link, scene_payload
@@ -202,7 +203,7 @@ def test_a_group_and_a_dancer_are_exported(crowd: Path, tmp_path: Path) -> None:
 
 
 def test_a_dancer_shows_himself_in_a_notebook(crowd: Path) -> None:
-    shown = dancedata.open(crowd).clip(f"{TWO}_p1")._repr_html_()
+    shown = html_of(dancedata.open(crowd).clip(f"{TWO}_p1"))
     assert "&quot;members&quot;" not in shown
     assert f"{TWO}_p1" in shown
 

@@ -22,7 +22,7 @@ from dancedata.formats.motion_files import motion_file
 from dancedata.synthetic import synthesise_motion
 from dancedata.viewer import Figure
 from dancedata.viewer.motions import MotionScenes
-from dancedata.viewer.notebook import motion_scenes_of, view_motions
+from dancedata.viewer.notebook import html_of, motion_scenes_of, view_motions
 from dancedata.viewer.request import Shown, ViewRequest
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import export_page
@@ -172,13 +172,13 @@ def test_nothing_that_moves(tmp_path: Path) -> None:
 
 def test_motions_of_python_are_shown(tmp_path: Path) -> None:
     motion = dance()
-    html = motion._repr_html_()
+    html = html_of(motion)
     assert 'sandbox="allow-scripts"' in html
     page = document(plot.write_page({"one": motion, "two": dance(1)}, tmp_path / "page.html"))
     assert [clip[0] for clip in page["list"]["clips"]] == ["one", "two"]
     song = tmp_path / "song.wav"
     clicks("wav", song)
-    assert set(document(motion.view(music=song).page)["audio"]) == {"0"}
+    assert set(document(view_motions(motion, music=song).page)["audio"]) == {"0"}
     assert document(view_motions([motion, dance(1)], wall=True).page)["head"]["groups"] == 1
     with raises_message(UsageError, "motion_1"):
         view_motions([motion, motion.joints()])  # type: ignore[list-item]

@@ -13,6 +13,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from dancedata.viewer.notebook import html_of
 from dancedata.viewer.page import clip_page, page_parts, source_hash
 from dancedata.viewer.payload import page_json
 
@@ -87,7 +88,7 @@ def test_names_are_data(scenes) -> None:
 
 def test_a_clip_shows_itself(scenes) -> None:
     dataset = scenes("thirty")
-    shown = dataset.store.clip(dataset.items[0].id)._repr_html_()
+    shown = html_of(dataset.store.clip(dataset.items[0].id))
     read = Reader(shown)
     ((tag, attrs),) = read.tags
     assert tag == "iframe"
@@ -102,7 +103,7 @@ def test_a_clip_shows_itself(scenes) -> None:
 def test_a_clip_of_window_scope_shows_its_windows(scenes) -> None:
     dataset = scenes("window")
     clip = dataset.store.clips[0]
-    read = Reader(Reader(clip._repr_html_()).tags[0][1]["srcdoc"] or "")
+    read = Reader(Reader(html_of(clip)).tags[0][1]["srcdoc"] or "")
     starts = [row[1] for row in json.loads(read.texts["script"][0])["list"]["items"]]
     assert starts == [item.start for item in dataset.items if item.clip.id == clip.id]
 

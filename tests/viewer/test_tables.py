@@ -1,7 +1,12 @@
 """Tables of a notebook: datasets and lists of clips, names as text, a still of each clip."""
 
 import re
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +16,14 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.synthetic import synthesise_motion
 from dancedata.viewer import Figure
+from dancedata.viewer.notebook import html_of
 from dancedata.viewer.tables import MOST_CLIPS, pose_svg
 from tests.viewer.helpers import HOSTILE
 
 
 def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:
     ds = dancedata.open(odd)
-    page = ds._repr_html_()
+    page = html_of(ds)
     assert "edge151" in page
     assert "groups" not in page  # there is none
     assert "librosa35" in page
@@ -31,9 +37,9 @@ def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:
 
 def test_a_part_of_the_clips(odd: Path) -> None:
     clips = dancedata.open(odd).clips
-    assert clips[:2]._repr_html_().count("<tr>") == 3
-    assert clips[:0]._repr_html_() == "<p>no clips</p>"
-    assert "more clip" not in clips._repr_html_()
+    assert html_of(clips[:2]).count("<tr>") == 3
+    assert html_of(clips[:0]) == "<p>no clips</p>"
+    assert "more clip" not in html_of(clips)
 
 
 def test_a_still_is_the_pose_from_the_front() -> None:
@@ -50,3 +56,21 @@ def test_a_still_is_the_pose_from_the_front() -> None:
     scale = (drawn[low][1] - drawn[high][1]) / (heights[high] - heights[low])
     across = figure.joints[10, SMPL24.index("left_hip")] - figure.joints[10, SMPL24.index("right_hip")]
     assert left[0] - right[0] == pytest.approx(scale * np.hypot(across[0], across[2]), abs=0.15)
+
+
+def test_importing_dancedata_in_ipython_registers_what_it_shows(odd: Path) -> None:
+    shown: dict[tuple[str, str], Callable[[Any], str]] = {}
+    html = SimpleNamespace(for_type_by_name=lambda module, name, draw: shown.update({(module, name): draw}))
+    shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": html}))
+    dancedata.load_ipython_extension(shell)
+    ds = dancedata.open(odd)
+    for value in (ds, ds.clips, ds.clips[0], ds.clip("wav").motion()):
+        assert shown[type(value).__module__, type(value).__name__](value).startswith(("<div>", "<table>", "<iframe "))
+    code = (
+        "import sys, types; s = types.SimpleNamespace; html = s(for_type_by_name=lambda *_: print('registered'))\n"
+        "shell = s(display_formatter=s(formatters={'text/html': html}))\n"
+        "sys.modules['IPython'] = s(get_ipython=lambda: shell)\n"
+        "import dancedata; assert 'dancedata.viewer' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["registered"] * len(shown)

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar
 
 import torch
 
-from dancedata.audio.networks.feature import Precision
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.files.locks import open_locked
 
@@ -150,8 +149,8 @@ def _is_out_of_memory(error: RuntimeError) -> bool:
 
 def resolve_precision(name: str, device: torch.device) -> str:
     """Return "fp32", "fp16" or "bf16"; "auto" is fp16 on CUDA and fp32 elsewhere."""
-    if name not in get_args(Precision):
-        raise UsageError("unknown precision", found=name, allowed=", ".join(get_args(Precision)))
+    if name not in ("auto", *_DTYPES):
+        raise UsageError("unknown precision", found=name, allowed=", ".join(("auto", *_DTYPES)))
     if name == "auto":
         return "fp16" if device.type == "cuda" else "fp32"
     return name

@@ -1,4 +1,4 @@
-"""What lies beside the motions of InfiniteDance: lists of names, styles, and the dataset that a clip comes from."""
+"""InfiniteDance's folders, and what lies beside the motions: lists of names, styles, the dataset of each clip."""
 
 import re
 from collections import Counter
@@ -12,6 +12,12 @@ from dancedata.core.text import listed, quoted
 from dancedata.datasets.files import MAX_LIST_BYTES, list_folder, read_names, relative
 from dancedata.files.strict_json import read_json
 
+FITS_FOLDER = "dance/infinitedance_smplx_smooth"
+COLUMNS_FOLDER = "dance/alldata_new_joint_vecs264_ft_balanced"
+TEST_FOLDER = "dance/test_eval861_joint_vecs264"
+TOKENS_FOLDER = "dance/Infinite_MotionTokens_512x1024_3layer_cleandata"
+MUQ_FOLDER = "music/muq_features/test_infinitedance"
+MUSIC55_FOLDER = "music/musicfeature_55_allmusic_pure"
 OWN, UNKNOWN = "infinitedance", "unknown"
 #: Dataset of a list's name before "_train.txt" and so on, with the terms of its clips.
 ORIGINS: Mapping[str, tuple[str, str]] = {

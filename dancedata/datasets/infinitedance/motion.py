@@ -14,7 +14,7 @@ from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets._upright import up_axis
 from dancedata.datasets.folder.facts import UPRIGHT
-from dancedata.datasets.infinitedance.reader import (
+from dancedata.datasets.infinitedance.corpus import (
     COLUMNS_FOLDER,
     FITS_FOLDER,
     MUQ_FOLDER,

@@ -14,16 +14,20 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, files_by_stem, relative, require_choices
-from dancedata.datasets.infinitedance.corpus import AIST, OWN, Styles, lists_of, origins_note, origins_of
+from dancedata.datasets.infinitedance.corpus import (
+    AIST,
+    COLUMNS_FOLDER,
+    FITS_FOLDER,
+    OWN,
+    TEST_FOLDER,
+    Styles,
+    lists_of,
+    origins_note,
+    origins_of,
+)
 from dancedata.datasets.layout import Folders, Layout
 
 FITS, COLUMNS = "fits", "columns"
-FITS_FOLDER = "dance/infinitedance_smplx_smooth"
-COLUMNS_FOLDER = "dance/alldata_new_joint_vecs264_ft_balanced"
-TEST_FOLDER = "dance/test_eval861_joint_vecs264"
-TOKENS_FOLDER = "dance/Infinite_MotionTokens_512x1024_3layer_cleandata"
-MUQ_FOLDER = "music/muq_features/test_infinitedance"
-MUSIC55_FOLDER = "music/musicfeature_55_allmusic_pure"
 #: Lists of train and test of each split.
 LISTS = {"official": ("All_cleandata_train", "test_eval861"), "full": ("All_train", "All_eval")}
 #: Published files.
