@@ -28,21 +28,18 @@ from dancedata.formats.safe_pickle import (
     Names,
     UnsafePickleError,
     invalid,
-    is_shape,
 )
 
 #: First bytes: of a zip archive, and of files from before torch 1.6, which begin with a number of 10 bytes.
 TORCH_HEADS = (b"PK\x03\x04", pickle.dumps(0x1950A86A20F9469CFC6C, 2))
-#: torch's class of storages -> type and bytes of an element.
-STORAGES = {
-    "DoubleStorage": ("float64", 8), "FloatStorage": ("float32", 4), "HalfStorage": ("float16", 2),
-    "BFloat16Storage": ("bfloat16", 2), "LongStorage": ("int64", 8), "IntStorage": ("int32", 4),
-    "ShortStorage": ("int16", 2), "CharStorage": ("int8", 1), "ByteStorage": ("uint8", 1), "BoolStorage": ("bool", 1),
+#: torch's class of storages -> bytes of an element.
+_STORAGES = {
+    "Double": 8, "Float": 4, "Half": 2, "BFloat16": 2, "Long": 8, "Int": 4, "Short": 2, "Char": 1, "Byte": 1, "Bool": 1,
 }  # fmt: skip
-STORAGE_NAMES: Names = {("torch", name): ClassName(name) for name in STORAGES}
+_NAMES: Names = {("torch", name): ClassName(name) for name in STORAGES}
 _NAMES: Names = {
     **ARRAY_NAMES,
-    **STORAGE_NAMES,
+    **{("torch", f"{kind}Storage"): ClassName(kind) for kind in _STORAGES},
     ("torch", "Size"): lambda sizes: sizes,
     ("torch", "device"): lambda *_: None,
     **{("torch._utils", f"_rebuild_{what}"): lambda *_: None for what in ("tensor", "tensor_v2", "parameter")},
@@ -51,22 +48,6 @@ _NAMES: Names = {
 _SAFE_TORCH = Version("2.6")
 #: Views of storages take no memory, but their copies do: together at most this, or this many times the file.
 _VIEWED_BYTES, _VIEWED_FACTOR = MAX_PICKLE_BYTES, 8
-
-
-def storage_of(pid: Any, length: int) -> tuple[str, int, str, int]:
-    """Return type, bytes of an element, key and count of elements of a storage that a pickle refers to."""
-    if type(pid) is not tuple or len(pid) != length or pid[0] != "storage" or not isinstance(pid[1], ClassName):
-        raise invalid("a reference that torch never writes")
-    _, kind, key, _, count = pid[:5]
-    if kind.name not in STORAGES or type(key) is not str or type(count) is not int or not 0 <= count < 1 << 63:
-        raise invalid(f"a storage named {quoted(key)}")
-    return *STORAGES[kind.name], key, count
-
-
-def require_layout(offset: object, shape: Any, stride: Any) -> None:
-    """Raise UnpicklingError unless these can be a tensor's offset, shape and stride."""
-    if type(offset) is not int or not (is_shape(shape) and is_shape(stride)) or len(shape) != len(stride):
-        raise invalid("a tensor that torch never writes")
 
 
 class _Check(ArrayUnpickler):
@@ -82,7 +63,12 @@ class _Check(ArrayUnpickler):
             super().set_state(state, target)
 
     def persistent_load(self, pid: Any) -> None:
-        _, item_bytes, key, count = storage_of(pid, self._pid_length)
+        if type(pid) is not tuple or len(pid) != self._pid_length or pid[0] != "storage":
+            raise invalid("a reference that torch never writes")
+        _, kind, key, _, count = pid[:5]
+        item_bytes = _STORAGES.get(kind.name) if isinstance(kind, ClassName) else None
+        if item_bytes is None or type(key) is not str or type(count) is not int or not 0 <= count < 1 << 63:
+            raise invalid(f"a storage named {quoted(key)}")
         self.storages[key] = max(count * item_bytes, self.storages.get(key, 0))
         if self.storages[key] > self._size or sum(self.storages.values()) > self._size:
             raise invalid(f"a storage of {count:,} elements, which is larger than the file")
