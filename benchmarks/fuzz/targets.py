@@ -269,6 +269,12 @@ def _seal(folder: Path, document: dict[str, Any]) -> None:
     (folder / "dataset.json").write_text(text)
 
 
+def _read_torch(path: Path) -> None:
+    from dancedata.formats.torch_file import load_torch
+
+    load_torch(path)
+
+
 def _read_tables(path: Path) -> None:
     """Read tables as if they had been published: dataset.json has their size and hash."""
     from dancedata.store import open_store, verify_store
@@ -360,7 +366,7 @@ TARGETS: dict[str, Target] = {
         "txt", "x_train.txt", _text("gBR_sBM_cAll_d04_mBR2_ch08\n# no\n\nname 2\n"), _read_names, text=True
     ),
     "file_names": Target("names", "names.bin", lambda: [b"001\0gBR_sBM_cAll_d04_mBR2_ch08"], _read_file_names),
-    "torch_old": Target("torch", "a.pth", old_torches, _read_people),
+    "torch_old": Target("torch", "a.pth", old_torches, _read_torch),
     "hdf5": Target("hdf5", TABLES, lambda: [store()[TABLES]], _read_tables, also=("clip train_c",)),
 }
 
