@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 #: Modules of each extra that are imported.
 MODULES = {
     "torch": ("torch",),
-    "jukebox": ("torch", "accelerate", "safetensors"),
+    "jukebox": ("torch", "accelerate", "safetensors", "requests"),
     "hf": ("torch", "transformers", "accelerate", "safetensors", "huggingface_hub"),
     "beats": ("torch", "safetensors"),
     "dask": ("dask", "distributed"),

@@ -13,7 +13,7 @@ from dancedata.audio.jukebox import fetch
 from dancedata.audio.jukebox.weights.download import FILES, RemoteFile
 from dancedata.core.errors import SourceError
 
-DATA = b"weights" * 1000
+DATA = b"weights" * 10_000
 FILE = RemoteFile("a.bin", len(DATA), hashlib.sha256(DATA).hexdigest())
 UNKNOWN = RemoteFile("a.bin", None, FILE.sha256, max_size=100_000)
 OK = b"HTTP/1.1 200 OK\r\n"
@@ -70,17 +70,10 @@ def left(out: Path) -> list[str]:
     return sorted(p.name for p in out.iterdir() if not p.name.endswith(".lock"))
 
 
-@pytest.mark.parametrize("length", [b"abc", b"-5", b"1e9", b"9" * 5000, b"7000, 7000", b"\xff", b""])
-def test_invalid_lengths(server: Server, tmp_path: Path, length: bytes) -> None:
+@pytest.mark.parametrize("length", [b"abc", b"-5", b"1e9", b"9" * 5000, b"70000, 70000", b"\xff", b""])
+def test_invalid_lengths_are_not_believed(server: Server, tmp_path: Path, length: bytes) -> None:
     server.answers = [answer_of(OK + b"Content-Length: " + length + b"\r\n\r\n" + DATA)]
-    with pytest.raises(SourceError) as error:
-        get(server, tmp_path)
-    text = str(error.value)
-    assert server.url in text
-    assert "Content-Length" in text
-    assert len(text) < 500
-    assert text.isprintable()
-    assert left(tmp_path) == []
+    assert get(server, tmp_path).read_bytes() == DATA
 
 
 @pytest.mark.parametrize(
@@ -89,8 +82,14 @@ def test_invalid_lengths(server: Server, tmp_path: Path, length: bytes) -> None:
 def test_invalid_tags(server: Server, tmp_path: Path, tag: bytes) -> None:
     """They are not used: the next part is requested without."""
     head = OK + b"ETag: " + tag + b"\r\n"
-    rest = b"HTTP/1.1 206 Partial\r\nContent-Range: bytes 500-6999/7000\r\nContent-Length: 6500\r\n\r\n" + DATA[500:]
-    server.answers = [answer_of(head + b"Content-Length: 7000\r\n\r\n" + DATA[:500]), answer_of(rest)]
+    begin = 1 << 15
+    rest = b"HTTP/1.1 206 Partial\r\nContent-Range: bytes %d-69999/70000\r\nContent-Length: %d\r\n\r\n" % (
+        begin, len(DATA) - begin
+    )  # fmt: skip
+    server.answers = [
+        answer_of(head + b"Content-Length: 70000\r\n\r\n" + DATA[:begin]),
+        answer_of(rest + DATA[begin:]),
+    ]
     assert get(server, tmp_path, attempts=3).read_bytes() == DATA
     assert [b"If-Range" in request for request in server.asked] == [False, False]
     assert left(tmp_path) == ["a.bin"]
@@ -100,7 +99,7 @@ def test_invalid_tags(server: Server, tmp_path: Path, tag: bytes) -> None:
 def test_an_invalid_tag_on_disk(server: Server, tmp_path: Path, content: bytes) -> None:
     (tmp_path / ".dancedata-a.bin.part").write_bytes(DATA[:500])
     (tmp_path / ".dancedata-a.bin.part-etag").write_bytes(content)
-    server.answers = [answer_of(OK + b"Content-Length: 7000\r\n\r\n" + DATA)]
+    server.answers = [answer_of(OK + b"Content-Length: 70000\r\n\r\n" + DATA)]
     assert get(server, tmp_path).read_bytes() == DATA
     assert b"If-Range" not in server.asked[0]
 

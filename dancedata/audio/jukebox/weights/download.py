@@ -2,34 +2,30 @@
 
 import re
 import shutil
-import ssl
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from http.client import HTTPException, HTTPResponse
 from pathlib import Path
+from typing import Any
 
 from dancedata.audio.jukebox.weights.folder import LICENCE, PRIOR_FILE, SHA256, VQVAE_FILE
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.packages import load
 from dancedata.core.text import quoted, shown
 from dancedata.files.atomic import PREFIX, atomic_file
 from dancedata.files.locks import file_lock
 from dancedata.files.regular_file import sha256_file
-from dancedata.remote.http import Redirection, opener
 
 OPENAI_URL = "https://openaipublic.azureedge.net/jukebox/models/5b"
 
 _BLOCK = 1 << 20
+#: Bytes that arrive together: what a broken connection has sent of the last ones is asked for again.
+_PIECE = 1 << 14
 _TIMEOUT_S = 60
 _LENGTH = re.compile(r"[0-9]{1,15}")
 #: A strong entity tag (RFC 9110), without which a download cannot be resumed. Some servers send invalid ones.
 _ETAG = re.compile(r'"[\x21\x23-\x7e]{1,200}"')
 _MAX_TAG = 300
-_HANDLERS = (urllib.request.HTTPHandler, urllib.request.HTTPSHandler, Redirection)
-# Other OSErrors come from the disk.
-_NETWORK_ERRORS = (urllib.error.URLError, HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
 
 
 @dataclass(frozen=True)
@@ -103,9 +99,8 @@ def fetch(
     UsageError
         The licence was not accepted, or `source` is neither http(s) nor a folder.
     SourceError
-        A file does not exist or has another size or hash, or the server keeps failing or its answer is not valid
-        HTTP. A partial download is kept as ".dancedata-NAME.part", and the next call resumes it; one that is too
-        large is removed.
+        A file does not exist or has another size or hash, or the server keeps failing. A partial download is kept as
+        ".dancedata-NAME.part", and the next call resumes it; one that is too large is removed.
     """
     agreed = accept_licence(LICENCE) if callable(accept_licence) else accept_licence
     if not agreed:
@@ -155,22 +150,20 @@ class _Download:
         self._report = report
 
     def run(self, attempts: int, wait_s: float) -> None:
+        requests: Any = load("requests", "jukebox", "jukebox: a download")
         failures = 0
         while True:
-            before = self._have()
+            before, problem = self._have(), "the connection ended early"
             try:
-                complete = self._connect(before)
-            except _NETWORK_ERRORS as error:
-                if isinstance(error, urllib.error.HTTPError) and error.code in (401, 403, 404, 410):
-                    raise self._failed(error) from error
-                complete, problem = False, error
-            else:
-                problem = ConnectionError("the connection ended early")
-            if complete:
-                break
+                if self._connect(requests, before):
+                    break
+            except (requests.RequestException, ValueError) as error:  # other OSErrors come from the disk
+                problem, status = str(error), getattr(getattr(error, "response", None), "status_code", None)
+                if isinstance(error, ValueError | requests.TooManyRedirects) or status in (401, 403, 404, 410):
+                    raise self._failed(problem) from error
             failures = 1 if self._have() > before else failures + 1
             if failures >= attempts:
-                raise self._failed(problem) from problem
+                raise self._failed(problem)
             time.sleep(wait_s * 2 ** (failures - 1))
         _check(self._part, self._file, keep=False, tag=self._tag)
         with atomic_file(self._path) as temporary:
@@ -181,48 +174,40 @@ class _Download:
     def _have(self) -> int:
         return self._part.stat().st_size if self._part.exists() else 0
 
-    def _connect(self, have: int) -> bool:
+    def _connect(self, requests: Any, have: int) -> bool:
         """Append bytes of the server; return whether the file is complete."""
-        request = urllib.request.Request(self._url)  # noqa: S310  (the scheme was checked)
+        headers = {"Accept-Encoding": "identity"}
         if have:
-            request.add_header("Range", f"bytes={have}-")
+            headers["Range"] = f"bytes={have}-"
             tag = self._tag.read_bytes()[:_MAX_TAG].decode("latin1") if self._tag.is_file() else ""
             if _ETAG.fullmatch(tag):
                 # The server sends another version of the file from its start.
-                request.add_header("If-Range", tag)
-        try:
-            response = opener(*_HANDLERS).open(request, timeout=_TIMEOUT_S)
-        except urllib.error.HTTPError as error:
-            error.close()
-            if error.code != 416 or not have:
-                raise
-            # The part has all bytes: of this file, or of another one, which the hash shows.
-            return True
-        except ValueError as error:  # an invalid address, for instance of a redirection
-            raise self._no_answer(shown(error)) from error
-        with response:
-            resumed = response.status == 206
-            if resumed and not str(response.headers.get("Content-Range", "")).startswith(f"bytes {have}-"):
-                got = quoted(response.headers.get("Content-Range"))
-                raise HTTPException(f"asked for bytes from {have}, got {got}")
+                headers["If-Range"] = tag
+        with requests.get(self._url, headers=headers, stream=True, timeout=_TIMEOUT_S) as response:
+            if response.status_code == 416 and have:
+                # The part has all bytes: of this file, or of another one, which the hash shows.
+                return True
+            response.raise_for_status()
+            resumed = response.status_code == 206
+            begins = response.headers.get("Content-Range", "")
+            if resumed and not begins.startswith(f"bytes {have}-"):
+                raise requests.ConnectionError(f"asked for bytes from {have}, got {quoted(begins)}")
             return self._receive(response, have if resumed else 0)
 
-    def _receive(self, response: HTTPResponse, have: int) -> bool:
-        length = response.headers.get("Content-Length")
-        if length is not None and not _LENGTH.fullmatch(length):
-            raise self._no_answer(f"Content-Length {quoted(length, 60)}")
-        total = have + int(length) if length is not None else None
+    def _receive(self, response: Any, have: int) -> bool:
+        length = response.headers.get("Content-Length", "")
+        total = have + int(length) if _LENGTH.fullmatch(length) else None
         if total is not None and (
             total != self._file.size if self._file.size is not None else total > self._file.limit
         ):
             raise self._other_file(f"{total} bytes")
         tag = response.headers.get("ETag", "")
         if _ETAG.fullmatch(tag):
-            self._tag.write_text(tag, encoding="ascii", newline="\n")
+            self._tag.write_text(tag, encoding="ascii")
         elif not have:
             self._tag.unlink(missing_ok=True)
         with self._part.open("ab" if have else "wb") as part:
-            while block := response.read1(_BLOCK):
+            for block in response.iter_content(_PIECE):
                 have += len(block)
                 if have > self._file.limit:
                     # It is not the beginning of the right file.
@@ -236,11 +221,11 @@ class _Download:
         expected = total if total is not None else self._file.size
         return expected is None or have >= expected
 
-    def _failed(self, error: Exception) -> SourceError:
+    def _failed(self, problem: str) -> SourceError:
         return SourceError(
             "jukebox: the download failed",
             where=self._url,
-            found=f"{shown(str(error))}; {self._have()} bytes downloaded",
+            found=f"{shown(problem)}; {self._have()} bytes downloaded",
             fix="run the same command again to resume, or choose a mirror or a folder that has the files",
         )
 
@@ -251,14 +236,6 @@ class _Download:
             where=self._url,
             found=found,
             allowed=f"{at_most}{self._file.limit} bytes",
-            fix="choose another mirror or folder",
-        )
-
-    def _no_answer(self, found: str) -> SourceError:
-        return SourceError(
-            "the server's answer is not valid HTTP",
-            where=self._url,
-            found=found,
             fix="choose another mirror or folder",
         )
 
