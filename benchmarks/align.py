@@ -110,7 +110,7 @@ def shuffled(clips: list[str]) -> None:
             same = tempo_bpm(own) == tempo_bpm(other)
             counts[same].append((not found[0].unknown, not found[1].unknown))
         for same, results in counts.items():
-            known, tested = (sum(of) for of in zip(*results, strict=True))
+            known, tested = (sum(each[k] for each in results) for k in range(2))
             name = f"synthetic, {seconds:g} s, {'the same tempo' if same else 'another tempo'}"
             print(f"{name:40} {known:6} {len(results):5}   {tested}")
 

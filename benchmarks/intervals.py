@@ -1,6 +1,6 @@
 """Coverage of the 95 % intervals of `dancedata evaluate`: share that holds the population's score.
 
-    python benchmarks/coverage.py [--sets 4000]
+    python benchmarks/intervals.py [--sets 4000]
 
 Sets of 3 to 40 clips are drawn from populations shaped as scores are, and each gets the interval of `jackknife`, as
 in `evaluate`. The score of a population is its mean; for FID and Div, which depend on the number of clips, the mean
