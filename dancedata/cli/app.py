@@ -2,8 +2,6 @@
 
 import sys
 import time
-from collections.abc import Sequence
-from copy import copy
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
@@ -50,24 +48,9 @@ app = typer.Typer(
     cls=Commands,
     help="Turn dance motion capture and music into training data.",
     no_args_is_help=True,
-    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-app.add_typer(cache, name="cache")
-app.add_typer(jukebox, name="jukebox")
-app.add_typer(hf, name="hf")
-app.command("align")(align)
-app.command("manifest")(manifest)
-app.command("pull")(pull)
-app.command("push")(push)
-app.command("evaluate")(evaluate)
-app.command("quality")(quality)
-app.command("view")(view)
-app.command("report")(report)
-app.command("study")(study)
-app.command("study-results")(study_results)
 
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
@@ -85,7 +68,6 @@ def _version(version: Annotated[bool, typer.Option("--version", help="Print the 
         raise typer.Exit
 
 
-@app.command()
 @errors_to_exit_codes
 def build(
     recipe: RecipeName,
@@ -134,7 +116,6 @@ def build(
         raise typer.Exit(1)
 
 
-@app.command()
 @errors_to_exit_codes
 def plan(
     recipe: RecipeName,
@@ -164,7 +145,6 @@ def plan(
         say(planned.describe(out or Path("data") / planned.recipe.name))
 
 
-@app.command()
 @errors_to_exit_codes
 def check(
     paths: Annotated[
@@ -203,7 +183,6 @@ def check(
         raise typer.Exit(1)
 
 
-@app.command()
 @errors_to_exit_codes
 def decode(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A trainer's output: .npy, .npz or .pkl.")],
@@ -239,7 +218,6 @@ def decode(
     print_result(as_json, lambda: {"files": paths}, lambda: "\n".join(paths))
 
 
-@app.command()
 @errors_to_exit_codes
 def export(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="A built dataset.")],
@@ -275,7 +253,6 @@ def export(
     print_result(as_json, result.to_json, lambda: result.summary)
 
 
-@app.command()
 @errors_to_exit_codes
 def info(
     path: Annotated[Path, typer.Argument(help="A built dataset.")],
@@ -290,7 +267,6 @@ def info(
         say(describe_clips(path))
 
 
-@app.command()
 @errors_to_exit_codes
 def segments(
     path: Annotated[Path, typer.Argument(help="A built dataset.")],
@@ -311,16 +287,14 @@ def segments(
     print_result(as_json, result.to_json, lambda: str(result))
 
 
-@app.command("list")
 @errors_to_exit_codes
-def list_plugins(as_json: AsJson = False) -> None:
+def list_(as_json: AsJson = False) -> None:
     """List recipes and plug-ins, with their keys."""
     from dancedata.cli.plugins import catalogue, describe_catalogue
 
     print_result(as_json, catalogue, lambda: describe_catalogue(catalogue()))
 
 
-@app.command()
 @errors_to_exit_codes
 def new(
     kind: Annotated[str, typer.Argument(metavar="KIND", help=KINDS_HELP)],
@@ -339,7 +313,6 @@ def new(
     print_result(as_json, plugin.to_json, lambda: str(plugin))
 
 
-@app.command()
 @errors_to_exit_codes
 def features(
     songs: Annotated[list[Path], typer.Argument(metavar="SONG...", help="wav, flac, mp3 or ogg files.")],
@@ -357,7 +330,6 @@ def features(
     print_result(as_json, lambda: written, lambda: "\n".join(describe_features(out, record) for record in written))
 
 
-@app.command()
 @errors_to_exit_codes
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="A built dataset.")],
@@ -385,7 +357,6 @@ def diff(
         raise typer.Exit(1)
 
 
-@app.command()
 @errors_to_exit_codes
 def doctor(as_json: AsJson = False) -> None:
     """Check in half a minute that this installation works.
@@ -398,18 +369,18 @@ def doctor(as_json: AsJson = False) -> None:
         raise typer.Exit(1)
 
 
-def only_named(arguments: Sequence[str]) -> typer.Typer:
-    """Return the app reduced to the requested command, or to none for the version.
-
-    Typer makes the parameters of all commands of an app before it selects one: most of the time of help.
-    """
-    named = copy(app)
-    name = arguments[0] if arguments else ""
-    commands = [c for c in app.registered_commands if name == (c.name or getattr(c.callback, "__name__", ""))]
-    groups = [group for group in app.registered_groups if name == group.name]
-    if commands or groups or list(arguments) == ["--version"]:
-        named.registered_commands, named.registered_groups = commands, groups
-    return named
+for panel, commands in {
+    "Make a dataset": (manifest, build, plan, check, quality, align),
+    "Look at it": (view, report, info, study, study_results),
+    "Use it": (export, evaluate, decode),
+    "The rest": (pull, push, segments, list_, new, features, diff, doctor),
+}.items():
+    for command in commands:
+        text = "\n\n".join(" ".join(lines.split()) for lines in (command.__doc__ or "").split("\n\n"))
+        name = command.__name__.strip("_").replace("_", "-")
+        app.command(name, help=text, rich_help_panel=panel)(command)
+for name, group in {"cache": cache, "jukebox": jukebox, "hf": hf}.items():
+    app.add_typer(group, name=name, rich_help_panel="The rest")
 
 
 def main() -> None:
@@ -417,4 +388,4 @@ def main() -> None:
     # A path need not be UTF-8, and results name it.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    only_named(sys.argv[1:])(prog_name="dancedata")
+    app(prog_name="dancedata")
