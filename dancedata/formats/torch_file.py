@@ -34,9 +34,9 @@ from dancedata.formats.safe_pickle import (
 TORCH_HEADS = (b"PK\x03\x04", pickle.dumps(0x1950A86A20F9469CFC6C, 2))
 #: torch's class of storages -> bytes of an element.
 _STORAGES = {
-    "Double": 8, "Float": 4, "Half": 2, "BFloat16": 2, "Long": 8, "Int": 4, "Short": 2, "Char": 1, "Byte": 1, "Bool": 1,
-}  # fmt: skip
-_NAMES: Names = {("torch", name): ClassName(name) for name in STORAGES}
+    **{"Double": 8, "Float": 4, "Half": 2, "BFloat16": 2},
+    **{"Long": 8, "Int": 4, "Short": 2, "Char": 1, "Byte": 1, "Bool": 1},
+}
 _NAMES: Names = {
     **ARRAY_NAMES,
     **{("torch", f"{kind}Storage"): ClassName(kind) for kind in _STORAGES},
