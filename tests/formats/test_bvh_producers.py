@@ -70,6 +70,8 @@ FILES = {
         {s}Thumb1 {s}Mid1 {s}Buttock {s}Thigh {s}Shin {s}Foot"""),
     "100style or xsens, cgspeed's CMU for 3ds Max": both("""Hips Chest Neck Head {Side}Collar {Side}Shoulder
         {Side}Elbow {Side}Wrist {Side}Hip {Side}Knee {Side}Ankle {Side}Toe Chest2"""),
+    "100style or xsens, one hip": both("""Hip Abdomen Chest Chest2 Neck Head {Side}Collar {Side}Shoulder {Side}Elbow
+        {Side}Wrist {Side}Hip {Side}Knee {Side}Ankle"""),
     "humanik": "Reference Character1_Reference " + " ".join(f"Character1_{name}" for name in UP_LEG.split()),
     "ipi": both("""Hip LowerSpine MiddleSpine Chest Neck Head {S}Clavicle {S}Shoulder {S}Forearm {S}Hand {S}Thigh
         {S}Shin {S}Foot {S}Toe"""),
