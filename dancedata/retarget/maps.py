@@ -1,11 +1,11 @@
 """Joint maps: which joint of a skeleton is which of SMPL's 24. They are data: JSON files in the folder `maps`.
 
 A map is ``{"about": "...", "joints": {"left_hip": ["LeftUpLeg"], ...}}``, names in order of preference. Namespaces
-("mixamorig:"), case, spaces and _ - . are ignored.
+("mixamorig:"), case, spaces and _ - . are ignored, and a prefix or suffix that all joints share.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -103,13 +103,14 @@ def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, in
         skeleton's tree differs from SMPL's.
     """
     tables = [names] if names is not None else [_shipped(name) for name in map_names()]
-    matches = [(_matches(skeleton.joints, table), table) for table in tables]
+    joints = dict(enumerate(map(plain, skeleton.joints)))
+    matches = [(_matches(joints, table), table) for table in tables]
+    if all(map(_missing, (match for match, _ in matches))):
+        cored = ((cores, table) for table in tables for _, cores in affixed(joints, table.get("left_knee", ())))
+        matches += [(_matches(cores, table), table) for cores, table in cored]
     # Of maps that match equally many joints, the one that names fewer others.
     of = max(matches, key=lambda match: (len(match[0]), -len(match[1])))[0]
-    mapped = {SMPL24.joints[j] for j in of}
-    missing = [joint for joint in _REQUIRED if joint not in mapped]
-    if not mapped & {"neck", "head"}:
-        missing.append("neck or head")
+    missing = _missing(of)
     if missing:
         raise UsageError(
             f"skeleton {skeleton.name} cannot be mapped to SMPL's joints: no joint for {', '.join(missing)}",
@@ -130,20 +131,49 @@ def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, in
     return of
 
 
-def _matches(joints: Sequence[str], table: Names) -> dict[int, int]:
-    plain: dict[str, int] = {}
-    for k, joint in enumerate(joints):
-        plain.setdefault(_plain(joint), k)
+def _missing(of: Mapping[int, int]) -> list[str]:
+    mapped = {SMPL24.joints[j] for j in of}
+    missing = [joint for joint in _REQUIRED if joint not in mapped]
+    return missing if mapped & {"neck", "head"} else [*missing, "neck or head"]
+
+
+def _matches(joints: Mapping[int, str], table: Names) -> dict[int, int]:
+    index_of: dict[str, int] = {}
+    for k, joint in joints.items():
+        index_of.setdefault(joint, k)
     of: dict[int, int] = {}
     for joint, names in table.items():
-        index = next((plain[_plain(name)] for name in names if _plain(name) in plain), None)
+        index = next((index_of[plain(name)] for name in names if plain(name) in index_of), None)
         if index is not None and index not in of.values():
             of[SMPL24.index(joint)] = index
     return dict(sorted(of.items()))
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
+    """Return a name without namespace, case, spaces and separators."""
     return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
+
+
+def affixed(joints: Mapping[int, str], known: Iterable[str]) -> Iterator[tuple[tuple[str, str], dict[int, str]]]:
+    """Yield what joints may all have before and behind their names, and the names of those that have it, without it.
+
+    Parameters
+    ----------
+    joints
+        `plain` names by index: {0: "character1hips", 1: "character1leftleg"}.
+    known
+        Names of one joint that a body needs, in which the prefix and the suffix are found: ("LeftLeg",).
+    """
+    parts = (joint.partition(name) for joint in joints.values() for name in map(plain, known) if name in joint)
+    for prefix, suffix in sorted({(before, behind) for before, _, behind in parts} - {("", "")}):
+        yield (
+            (prefix, suffix),
+            {
+                k: joint[len(prefix) : len(joint) - len(suffix)]
+                for k, joint in joints.items()
+                if len(joint) > len(prefix + suffix) and joint.startswith(prefix) and joint.endswith(suffix)
+            },
+        )
 
 
 def _ancestors(parents: Sequence[int], joint: int) -> list[int]:

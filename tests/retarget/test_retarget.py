@@ -89,6 +89,13 @@ def test_a_family_is_recognised_and_exact_in_its_limbs(dance: Motion, family: st
     assert {SMPL24.joints[j] for j in of} >= set(load_map(family)) - {"left_hand", "right_hand"}
 
 
+@pytest.mark.parametrize(("prefix", "suffix"), [("Character1_", ""), ("rig", ""), ("", "_jnt"), ("a:b_", "")])
+def test_joints_may_share_a_prefix_or_a_suffix(dance: Motion, prefix: str, suffix: str) -> None:
+    source = renamed(dance, "mixamo", 1).skeleton
+    joints = tuple(f"{prefix}{name.rpartition(':')[2]}{suffix}" for name in source.joints)
+    assert map_skeleton(replace(source, joints=joints)) == map_skeleton(source)
+
+
 def test_the_same_rest_pose_in_other_names_is_exact(dance: Motion) -> None:
     names = {joint: f"J_{k}" for k, joint in enumerate(SMPL24.joints)}
     skeleton = replace(SMPL24, name="own", joints=tuple(names.values()))

@@ -6,7 +6,6 @@ A producer is a JSON file in the folder `producers`: ``joints``, SMPL's joint ->
 not have. Where `joints` changes, raise the version of `dancedata.datasets.folder`: names are not part of cache keys.
 """
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +16,7 @@ from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
 from dancedata.files.strict_json import read_json
+from dancedata.retarget.maps import affixed, plain
 
 _FOLDER = Path(__file__).with_name("producers")
 _LIMIT = 1 << 16
@@ -63,12 +63,6 @@ class Producer:
             if index is not None:
                 found[SMPL24.index(joint)] = index
         return found
-
-    def affixes(self, names: Sequence[str], joint: str) -> set[tuple[str, str]]:
-        """Return what stands before and behind its names of one of SMPL's joints in the `plain` names of a file."""
-        known = {plain(name) for name in self.joints[joint]}
-        parts = (name.partition(core) for name in names for core in known if core in name)
-        return {(prefix, suffix) for prefix, _, suffix in parts} - {("", "")}
 
 
 @dataclass(frozen=True)
@@ -119,11 +113,6 @@ def _read(path: Path) -> Producer:
             joints[joint.format(side=side)] = filled
     lists = (tuple(document[key]) for key in ("evidence", "without"))
     return Producer(path.stem, document["about"], joints, *lists)
-
-
-def plain(name: str) -> str:
-    """Return a name without namespace, case, spaces and separators."""
-    return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
 
 
 def detect(path: Path, names: Sequence[str], declared: Mapping[str, str], chosen: str = "") -> Detected:
@@ -203,13 +192,9 @@ def _affixed(
 ) -> Iterator[_Match]:
     """Yield the matches that have all needed joints, each with the same prefix and suffix: "Character1_Hips"."""
     plains = {k: plain(name) for k, name in names.items()}
-    for prefix, suffix in sorted(producer.affixes(list(plains.values()), need[-1])):
-        cores = {
-            k: f"{prefix}:{name[len(prefix) : len(name) - len(suffix)]}"
-            for k, name in plains.items()
-            if len(name) > len(prefix + suffix) and name.startswith(prefix) and name.endswith(suffix)
-        }
-        match = _Match.of_names(producer, cores, declared, (prefix, suffix))
+    for affixes, cores in affixed(plains, producer.joints[need[-1]]):
+        spaced = {k: f"{affixes[0]}:{core}" for k, core in cores.items()}
+        match = _Match.of_names(producer, spaced, declared, affixes)
         if match.has(need):
             yield match
 
