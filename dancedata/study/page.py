@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -18,7 +19,7 @@ from dancedata.core.text import json_text
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.study.trials import Trial, common_clips, make_trials, shown_figures
+from dancedata.study.trials import Trial, begin_of, common_clips, make_trials, shown_figures
 from dancedata.viewer.opus import opus
 from dancedata.viewer.page import PageSound, Parts, page_data, whole_page
 from dancedata.viewer.payload import page_json, scene_payload
@@ -130,7 +131,12 @@ def write_study(
     if sounds is None:
         raise UsageError("a study needs the music", fix="name it: --source DIR for a dataset, --music PATH for files")
     scenes = {trial.number: _scene(trial, clips[trial.clip], systems, request.seconds) for trial in trials}
-    music = {trial.number: _music(sounds, clips[trial.clip][first], scenes[trial.number]) for trial in trials}
+    music = {
+        trial.number: _music(
+            sounds, clips[trial.clip][first], scenes[trial.number], begin_of(clips[trial.clip], systems)
+        )
+        for trial in trials
+    }
     page = _page(request, trials, _Trials(scenes, systems[first]), PageSound(music, notice))
     try:
         atomic.write_bytes(to, page.encode())
@@ -160,13 +166,15 @@ def _scene(trial: Trial, items: Mapping[str, Item], systems: Mapping[str, SceneL
     return Scene(group, grid, "", None, None, Rhythm.none(), (), (), (), members)
 
 
-def _music(sounds: Sounds, item: Item, scene: Scene) -> bytes:
+def _music(sounds: Sounds, item: Item, scene: Scene, begin: Fraction) -> bytes:
+    """Return the music of a trial, from `begin` seconds after that of the item."""
     sound = sounds.sound(item)
     if sound is None:
         raise UsageError("there is no music for this clip", found=item.id, fix="name a folder with all songs")
     rate = sound.signal.sample_rate
     samples = np.zeros(round(scene.seconds * rate), np.float32)
-    cut = sound.signal.samples[: len(samples)]
+    first = round(begin * rate)
+    cut = sound.signal.samples[first : first + len(samples)]
     samples[: len(cut)] = cut
     return opus(AudioSignal(samples, rate))
 

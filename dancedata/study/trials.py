@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import listed
 from dancedata.viewer.figure import Figure
-from dancedata.viewer.scene_list import Item, SceneList
+from dancedata.viewer.scene_list import Item, SceneList, begins_after
 
 #: The dancer of a check who stands still.
 STILL = "(stands still)"
@@ -56,19 +57,26 @@ class Trial:
 def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]:
     """Return the item of each system by the name of a clip that all have; by song where they share no name.
 
+    Of a song those that begin at the same second of it are preferred.
+
     Raises
     ------
     UsageError
         If there is none.
     """
+    first = next(iter(systems.values()))
     for by_song in (False, True):
-        named = []
+        named: list[dict[str, Item]] = []
         for scenes in systems.values():
             mine: dict[str, Item] = {}
             for item in scenes.items:
                 key = item.clip.music if by_song else item.id
-                if key and not item.members and not item.source:
-                    mine.setdefault(key, item)
+                if not key or item.members or item.source:
+                    continue
+                like = named[0].get(key) if named else None
+                known = mine.setdefault(key, item)
+                if like is not None and _apart(item, scenes, like, first) < _apart(known, scenes, like, first):
+                    mine[key] = item
             named.append(mine)
         shared = [name for name in named[0] if all(name in mine for mine in named[1:])]
         if shared:
@@ -78,6 +86,10 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
         "the systems have no clip in common", found="; ".join(f"{name}: {text}" for name, text in examples.items()),
         allowed="clips of the same names, or of the same songs", fix="name the files of a model as the clips",
     )  # fmt: skip
+
+
+def _apart(item: Item, scenes: SceneList, other: Item, of: SceneList) -> Fraction:
+    return abs(begins_after(item, scenes.grid, other, of.grid))
 
 
 def make_trials(
@@ -134,11 +146,14 @@ def shown_figures(
 ) -> tuple[Figure, Figure]:
     """Return the two dancers of a trial, at one rate and as long as the shorter, at most `seconds`.
 
+    Both begin at the second of the song at which the last of all systems does, see `begin_of`.
+
     Raises
     ------
     DataError
-        If one of them cannot be drawn, or is too short.
+        If one of them cannot be drawn, or has too little of the song in common with the others.
     """
+    first = next(iter(systems))
     figures: dict[str, Figure] = {}
     for name in (trial.left, trial.right):
         if name == STILL:
@@ -147,15 +162,25 @@ def shown_figures(
         if scene.figure is None:
             raise DataError(f"{name} cannot be drawn", reason="missing_joints", found="; ".join(scene.notes))
         figures[name] = scene.figure
-    length = min(seconds, *(figure.n_frames / float(figure.grid.rate) for figure in figures.values()))
+    grid, begin = systems[first].grid, begin_of(items, systems)
+    late = {n: float(begin - begins_after(items[n], systems[n].grid, items[first], grid)) for n in figures}
+    length = min(seconds, *(f.n_frames / float(f.grid.rate) - late[n] for n, f in figures.items()))
     if length < LEAST_S:
         raise DataError(
-            "the clip is too short for a trial", reason="too_short", where=trial.clip, found=f"{length:.2f} s",
+            "the clip is too short for a trial", reason="too_short", where=trial.clip,
+            found=f"{max(0.0, length):.2f} s" + (" in common" if any(late.values()) else ""),
             allowed=f"{LEAST_S:g} s or more",
         )  # fmt: skip
     grid = next(iter(figures.values())).grid
-    cut = {name: figure.resampled(grid, length) for name, figure in figures.items()}
+    cut = {name: figure.part(late[name], length).resampled(grid, length) for name, figure in figures.items()}
     if trial.is_check:
         dancing = next(iter(cut.values()))
         cut[STILL] = dancing.part(0, 1 / float(grid.rate)).resampled(grid, length)
     return cut[trial.left], cut[trial.right]
+
+
+def begin_of(items: Mapping[str, Item], systems: Mapping[str, SceneList]) -> Fraction:
+    """Return when a trial begins: seconds after the first system's clip does, when all dance to the same song."""
+    first = next(iter(systems))
+    grid = systems[first].grid
+    return max(begins_after(items[name], scenes.grid, items[first], grid) for name, scenes in systems.items())

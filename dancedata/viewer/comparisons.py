@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import Scaler
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.payload import Json, curve, figure_payload
-from dancedata.viewer.scene_list import Item, Scene, SceneList
+from dancedata.viewer.scene_list import Item, Scene, SceneList, begins_after
 from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.source import ClipSource
 
@@ -58,7 +59,7 @@ class OriginalComparison(Comparison):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ItemComparison(Comparison):
-    """Another clip of the same dataset, both from their first frame."""
+    """Another clip of the same dataset: of one song at the same second of it, else both from their first frame."""
 
     scenes: SceneList
     item: Item
@@ -68,12 +69,12 @@ class ItemComparison(Comparison):
         figure = self.scenes.scene(self.item).figure
         if figure is None:
             raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
-        return figure.part(0.0, scene.seconds)
+        return _from(figure, self.name, begins_after(scene.item, scene.grid, self.item, scene.grid), scene)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StoreComparison(Comparison):
-    """Clips of the same ids in another dataset."""
+    """Clips of the same ids in another dataset, at the same second of their song."""
 
     scenes: Scenes
 
@@ -83,18 +84,24 @@ class StoreComparison(Comparison):
 
     @override
     def figure(self, scene: Scene) -> Figure:
-        item = scene.item
         try:
-            compared = self.scenes.find(item.clip.id, item.start)
+            named = self.scenes.items_of(scene.item.clip.id)
         except UsageError as error:
             raise DataError(f"{self.name} has no clip of this name", reason="missing_file") from error
+        later = [(begins_after(scene.item, scene.grid, item, self.scenes.grid), item) for item in named]
+        within = (one for one in later if 0 <= one[0] < self.scenes.grid.seconds(one[1].n_frames))
+        begin, compared = next(within, later[0])
         figure = self.scenes.scene(compared).figure
         if figure is None:
             raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
-        begin = float(scene.grid.seconds(item.start)) - float(self.scenes.store.grid.seconds(compared.start))
-        if begin < 0:
-            raise DataError(f"{self.name} has no window that begins here", reason="too_short")
-        return figure.part(begin, scene.seconds)
+        return _from(figure, self.name, begin, scene)
+
+
+def _from(figure: Figure, name: str, begin: Fraction, scene: Scene) -> Figure:
+    """Return the part of a figure beside a scene that begins later, by seconds; DataError if it begins earlier."""
+    if begin < 0:
+        raise DataError(f"{name} begins {float(-begin):g} s later in the song", reason="too_short")
+    return figure.part(float(begin), scene.seconds)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

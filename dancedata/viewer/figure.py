@@ -274,11 +274,15 @@ class Figure:
         measured = None if self.measured is None else self.measured.mirrored()
         return replace(self, joints=joints, contacts=contacts, facing=facing, rotations=turns, measured=measured)
 
-    def resampled(self, grid: FrameGrid, seconds: float) -> Figure:
-        """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
+    def resampled(self, grid: FrameGrid, seconds: float, late: float = 0.0) -> Figure:
+        """Return the figure at another rate and length, joints linear between frames; the last pose stays.
+
+        It begins `late` seconds later; until then the first pose stays.
+        """
         count = max(1, round(seconds * float(grid.rate)))
         period, new = self.grid.common_period(grid)
-        frames = np.minimum(np.arange(count, dtype=np.float64) * period / new, self.n_frames - 1)
+        begin = late * float(self.grid.rate)
+        frames = np.clip(np.arange(count, dtype=np.float64) * period / new - begin, 0, self.n_frames - 1)
         lower = frames.astype(np.int64)
         upper = np.minimum(lower + 1, self.n_frames - 1)
         share = (frames - lower)[:, None, None]
@@ -286,7 +290,7 @@ class Figure:
         facing = None if self.facing is None else self.facing[lower]
         turns = None if self.rotations is None else slerp(self.rotations, frames)
         contacts = self.contacts[lower]
-        measured = None if self.measured is None else self.measured.resampled(grid, seconds)
+        measured = None if self.measured is None else self.measured.resampled(grid, seconds, late)
         return replace(
             self, joints=joints, grid=grid, contacts=contacts, facing=facing, rotations=turns, measured=measured
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -52,6 +53,29 @@ class Rhythm:
     onset_rate: float = 0.0
     field: str = ""
     downbeats: tuple[int, ...] = ()
+
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[Rhythm, float, float]]) -> Rhythm:
+        """Return the rhythm of parts of one song, each with begin and length in seconds, the first first."""
+        first = parts[0][0]
+        beats: list[float] = []
+        downbeats: list[float] = []
+        onset = np.full(round(max(begin + length for _, begin, length in parts) * first.onset_rate), np.nan)
+        spans: list[tuple[float, float]] = []
+        for rhythm, begin, length in parts:
+            own = (rhythm.beats + begin).tolist()
+            new = {
+                k for k, beat in enumerate(own) if beat < begin + length and not any(a <= beat < b for a, b in spans)
+            }
+            beats += [own[k] for k in new]
+            downbeats += [own[k] for k in rhythm.downbeats if k in new]
+            if rhythm.field == first.field:
+                place = onset[round(begin * first.onset_rate) :][: len(rhythm.onset)]
+                np.copyto(place, rhythm.onset[: len(place)], where=np.isnan(place))
+            spans.append((begin, begin + length))
+        beats.sort()
+        numbers = np.searchsorted(beats, sorted(downbeats)).tolist()
+        return cls(np.array(beats), np.nan_to_num(onset), first.onset_rate, first.field, tuple(numbers))
 
     @classmethod
     def none(cls) -> Rhythm:
@@ -107,6 +131,25 @@ class Item:
     def part(self) -> str:
         """What a dancer is called beside the others: number in the source and role, as in "1 leader"."""
         return self.called or f"{self.clip.member} {self.clip.role}".strip()
+
+
+def begins_after(item: Item, grid: FrameGrid, other: Item, other_grid: FrameGrid) -> Fraction:
+    """Return how many seconds later in its song an item begins than another one; below 0 if it begins earlier.
+
+    Where they have no song of one name, two items of one clip are compared by the source's motion; of different songs
+    it is 0. A motion file begins with the clip that it is named as, or else with its song.
+    """
+    one, two = item.clip, other.clip
+    of_file = not (one.split and two.split)
+    if of_file and one.id == two.id:
+        return Fraction(0)
+    if one.music and one.music == two.music:
+        begins = one.audio_start - two.audio_start
+    elif one.id == two.id:
+        begins = (one.source_start or Fraction(0)) - (two.source_start or Fraction(0))
+    else:
+        return Fraction(0)
+    return begins + grid.seconds(item.start) - other_grid.seconds(other.start)
 
 
 @dataclass(frozen=True)

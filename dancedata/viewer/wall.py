@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -34,8 +36,9 @@ class Wall(SceneList):
     """Walls of up to `MOST` dancers: each clip beside what it is compared with, or the clips of each song.
 
     Every dancer begins at a place of his own, on one floor; where he goes from there, and which way he faces, is as
-    it was. A wall is as long as the longest. Figures are drawn at the rate of the first; one that ends earlier stands
-    still, and is measured without that.
+    it was. A wall has one time, that of its song: it begins with the first dancer and ends with the last. One who
+    begins later or ends earlier stands still, and is measured without that, by his own beats. Clips of a song that
+    share no second of it stand on walls of their own. Figures are drawn at the rate of the first.
 
     Parameters
     ----------
@@ -80,46 +83,92 @@ class Wall(SceneList):
         if self.comparisons:
             names = (self._name, *(comparison.name for comparison in self.comparisons))
             return [(item.name, [(item, name) for name in names]) for item in single]
-        songs: dict[str, list[tuple[Item, str]]] = {}
+        songs: dict[str, list[Item]] = {}
         for item in single:
             if not item.source:  # not beside its own copies
-                songs.setdefault(item.clip.music, []).append((item, item.clip.dancer or item.id))
-        return [(song or self._name, takes) for song, takes in songs.items() if len(takes) > 1]
+                songs.setdefault(item.clip.music, []).append(item)
+        walls = [
+            (song or self._name, together)
+            for song, items in songs.items()
+            for together in self._together(items)
+            if len(together) > 1
+        ]
+        seen = Counter(name for name, _ in walls)
+        return [
+            (
+                name if seen[name] == 1 else f"{name} {float(min(map(self._second, items))):g} s",
+                [(item, item.clip.dancer or item.id) for item in items],
+            )
+            for name, items in walls
+        ]
+
+    def _second(self, item: Item) -> Fraction:
+        """Return the second of its song at an item's first frame."""
+        return item.clip.audio_start + self.grid.seconds(item.start)
+
+    def _together(self, items: Sequence[Item]) -> list[list[Item]]:
+        """Return the items of a song that share time: windows that begin together, clips that overlap."""
+        begins: dict[Fraction, list[Item]] = {}
+        for item in items:
+            begins.setdefault(self._second(item), []).append(item)
+        if items[0].window is not None and max(map(len, begins.values())) > 1:
+            return list(begins.values())
+        walls: list[list[Item]] = []
+        end = Fraction(0)
+        for item in sorted(items, key=self._second):
+            if not walls or self._second(item) >= end:
+                walls.append([])
+            walls[-1].append(item)
+            end = max(end, self._second(item) + self.grid.seconds(item.n_frames))
+        return [sorted(wall, key=lambda item: item.number) for wall in walls]
+
+    def _late(self, wall: Item) -> list[float]:
+        """Return how many seconds after the wall each dancer begins."""
+        items = [item for item, _ in self._takes[wall.number][1][:MOST]]
+        first = self.first(wall)
+        return [float(self._second(item) - self._second(first)) for item in items]
 
     @override
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
         # Numbers are of whole motions, so all is read.
         longest = self.scenes.scene(self.longest(item), field)
-        notes, grid = list(longest.notes), None
+        notes, grid, late = list(longest.notes), None, self._late(item)
+        seconds = float(self.grid.seconds(item.n_frames))
         if self._left_out or item.n_source > len(item.members):
             named = listed(self._left_out) or counted(item.n_source - len(item.members), "further dancer")
             notes.append(f"a wall has {MOST} dancers at most; left out: {named}")
-        takes: list[tuple[Item, Figure, Figure]] = []
+        takes: list[tuple[Item, Figure, Figure, Rhythm]] = []
+        parts: list[tuple[Rhythm, float, float]] = []
         for number, member in enumerate(item.members):
             try:
-                figure = self._figure(item, number, longest, field)
+                figure, own = self._figure(item, number, longest, field)
             except DanceDataError as error:
                 notes.append(f"{member.part}: {error}")
                 continue
             grid = grid or figure.grid
-            if figure.n_frames / float(figure.grid.rate) < longest.seconds - 1 / float(grid.rate):
-                notes.append(f"{member.part} ends at {figure.n_frames / float(figure.grid.rate):.2f} s")
-            takes.append((member, figure, figure.resampled(grid, longest.seconds)))
+            begin, length = late[number], figure.n_frames / float(figure.grid.rate)
+            notes += [f"{member.part} begins at {begin:.2f} s"] if begin else []
+            if begin + length < seconds - 1 / float(grid.rate):
+                notes.append(f"{member.part} ends at {begin + length:.2f} s")
+            parts.append((own, begin, length))
+            takes.append((member, figure, figure.resampled(grid, seconds, begin), own))
         if not takes:
             raise DataError("nothing of this wall can be drawn", reason="missing_joints", found="; ".join(notes))
         truth = takes[0][1] if self.comparisons and takes[0][0].clip.member == 0 else None
-        shifts = places([figure for _, _, figure in takes]) if self._apart else [np.zeros(3)] * len(takes)
+        shifts = places([figure for _, _, figure, _ in takes]) if self._apart else [np.zeros(3)] * len(takes)
+        first = late[next(k for k, (one, _) in enumerate(self._takes[item.number][1]) if one is longest.item)]
+        rhythm = Rhythm.joined(sorted(parts, key=lambda part: -part[2])) if any(late) else longest.rhythm
+        frames = round(first * float(self.grid.rate))
+        windows = tuple((start + frames, length) for start, length in longest.windows)
         members = tuple(
             Scene(
                 member, self.grid, "", figure.shifted(place), figure.movement if figure.n_frames > 1 else None,
-                longest.rhythm, longest.windows, (), (), numbers=_numbers(as_read, longest.rhythm, truth),
+                rhythm, windows, (), (), numbers=_numbers(as_read, own, truth),
             )
-            for (member, as_read, figure), place in zip(takes, shifts, strict=True)
+            for (member, as_read, figure, own), place in zip(takes, shifts, strict=True)
         )  # fmt: skip
-        kept = replace(item, members=tuple(member for member, _, _ in takes))
-        return Scene(
-            kept, self.grid, longest.field, None, None, longest.rhythm, longest.windows, (), tuple(notes), members
-        )
+        kept = replace(item, members=tuple(member for member, *_ in takes))
+        return Scene(kept, self.grid, longest.field, None, None, rhythm, windows, (), tuple(notes), members)
 
     @override
     def about(self) -> dict[str, Any]:
@@ -130,8 +179,12 @@ class Wall(SceneList):
         return self.scenes.changed()
 
     def longest(self, wall: Item) -> Item:
-        """Return the clip of `scenes` whose length, music, beats and windows are those of a wall: its longest."""
+        """Return the clip of `scenes` whose field and windows are those of a wall: its longest."""
         return max((item for item, _ in self._takes[wall.number][1][:MOST]), key=lambda item: item.n_frames)
+
+    def first(self, wall: Item) -> Item:
+        """Return the clip of `scenes` that begins first in the song of a wall."""
+        return min((item for item, _ in self._takes[wall.number][1][:MOST]), key=self._second)
 
     def wall_of(self, item: Item) -> Item:
         """Return the wall that a clip of `scenes` stands on; UsageError if it stands on none."""
@@ -141,33 +194,37 @@ class Wall(SceneList):
         raise UsageError("this clip stands on no wall", where=self.place, found=item.id)
 
     def _wall(self, number: int, name: str, takes: list[tuple[Item, str]]) -> Item:
-        members, n_frames = [], max(item.n_frames for item, _ in takes[:MOST])
+        members, items = [], [item for item, _ in takes[:MOST]]
+        begin = min(map(self._second, items))
+        end = max(self._second(item) + self.grid.seconds(item.n_frames) for item in items)
+        n_frames = self.grid.frames_up(end - begin)
         for k, (item, called) in enumerate(takes[:MOST]):
             name_of_clip = f"{item.clip.id} {called}" if self.comparisons else item.clip.id
             clip = replace(item.clip, id=name_of_clip, group=name, member=k, role="")
             members.append(replace(item, number=number, called=called, clip=clip, n_frames=n_frames))
         return replace(members[0], members=tuple(members), n_source=len(takes), called="")
 
-    def _figure(self, wall: Item, number: int, longest: Scene, field: str | None) -> Figure:
+    def _figure(self, wall: Item, number: int, longest: Scene, field: str | None) -> tuple[Figure, Rhythm]:
+        """Return a dancer of a wall, and the rhythm of his music."""
         if self.comparisons and number:
-            return self.comparisons[number - 1].figure(longest)
+            return self.comparisons[number - 1].figure(longest), longest.rhythm
         item = self._takes[wall.number][1][number][0]
         scene = longest if item is longest.item else self.scenes.scene(item, field)
         if scene.figure is None:
             raise DataError("; ".join(scene.notes) or "no figure", reason="missing_joints")
-        return scene.figure
+        return scene.figure, scene.rhythm
 
 
 @dataclass(frozen=True, eq=False)
 class WallSounds:
-    """The music of walls: that of their longest clips."""
+    """The music of walls, from the second of its song at which the first of their clips begins."""
 
     wall: Wall
     sounds: Sounds
 
     def sound(self, item: Item) -> ClipSound | None:
         """Return the music of a wall; None without any. DataError if it cannot be decoded."""
-        return self.sounds.sound(self.wall.longest(item))
+        return self.sounds.sound(replace(self.wall.first(item), n_frames=item.n_frames))
 
 
 def places(figures: Sequence[Figure]) -> list[np.ndarray]:
