@@ -56,6 +56,7 @@ ATOL_HELP = "Floating-point values that differ by no more than this are the same
 KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmentation, filter, metric or export."
 PACKAGE_HELP = "Add it to the package OUT/PACKAGE, which may hold plug-ins of several kinds."
 TARGET_HELP = "Set a parameter of the target; list shows them."
+OUTPUT_HELP = "A trainer's output: .npy, .npz or .pkl files, folders of them, or patterns."
 FRAMES_HELP = "Frames of --to obj, from 0: one, or BEGIN:END:STEP; default: all."
 WEIGHTS_HELP = "Folder of a network's weights; FIELD=FOLDER, once for each, where several features need some."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
@@ -185,7 +186,7 @@ def check(
 
 @errors_to_exit_codes
 def decode(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A trainer's output: .npy, .npz or .pkl.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=OUTPUT_HELP)],
     representation: Annotated[str, typer.Option("--as", metavar="NAME", help="What its columns are: edge151, ...")],
     to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays), smplx, glb or obj.")],
     out: Annotated[Path, typer.Option(help="Folder for the files.")],
@@ -204,17 +205,17 @@ def decode(
 ) -> None:
     """Write generated motion as BVH, SMPL, npz or a mesh.
 
-    dancedata decode FILE --as edge151 --to bvh --out DIR
+    dancedata decode FILE... --as edge151 --to bvh --out DIR
     """
     load_plugins(*(plugins or ()))
     from dancedata.pipeline.decode_file import decode_file
 
     kind: Any = to  # checked there
-    files = decode_file(
-        file, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
+    written = decode_file(
+        files, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
         normalized=normalized, scaler=scaler, clip=clip, body_model=body_model, betas=betas_of(betas), frames=frames,
     )  # fmt: skip
-    paths = [str(path) for path in files]
+    paths = [str(path) for path in written]
     print_result(as_json, lambda: {"files": paths}, lambda: "\n".join(paths))
 
 
@@ -315,7 +316,9 @@ def new(
 
 @errors_to_exit_codes
 def features(
-    songs: Annotated[list[Path], typer.Argument(metavar="SONG...", help="wav, flac, mp3 or ogg files.")],
+    songs: Annotated[
+        list[Path], typer.Argument(metavar="SONG...", help="Music files, folders of them, or patterns.")
+    ],
     out: Annotated[Path, typer.Option(help="Folder to write <song>.<feature>.npy and .json to.")] = Path("features"),
     feature: Annotated[str | None, typer.Option(help="Default: those of --like, else librosa35.")] = None,
     like: Annotated[str | None, typer.Option(help="A built dataset or recipe whose features to match.")] = None,

@@ -1,5 +1,6 @@
 """Files of a source: the folder of a published dataset, lists of its files, the choice of audio files."""
 
+import glob
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,6 +67,29 @@ def list_folder(folder: Path) -> list[Path]:
             fix="check the path and its permissions",
         ) from error
     return [entry for entry in entries if not entry.name.startswith(".") and entry.name != "__MACOSX"]
+
+
+def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
+    """Return the files that paths name: themselves, all of a folder with one of these suffixes, or of a pattern.
+
+    Raises
+    ------
+    UsageError
+        For a folder or a pattern without such a file.
+    """
+    files: list[Path] = []
+    for path in paths:
+        pattern = glob.has_magic(str(path)) and not path.exists()
+        if not path.is_dir() and not pattern:
+            files.append(path)
+            continue
+        found = [Path(name) for name in glob.glob(str(path))] if pattern else list_folder(path)
+        mine = sorted(p for p in found if p.suffix.lower() in suffixes and p.is_file())
+        if not mine:
+            problem = "the pattern names no file to read" if pattern else "the folder has no file to read"
+            raise UsageError(problem, where=path, allowed=f"files {', '.join(suffixes)}")
+        files += mine
+    return files
 
 
 def require_folder(dataset: str, source: Path, looked_for: str) -> None:

@@ -18,7 +18,7 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp import parse_name, tempo_bpm
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
-from dancedata.evaluation.inputs.songs import MusicSources
+from dancedata.evaluation.inputs.songs import MusicSources, Song, begin_of
 from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
 from dancedata.execution.cache import Cache
@@ -302,13 +302,18 @@ def stored_beats(
     )
     longest = {c.music: c.id for c in whole}
     sources: dict[str, str | Window] = {}
+    begins: dict[str, Fraction] = {}
     for clip in clips:
         record = records.get(clip.clip)
-        same_song = record is not None and songs.get(clip.id) in (None, record.music)
+        song = songs.get(clip.id)
+        same_song = record is not None and song in (None, record.music) and not _is_placed(song)
         if same_song and isinstance(clip, StoreClip) and clip.window and clip.reference == store.reference:
             sources[clip.id] = clip.window
             continue
-        source = record.id if record is not None and same_song else longest.get(clip.music)
+        if record is not None and same_song:
+            source: str | None = record.id
+        else:
+            source, begins[clip.id] = longest.get(clip.music), clip.audio_start
         if source is not None and store.scope == "track":
             sources[clip.id] = source
     store.require_intact({s.clip if isinstance(s, Window) else s for s in sources.values()}, sha256=sha256)
@@ -316,7 +321,17 @@ def stored_beats(
         c: (0, store.read(s, name)) if isinstance(s, Window) else store.rows_within(s, name)
         for c, s in sources.items()
     }
-    return {clip: ClipMusic.of_rows(rows, field).from_row(-first, field.grid) for clip, (first, rows) in read.items()}
+    music = {}
+    for clip_id, (first, rows) in read.items():
+        begin = begins.get(clip_id, Fraction(0))  # second p / q is row p of q rows per second
+        of_clip = ClipMusic.of_rows(rows, field).from_row(-first, field.grid)
+        music[clip_id] = of_clip.from_row(begin.numerator, FrameGrid.of(begin.denominator))
+    return music
+
+
+def _is_placed(song: str | None) -> bool:
+    """Return whether the caller states where a clip begins in its song."""
+    return isinstance(song, Song) and song.start is not None
 
 
 def _records(store: Store, *, copies: bool = False) -> dict[str, ClipView]:
@@ -362,5 +377,7 @@ def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Stor
         same = [c for c in (clip, record) if c is not None and song in (None, c.music)]
         tempo = next((c.tempo_bpm for c in same if c.tempo_bpm), None) or tempos.get(music) or tempo_bpm(music)
         start = next((c.audio_start for c in same if c.audio_start), Fraction(0))
+        if song is not None and (_is_placed(song) or not (same or isinstance(clip, StoreClip))):
+            start = begin_of(clip.id, song, like)
         named.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
     return tuple(named)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy.typing as npt
 
-from dancedata.core.grid import Number
+from dancedata.core.grid import Number, as_fraction
 from dancedata.evaluation.evaluate import evaluate_inputs
-from dancedata.evaluation.inputs.songs import read_songs, song_name
+from dancedata.evaluation.inputs.songs import Song, read_songs, song_name
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
 from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
@@ -50,7 +50,7 @@ def evaluate(
     unit: str | None = None,
     body: str | None = None,
     source: str | Path | None = None,
-    music_of: str | Path | Mapping[str, str] | None = None,
+    music_of: str | Path | Mapping[str, str | tuple[str, Number]] | None = None,
     beats: Mapping[str, Any] | None = None,
     metrics: Sequence[str] = (),
     bootstrap: int = 200,
@@ -98,7 +98,8 @@ def evaluate(
     source
         Folder of music files, by the names of songs. Default: beats are those of the dataset, or of `like`.
     music_of
-        Song of each clip: a mapping, or a CSV file with two columns.
+        Song of each clip: a mapping, or a CSV file with the columns clip and song. A third column, start_s, or a pair
+        in place of a song, states its second at the clip's first frame; default: 0, but windows need it.
     beats
         Beats of the music of clips, frames at the protocol's rate or `MusicBeats`; for those, nothing else is read.
     metrics
@@ -132,7 +133,7 @@ def evaluate(
     True
     """
     if isinstance(music_of, Mapping):
-        songs = {clip: song_name(song) for clip, song in music_of.items()}
+        songs = {clip: _song(song) for clip, song in music_of.items()}
     else:
         songs = {} if music_of is None else read_songs(Path(music_of))
     named = None if like is None else opened(like)
@@ -166,6 +167,11 @@ def evaluate(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),
     )  # fmt: skip
+
+
+def _song(song: str | tuple[str, Number]) -> Song:
+    name, start = (song, None) if isinstance(song, str) else song
+    return Song.of(song_name(name), None if start is None else as_fraction(start, "music_of"))
 
 
 def _protocol(protocol: str | Protocol) -> Protocol:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,8 @@ from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_yo
 from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
+from dancedata.datasets.files import MOTION_SUFFIXES, named_files
 from dancedata.files import atomic
 from dancedata.formats.arrays import Array, ArrayFile
 from dancedata.formats.body_mesh import BodyMesh, obj_text
@@ -32,10 +33,11 @@ _log = logging.getLogger(__name__)
 PERSON_MASK, ROOT_PLACE = "person_mask", "root_place"
 #: Names of the formats; obj needs a body model, and has a file for each frame.
 FORMATS = (*MOTION_FILES, "obj")
+_SUFFIXES = tuple(suffix for suffix in MOTION_SUFFIXES if suffix != ".bvh")
 
 
 def decode_file(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     representation: str,
     *,
     to: Literal["bvh", "npz", "smpl", "smplx", "glb", "obj"],
@@ -60,7 +62,8 @@ def decode_file(
         .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them. An
         entry ``normalized``, True or False, states whether the columns are normalised, and one such as ``fps`` their
         rate. A group (P, T, D), by its entry ``person_mask`` (P,) or ``root_place`` (P, T, 6), and a batch of groups
-        (B, P, T, D) are decoded as in `dancedata.decode_group`.
+        (B, P, T, D) are decoded as in `dancedata.decode_group`. A folder of such files, a pattern such as
+        ``gen/*.npy``, and several of these are decoded file by file.
     representation, like, normalized, scaler, clip, parameters
         As in `decode`.
     to
@@ -103,11 +106,24 @@ def decode_file(
     >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", normalized=True, out="x")
     [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
     """
-    path, out = Path(path).expanduser(), Path(out).expanduser()
+    out = Path(out).expanduser()
     if to not in FORMATS:
         raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, FORMATS))
-    if path.is_dir():
-        raise UsageError("a folder cannot be decoded", where=path, allowed="one file", fix="call it for each file")
+    given = [path] if isinstance(path, str | Path) else list(path)
+    paths = named_files([Path(p).expanduser() for p in given], _SUFFIXES)
+    if len(paths) > 1:
+        stems = [p.stem for p in paths]
+        if twice := sorted({stem for stem in stems if stems.count(stem) > 1}):
+            raise UsageError("two files have one name", where=out, found=listed(twice), fix="rename one of them")
+        written: list[Path] = []
+        for one in paths:
+            written += decode_file(
+                one, representation, to=to, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
+                normalized=normalized, scaler=scaler, clip=clip, body_model=body_model, betas=betas, frames=frames,
+                **parameters,
+            )  # fmt: skip
+        return written
+    (path,) = paths
     from dancedata.datasets.folder import stated_grid
     from dancedata.store.scaling import stated_in
 

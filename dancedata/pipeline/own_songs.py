@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,16 @@ import numpy.typing as npt
 
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.signal import load_audio
+from dancedata.audio.silence import levels, without_sound
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import AudioFeature
+from dancedata.core.quality import music_flags
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, shown
-from dancedata.datasets.files import AUDIO_SUFFIXES
+from dancedata.datasets.files import AUDIO_SUFFIXES, named_files
 from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.files.atomic import atomic_file, write_json
@@ -28,6 +31,7 @@ from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
 from dancedata.pipeline.audio import window_samples
+from dancedata.pipeline.rejects import implausible_problems
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
@@ -68,6 +72,8 @@ def write_features(
 ) -> list[dict[str, Any]]:
     """Write OUT/<song>.<feature>.npy and a .json that describes it; return the content of the JSON files.
 
+    Songs are files, folders of them, and patterns such as ``songs/*.wav``.
+
     (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. An error leaves no file
     behind; an interrupt leaves those of the songs that are done.
 
@@ -89,6 +95,7 @@ def write_features(
     if bpm is not None and not 0 < bpm < float("inf"):
         fix = "without --bpm the tempo is estimated"
         raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
+    songs = named_files(songs, AUDIO_SUFFIXES)
     _check_songs(songs)
     _check_names(songs, out, jobs)
     # Only now: weights are ten gigabytes to hash.
@@ -118,9 +125,6 @@ def write_features(
 
 
 def _check_songs(songs: Sequence[Path]) -> None:
-    for song in songs:
-        if song.is_dir():
-            raise _not_a_song(song)
     absent = [str(song) for song in songs if not song.is_file()]
     if absent:
         raise UsageError("the song does not exist; nothing was computed", where=listed(absent), fix="check the path")
@@ -160,18 +164,6 @@ def _is_free(path: Path) -> bool:
         return not os.path.lexists(path) or sha256_file(path) == record["sha256"]
     except (OSError, ValueError):
         return False
-
-
-def _not_a_song(folder: Path) -> UsageError:
-    songs = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in AUDIO_SUFFIXES)
-    example = f", such as {songs[0]}" if songs else ""
-    files = f"{folder}/*{Path(songs[0]).suffix if songs else '.wav'}"
-    return UsageError(
-        "this is a folder, not a song; nothing was computed",
-        where=folder,
-        found=f"{len(songs)} audio files{example}",
-        fix=f"name its files: dancedata features {files} --out DIR",
-    )
 
 
 def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
@@ -319,12 +311,24 @@ def _about(
         "tempo_estimated": computed.estimated_bpm is not None,
         "tempo_from": None if tempo is None else "estimate" if bpm is None else source,
         "signal_sha256": signal.sha256,
+        "music": [[kind, value] for kind, value in _noted(signal)],
         "columns": list(job.feature.columns.labels),
     }
 
 
+def _noted(signal: AudioSignal) -> list[tuple[str, float]]:
+    """Return what is to be said of a song: (kind of flag, value)."""
+    whole = FrameGrid.of(signal.sample_rate).seconds(signal.n_samples)
+    return [*without_sound(levels(signal), Fraction(0), whole), *signal.findings]
+
+
 def describe_features(out: Path, record: Mapping[str, Any]) -> str:
-    """Return the line that `features` prints of a song."""
+    """Return the lines that `features` prints of a song."""
+    rows = [{"clip": record["song"], **flag.to_json()} for flag in music_flags(record["music"])]
+    return "\n".join([_line(out, record), *(f"  note: {p.reason}: {p.detail}" for p in implausible_problems(rows))])
+
+
+def _line(out: Path, record: Mapping[str, Any]) -> str:
     shape = " x ".join(str(n) for n in record["shape"])
     rate = f"{record['fps']} rows per second"
     text = f"{shown(out / record['file'])}: {shape} {record['dtype']}, {rate}, {record['scope']} scope"

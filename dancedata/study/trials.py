@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.text import listed
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scene_list import Item, SceneList, begins_after
@@ -64,23 +65,18 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
     UsageError
         If there is none.
     """
-    first = next(iter(systems.values()))
     for by_song in (False, True):
-        named: list[dict[str, Item]] = []
+        named: list[dict[str, list[Item]]] = []
         for scenes in systems.values():
-            mine: dict[str, Item] = {}
+            mine: dict[str, list[Item]] = {}
             for item in scenes.items:
                 key = item.clip.music if by_song else item.id
-                if not key or item.members or item.source:
-                    continue
-                like = named[0].get(key) if named else None
-                known = mine.setdefault(key, item)
-                if like is not None and _apart(item, scenes, like, first) < _apart(known, scenes, like, first):
-                    mine[key] = item
+                if key and not item.members and not item.source:
+                    mine.setdefault(key, []).append(item)
             named.append(mine)
         shared = [name for name in named[0] if all(name in mine for mine in named[1:])]
         if shared:
-            return {name: dict(zip(systems, (mine[name] for mine in named), strict=True)) for name in shared}
+            return {name: _nearest([mine[name] for mine in named], systems) for name in shared}
     examples = {system: listed([item.id for item in scenes.items], 2) for system, scenes in systems.items()}
     raise UsageError(
         "the systems have no clip in common", found="; ".join(f"{name}: {text}" for name, text in examples.items()),
@@ -88,8 +84,19 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
     )  # fmt: skip
 
 
-def _apart(item: Item, scenes: SceneList, other: Item, of: SceneList) -> Fraction:
-    return abs(begins_after(item, scenes.grid, other, of.grid))
+def _nearest(named: Sequence[Sequence[Item]], systems: Mapping[str, SceneList]) -> dict[str, Item]:
+    """Return an item of each system, so that they begin as near to each other in their song as there are any."""
+    grids = [scenes.grid for scenes in systems.values()]
+
+    def apart(one: Item, other: Item, grid: FrameGrid) -> Fraction:
+        return abs(begins_after(other, grid, one, grids[0]))
+
+    chosen = [
+        [min(items, key=lambda item: apart(one, item, grid)) for items, grid in zip(named, grids, strict=True)]
+        for one in named[0]
+    ]
+    best = min(chosen, key=lambda row: max(apart(row[0], item, grid) for item, grid in zip(row, grids, strict=True)))
+    return dict(zip(systems, best, strict=True))
 
 
 def make_trials(

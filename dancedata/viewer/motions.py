@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,8 @@ from dancedata.core.typing import override
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.files import FileFormat, clips_of
-from dancedata.evaluation.inputs.songs import read_songs, song_files
+from dancedata.evaluation.inputs.songs import begin_of, read_songs, song_files, window_begin
+from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 from dancedata.store.schema import Field
@@ -43,30 +44,36 @@ class MusicFiles:
     Attributes
     ----------
     files
-        File by the id of a clip. Its second 0 is the first frame.
+        File by the id of a clip.
+    begins
+        Its second at the clip's first frame, where it is not 0.
     """
 
     files: Mapping[str, Path]
+    begins: Mapping[str, Fraction] = field(default_factory=dict)
 
     @classmethod
-    def beside(cls, path: Path, clips: Sequence[str]) -> MusicFiles:
+    def beside(cls, path: Path, clips: Sequence[str], like: Store | None = None) -> MusicFiles:
         """Return the music of clips.
 
         Parameters
         ----------
         path
             A music file, which is that of every clip; a folder of files that are named as a clip, or as a part of its
-            name between underscores; or a CSV file with the columns clip and song, with the songs in its folder.
+            name between underscores; or a CSV file with the columns clip, song and, where clips do not begin with
+            their songs, start_s, with the songs in its folder.
+        like
+            The dataset whose windows clips with ids such as "clip@75" are: it knows where they begin in their songs.
 
         Raises
         ------
         UsageError
-            If there is no such file, or none for any clip.
+            If there is no such file, or none for any clip; if it is not known where a window begins in its song.
         """
         if path.suffix.lower() in AUDIO_SUFFIXES:
             if not path.is_file():
                 raise UsageError("there is no such music file", where=path)
-            return cls(dict.fromkeys(clips, path))
+            return cls(dict.fromkeys(clips, path), _begins(clips, {}, like))
         named = {} if path.is_dir() else read_songs(path)
         songs = song_files(path if path.is_dir() else path.parent)
         songs_of_clips = {clip: songs.get(named.get(clip, clip)) or _song_within(clip, songs) for clip in clips}
@@ -76,12 +83,19 @@ class MusicFiles:
                 "no file of this music is named as a clip", where=path, found=listed(sorted(songs), 5),
                 allowed=listed(clips, 5), fix="name one file, or a CSV file with the columns clip,song",
             )  # fmt: skip
-        return cls(files)
+        return cls(files, _begins(files, named, like))
 
     def signal(self, clip: str, n_seconds: Fraction) -> AudioSignal | None:
         """Return the music of the first seconds of a clip, silent where it has ended; None without any."""
         path = self.files.get(clip)
-        return None if path is None else cut(load_audio(path), Fraction(0), min(n_seconds, Fraction(MAX_SECONDS)))
+        begin = self.begins.get(clip, Fraction(0))
+        return None if path is None else cut(load_audio(path), begin, min(n_seconds, Fraction(MAX_SECONDS)))
+
+
+def _begins(clips: Iterable[str], named: Mapping[str, str], like: Store | None) -> dict[str, Fraction]:
+    """Return the second of their songs at which clips begin; UsageError for a window of which it is not known."""
+    known = {clip: None if clip in named else window_begin(clip, like) for clip in clips}
+    return {clip: begin_of(clip, named.get(clip), like) if begin is None else begin for clip, begin in known.items()}
 
 
 def _song_within(clip: str, songs: Mapping[str, Path]) -> Path | None:
@@ -232,8 +246,10 @@ def figures_of(clip: ClipInput, body: Skeleton) -> tuple[Figure, ...]:
     return tuple(Figure.of_pose(pose, body, clip.id) for pose in poses)
 
 
-def motion_scenes(path: Path, form: FileFormat, music: Path | None = None, body: Skeleton = SMPL24) -> MotionScenes:
-    """Read the motion files of a folder, or one file.
+def motion_scenes(
+    path: Path, form: FileFormat, music: Path | None = None, body: Skeleton = SMPL24, like: Store | None = None
+) -> MotionScenes:
+    """Read the motion files of a folder, or one file; `like` is the dataset whose windows they may be.
 
     Raises
     ------
@@ -258,7 +274,7 @@ def motion_scenes(path: Path, form: FileFormat, music: Path | None = None, body:
     if len(set(names)) < len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
         raise UsageError("two files have one name", where=path, found=listed(twice, 5), fix="rename one of them")
-    beside = None if music is None else MusicFiles.beside(music, names)
+    beside = None if music is None else MusicFiles.beside(music, names, like)
     try:
         return MotionScenes(clips, path.name, beside, body)
     except DataError as error:

@@ -115,7 +115,7 @@ class ViewRequest:
         like = None if self.like is None else open_store(self.like)
         self._require_columns(self.columns or self.compare_as)
         form = self._format(like, None if like is None else like.grid, self.columns)
-        return motion_scenes(self.path, form, self.music, SMPL24 if like is None else like.skeleton)
+        return motion_scenes(self.path, form, self.music, SMPL24 if like is None else like.skeleton, like)
 
     def comparisons(self, scenes: SceneList, source: Sounds | None) -> tuple[Comparison, ...]:
         """Return the comparisons; equal names get a number."""

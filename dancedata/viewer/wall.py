@@ -157,7 +157,7 @@ class Wall(SceneList):
         truth = takes[0][1] if self.comparisons and takes[0][0].clip.member == 0 else None
         shifts = places([figure for _, _, figure, _ in takes]) if self._apart else [np.zeros(3)] * len(takes)
         first = late[next(k for k, (one, _) in enumerate(self._takes[item.number][1]) if one is longest.item)]
-        rhythm = Rhythm.joined(sorted(parts, key=lambda part: -part[2])) if any(late) else longest.rhythm
+        rhythm = Rhythm.joined(sorted(parts, key=lambda part: part[1])) if any(late) else longest.rhythm
         frames = round(first * float(self.grid.rate))
         windows = tuple((start + frames, length) for start, length in longest.windows)
         members = tuple(

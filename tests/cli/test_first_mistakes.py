@@ -395,8 +395,17 @@ def test_features_that_fail_late_leave_nothing_of_their_own(
     assert [path.name for path in out.iterdir()] == ["mine.txt"]
 
 
-def test_a_folder_is_not_a_song(corpus: Path, tmp_path: Path):
-    assert "/*.wav" in run("features", corpus / "wavs", "--out", tmp_path / "out", code=2).stderr
+@pytest.mark.parametrize("what", ["wavs", "wavs/m*.wav"])
+def test_a_folder_is_its_songs(corpus: Path, tmp_path: Path, what: str):
+    run("features", corpus / what, "--out", tmp_path / "out")
+    assert {p.name.split(".")[0] for p in (tmp_path / "out").iterdir()} == {
+        p.stem for p in (corpus / "wavs").iterdir()
+    }
+
+
+@pytest.mark.parametrize("what", ["motions", "wavs/*.mp3", "motions/*.pkl"])
+def test_a_folder_without_a_song(corpus: Path, tmp_path: Path, what: str):
+    assert ".wav" in run("features", corpus / what, "--out", tmp_path / "out", code=2).stderr
     assert not (tmp_path / "out").exists()
 
 

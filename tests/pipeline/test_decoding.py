@@ -241,6 +241,18 @@ def test_contacts_are_not_part_of_a_motion() -> None:
     np.testing.assert_allclose(found.joints(), motion.joints(), rtol=0, atol=1e-5)
 
 
-def test_a_folder_is_not_decoded(tmp_path: Path) -> None:
-    with raises_message(UsageError, "decoded"):
-        dancedata.decode_file(tmp_path, "edge151", to="bvh", out=tmp_path / "out")
+def test_folders_patterns_and_lists_are_decoded_file_by_file(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"to": "npz", "fps": 30}
+    with raises_message(UsageError, "no file", where=tmp_path.name):
+        dancedata.decode_file(tmp_path, "edge151", out=tmp_path / "out", **options)
+    rows = Edge151().encode(random_motion(Edge151().skeleton, 20, turn_rad=0.3), Velocity())
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, rows)
+    (tmp_path / "notes.txt").write_text("")
+    for n, what in enumerate((tmp_path, tmp_path / "*.npy", [tmp_path / "b.npy", tmp_path / "a.npy"])):
+        written = dancedata.decode_file(what, "edge151", out=tmp_path / f"out{n}", **options)
+        assert {path.name for path in written} == {"a.npz", "b.npz"}
+    np.savez(tmp_path / "a.npz", rows)
+    with raises_message(UsageError, "one name"):
+        dancedata.decode_file(tmp_path, "edge151", out=tmp_path / "twice", **options)
+    assert not (tmp_path / "twice").exists()

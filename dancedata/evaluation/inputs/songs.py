@@ -2,18 +2,44 @@
 
 import csv
 import io
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from dancedata.core.errors import UsageError
-from dancedata.core.text import csv_text, listed, quoted
+from dancedata.core.grid import as_fraction
+from dancedata.core.text import csv_text, listed, quoted, shown
 from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio, group_by_stem
 from dancedata.datasets.folder import MUSIC_FOLDERS
 from dancedata.store import Store
 
 _MAX_CSV_BYTES = 1 << 24
+_HEAD = ["clip", "song", "start_s"]
+#: Id of a window: its clip and its first frame; a length and marks may follow.
+_WINDOW = re.compile(r"(.+)@(\d+)(?:\+\d+)?(?:~.*)?")
+
+
+class Song(str):
+    """The name of a clip's song.
+
+    Attributes
+    ----------
+    start
+        Second of the song at the clip's first frame; None where it is not stated.
+    """
+
+    __slots__ = ("start",)
+    start: Fraction | None
+
+    @classmethod
+    def of(cls, name: str, start: Fraction | None = None) -> Self:
+        """Return a song, from a second on."""
+        song = cls(name)
+        song.start = start
+        return song
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +55,7 @@ class MusicSources:
     like
         Dataset that has them where the dataset of a clip does not.
     songs
-        Songs that the caller names, by the id of a clip.
+        Songs that the caller names, by the id of a clip; a `Song` may state where the clip begins in it.
     """
 
     beats: Mapping[str, Any] = field(default_factory=dict)
@@ -56,10 +82,11 @@ def song_name(text: str) -> str:
     return path.stem if path.suffix.lower() in AUDIO_SUFFIXES else path.name
 
 
-def read_songs(path: Path) -> dict[str, str]:
-    """Read clip and song from a CSV file with these two columns; a heading "clip,song" may come first.
+def read_songs(path: Path) -> dict[str, Song]:
+    """Read clip, song and, where it is not 0, its second at the clip's first frame from the columns of a CSV file.
 
-    Columns are separated by commas, semicolons or tabulators, whichever make two of the first line.
+    A heading "clip,song" or "clip,song,start_s" may come first. Columns are separated by commas, semicolons or
+    tabulators, whichever make two or three of the first line.
 
     UsageError if it cannot be read, a line has another number of columns or no song, or two lines have one clip.
     """
@@ -68,20 +95,56 @@ def read_songs(path: Path) -> dict[str, str]:
             raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
         text = path.read_bytes().decode("utf-8-sig")
         head = text.lstrip().partition("\n")[0]
-        between = next((c for c in ",;\t" if len(next(csv.reader([head], delimiter=c), [])) == 2), ",")
+        between = next((c for c in ",;\t" if len(next(csv.reader([head], delimiter=c), [])) in (2, 3)), ",")
         lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=between))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
-    songs: dict[str, str] = {}
+    songs: dict[str, Song] = {}
     for number, line in enumerate(lines, start=1):
-        if not line or (number == 1 and [cell.strip().lower() for cell in line] == ["clip", "song"]):
+        if not line or (number == 1 and [cell.strip().lower() for cell in line] in (_HEAD[:2], _HEAD)):
             continue
         where = f"{path}, line {number}"
-        if len(line) != 2:
-            raise UsageError("a line does not have two columns", where=where, found=len(line), allowed="clip,song")
-        clip, song = csv_text(line[0].strip()), song_name(csv_text(line[1].strip()))
+        if len(line) not in (2, 3):
+            allowed = "clip,song or clip,song,start_s"
+            raise UsageError("a line does not have two columns", where=where, found=len(line), allowed=allowed)
+        clip, name = csv_text(line[0].strip()), song_name(csv_text(line[1].strip()))
+        stated = line[2].strip() if len(line) == 3 else ""
+        song = Song.of(name, as_fraction(stated, f"{where}: the third of its columns, start_s,") if stated else None)
         if not song:
             raise UsageError("a line without a song", where=where, found=quoted(line[1]), allowed="clip,song")
-        if songs.setdefault(clip, song) != song:
+        if songs.setdefault(clip, song) != song or songs[clip].start != song.start:
             raise UsageError("a clip has two songs", where=where, found=listed([songs[clip], song]), fix="delete one")
     return songs
+
+
+def window_begin(name: str, like: Store | None) -> Fraction | None:
+    """Return the second of its song at the first frame of the window that an id names; 0 for what is no window.
+
+    None where it is not known, as `like` does not have its clip.
+    """
+    window = _WINDOW.fullmatch(name)
+    if window is None:
+        return Fraction(0)
+    clip = None if like is None else next((c for c in like.clips if window[1] in (c.id, c.group)), None)
+    return None if clip is None or like is None else clip.audio_start + like.grid.seconds(int(window[2]))
+
+
+def begin_of(name: str, song: str | None, like: Store | None) -> Fraction:
+    """Return the second of the song at the first frame of a clip whose song is named, or of all of whose the file is.
+
+    UsageError for the id of a window where it is not stated: it names the right one, as far as `like` knows it.
+    """
+    if isinstance(song, Song) and song.start is not None:
+        return song.start
+    begin = window_begin(name, like)
+    if begin == 0:
+        return Fraction(0)
+    right = "SECONDS" if begin is None else f"{float(begin):.9g}"
+    known = "the second that the dataset of the window has: name it with --like"
+    if begin is not None:
+        known = f"second {right}, at which the window begins in its music"
+    raise UsageError(
+        "a song is named for a window, but not the second at which the window begins in it", where=shown(name),
+        found=f"{shown(song or 'a song')} from its second 0", allowed=known,
+        fix=f"write a line {shown(name)},{shown(song or 'SONG')},{right} (clip,song,start_s)",
+    )  # fmt: skip
