@@ -24,8 +24,9 @@ from dancedata.core.text import listed
 from dancedata.datasets._rotations import is_human
 from dancedata.datasets.folder.array_values import finite
 from dancedata.formats.arrays import ArrayFile
-from dancedata.formats.bvh.producers import REQUIRED, detect, plain
+from dancedata.formats.bvh.producers import REQUIRED, detect
 from dancedata.representations.humanml263 import Humanml263
+from dancedata.retarget.maps import plain
 from dancedata.retarget.rest import SMPL_REST
 
 #: Names under which files have positions; "" is the only array of a file.
