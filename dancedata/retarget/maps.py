@@ -106,8 +106,9 @@ def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, in
     joints = dict(enumerate(map(plain, skeleton.joints)))
     matches = [(_matches(joints, table), table) for table in tables]
     if all(map(_missing, (match for match, _ in matches))):
-        cored = ((cores, table) for table in tables for _, cores in affixed(joints, table.get("left_knee", ())))
-        matches += [(_matches(cores, table), table) for cores, table in cored]
+        for table in tables:
+            needed = [table.get(joint, ()) for joint in _REQUIRED]
+            matches += [(_matches(cores, table), table) for _, cores in affixed(joints, needed)]
     # Of maps that match equally many joints, the one that names fewer others.
     of = max(matches, key=lambda match: (len(match[0]), -len(match[1])))[0]
     missing = _missing(of)
@@ -154,7 +155,9 @@ def plain(name: str) -> str:
     return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
 
 
-def affixed(joints: Mapping[int, str], known: Iterable[str]) -> Iterator[tuple[tuple[str, str], dict[int, str]]]:
+def affixed(
+    joints: Mapping[int, str], known: Iterable[Iterable[str]]
+) -> Iterator[tuple[tuple[str, str], dict[int, str]]]:
     """Yield what joints may all have before and behind their names, and the names of those that have it, without it.
 
     Parameters
@@ -162,10 +165,15 @@ def affixed(joints: Mapping[int, str], known: Iterable[str]) -> Iterator[tuple[t
     joints
         `plain` names by index: {0: "character1hips", 1: "character1leftleg"}.
     known
-        Names of one joint that a body needs, in which the prefix and the suffix are found: ("LeftLeg",).
+        Names of each joint that a body needs, all of which have the prefix and the suffix.
     """
-    parts = (joint.partition(name) for joint in joints.values() for name in map(plain, known) if name in joint)
-    for prefix, suffix in sorted({(before, behind) for before, _, behind in parts} - {("", "")}):
+    shared: set[tuple[str, str]] | None = None
+    for names in known:
+        cores = set(map(plain, names))
+        found = [(joint, core) for joint in joints.values() for core in cores if core in joint]
+        parts = {part[::2] for joint, core in found for part in (joint.partition(core), joint.rpartition(core))}
+        shared = parts if shared is None else shared & parts
+    for prefix, suffix in sorted((shared or set()) - {("", "")}):
         yield (
             (prefix, suffix),
             {

@@ -179,7 +179,7 @@ def test_trees_of_producers(producer: str) -> None:
 @pytest.mark.parametrize(
     ("prefix", "suffix"),
     [("mixamorig_", ""), ("mixamorig", ""), ("Character1_", ""), ("Skeleton_", ""), ("A:b_", ""), ("anna-", ""),
-     ("x", "_jnt"), ("", ".001"), ("\u821e_", ""), ("Left_", "")],
+     ("x", "_jnt"), ("", ".001"), ("\u821e_", ""), ("Left_", ""), ("Hips_", "_Hand")],
 )  # fmt: skip
 @pytest.mark.parametrize("producer", ["cmu", "xsens", "unreal", "daz, Genesis 8", "bandai-namco"])
 def test_names_with_a_prefix_or_suffix_that_all_share(producer: str, prefix: str, suffix: str) -> None:

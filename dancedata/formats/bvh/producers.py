@@ -192,7 +192,7 @@ def _affixed(
 ) -> Iterator[_Match]:
     """Yield the matches that have all needed joints, each with the same prefix and suffix: "Character1_Hips"."""
     plains = {k: plain(name) for k, name in names.items()}
-    for affixes, cores in affixed(plains, producer.joints[need[-1]]):
+    for affixes, cores in affixed(plains, [producer.joints[joint] for joint in need]):
         spaced = {k: f"{affixes[0]}:{core}" for k, core in cores.items()}
         match = _Match.of_names(producer, spaced, declared, affixes)
         if match.has(need):
