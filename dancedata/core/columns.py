@@ -63,10 +63,8 @@ class Group:
 
     def __post_init__(self) -> None:
         if self.width < 1 or (self.parts and len(self.parts) != self.width):
-            raise UsageError(
-                f"column group {self.name!r}: width and number of names differ",
-                found=f"width {self.width}, {len(self.parts)} names",
-            )
+            raise UsageError(f"column group {self.name!r}: width and number of names differ",
+                             found=f"width {self.width}, {len(self.parts)} names")  # fmt: skip
 
 
 @dataclass(frozen=True)

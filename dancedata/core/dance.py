@@ -57,12 +57,8 @@ def checked_joints(joints: npt.ArrayLike) -> Float64Array:
     if array.ndim != 3 or array.shape[2] != 3:
         raise DataError("invalid shape of joints", reason="bad_shape", found=f"{array.shape}", allowed="(T, J, 3)")
     if array.size == 0:
-        raise DataError(
-            "the joints are empty",
-            reason="empty",
-            found=f"{array.shape}",
-            allowed="at least one frame and one joint",
-        )
+        raise DataError("the joints are empty", reason="empty", found=f"{array.shape}",
+                        allowed="at least one frame and one joint")  # fmt: skip
     bad = ~np.isfinite(array).all(axis=(1, 2))
     if bad.any():
         raise DataError(
@@ -149,11 +145,8 @@ class MusicBeats:
         if numbers.size == 0:
             return cls(np.zeros(0, np.int64), grid)
         if numbers.ndim != 1 or numbers.dtype.kind not in "iu" or int(numbers.min()) < 0:
-            raise UsageError(
-                "beats are frame numbers",
-                found=f"{numbers.dtype} of shape {numbers.shape}",
-                allowed="(B,) whole numbers of at least 0",
-            )
+            raise UsageError("beats are frame numbers", found=f"{numbers.dtype} of shape {numbers.shape}",
+                             allowed="(B,) whole numbers of at least 0")  # fmt: skip
         return cls(np.sort(numbers.astype(np.int64)), grid)
 
 

@@ -110,11 +110,9 @@ class StoreError(DanceDataError):
 
 def unwritable_name(error: UnicodeEncodeError) -> StoreError:
     """Return the error for a name that Python cannot write: that of a file, where the locale is not UTF-8."""
-    return StoreError(
-        f"a name cannot be written in this locale, whose encoding is {error.encoding}",
-        found=shown(error.object),
-        fix="run it in a UTF-8 locale (LC_ALL=C.UTF-8), or set PYTHONUTF8=1",
-    )
+    return StoreError(f"a name cannot be written in this locale, whose encoding is {error.encoding}",
+                      found=shown(error.object),
+                      fix="run it in a UTF-8 locale (LC_ALL=C.UTF-8), or set PYTHONUTF8=1")  # fmt: skip
 
 
 class DataError(DanceDataError):

@@ -149,11 +149,9 @@ class FrameGrid:
         period, other_period = self.common_period(of)
         rows, rest = divmod(int(frames) * other_period, period)
         if rest:
-            raise UsageError(
-                f"{what or 'a number of frames'} is not a whole number of rows",
-                found=f"{frames} frames at {self} per second, rows at {of} per second",
-                allowed=f"multiples of {period} frames",
-            )
+            raise UsageError(f"{what or 'a number of frames'} is not a whole number of rows",
+                             found=f"{frames} frames at {self} per second, rows at {of} per second",
+                             allowed=f"multiples of {period} frames")  # fmt: skip
         return rows
 
     def is_whole(self, frames: int, *, of: FrameGrid) -> bool:
@@ -241,10 +239,8 @@ class WindowGrid:
 
     def __post_init__(self) -> None:
         if self.length < 1 or self.stride < 1:
-            raise UsageError(
-                "windows need a length and a stride of at least one frame",
-                found=f"length {self.length}, stride {self.stride}",
-            )
+            raise UsageError("windows need a length and a stride of at least one frame",
+                             found=f"length {self.length}, stride {self.stride}")  # fmt: skip
 
     def count(self, n_frames: int) -> int:
         """Return how many windows fit into `n_frames` frames."""

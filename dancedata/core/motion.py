@@ -170,12 +170,9 @@ class Motion:
         rotations = np.array(self.rotations, dtype=np.float64)
         joints = self.skeleton.n_joints
         if rotations.ndim != 3 or rotations.shape[1:] != (joints, 3) or translation.shape != (len(rotations), 3):
-            raise DataError(
-                "the shapes of translation and rotations do not match",
-                reason="bad_shape",
-                found=f"translation {translation.shape}, rotations {rotations.shape}",
-                allowed=f"(T, 3) and (T, {joints}, 3) for skeleton {self.skeleton.name}",
-            )
+            raise DataError("the shapes of translation and rotations do not match", reason="bad_shape",
+                            found=f"translation {translation.shape}, rotations {rotations.shape}",
+                            allowed=f"(T, 3) and (T, {joints}, 3) for skeleton {self.skeleton.name}")  # fmt: skip
         if len(rotations) == 0:
             raise DataError("the motion has no frames", reason="empty", found="0 frames")
         if not 0 <= self.trim_start < len(rotations):

@@ -169,11 +169,9 @@ def without_file_key(cls: type[Any], parameters: dict[str, Any], where: str) -> 
     file = plugin_file(cls)
     stated = parameters[FILE_KEY]
     if file is None or file.sha256 != stated:
-        raise UsageError(
-            "the plug-in is not the one that the dataset was built with", where=where,
-            found="one of no local file" if file is None else f"{file.path}, SHA-256 {file.sha256}",
-            allowed=f"the file with the SHA-256 {stated}", fix=_LOAD,
-        )  # fmt: skip
+        raise UsageError("the plug-in is not the one that the dataset was built with", where=where,
+                         found="one of no local file" if file is None else f"{file.path}, SHA-256 {file.sha256}",
+                         allowed=f"the file with the SHA-256 {stated}", fix=_LOAD)  # fmt: skip
     return {key: value for key, value in parameters.items() if key != FILE_KEY}
 
 
@@ -182,10 +180,8 @@ def unknown_plugin(
 ) -> UsageError:
     """Return the error for an unknown name; parameters of a stored recipe tell whether it was a local plug-in."""
     if isinstance(parameters, dict) and FILE_KEY in parameters:
-        return UsageError(
-            f"the {kind} {name!r} is a local plug-in, which is not loaded",
-            allowed=f"the file with the SHA-256 {parameters[FILE_KEY]}", fix=_LOAD,
-        )  # fmt: skip
+        return UsageError(f"the {kind} {name!r} is a local plug-in, which is not loaded",
+                          allowed=f"the file with the SHA-256 {parameters[FILE_KEY]}", fix=_LOAD)  # fmt: skip
     return UsageError(f"unknown {kind} {name!r}", fix=did_you_mean(name, known, also))
 
 

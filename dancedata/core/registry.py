@@ -93,12 +93,9 @@ class Registry(Generic[P]):
         where = f"{self.kind} {name!r}, {cls.__module__}.{cls.__qualname__}"
         base = f"{self.base.__module__}.{self.base.__qualname__}"
         if not issubclass(cls, self.base):
-            raise UsageError(
-                f"a plug-in of this kind is derived from {self.base.__name__}",
-                where=where,
-                found=", ".join(b.__qualname__ for b in cls.__bases__),
-                fix=f"derive the class from {base}",
-            )
+            raise UsageError(f"a plug-in of this kind is derived from {self.base.__name__}", where=where,
+                             found=", ".join(b.__qualname__ for b in cls.__bases__),
+                             fix=f"derive the class from {base}")  # fmt: skip
         missing = sorted(m for m in getattr(cls, "__abstractmethods__", ()))
         missing += [] if hasattr(cls, "version") else ["version"]
         if missing:
@@ -204,11 +201,9 @@ class Registry(Generic[P]):
                 raise
             except Exception as error:
                 of = f" of {entry.dist.name}" if entry.dist else ""
-                raise UsageError(
-                    f"the {self.kind} {entry.name!r}{of} cannot be loaded",
-                    found=f"{type(error).__name__}: {error}",
-                    fix="repair or uninstall that distribution",
-                ) from error
+                raise UsageError(f"the {self.kind} {entry.name!r}{of} cannot be loaded",
+                                 found=f"{type(error).__name__}: {error}",
+                                 fix="repair or uninstall that distribution") from error  # fmt: skip
 
 
 @lru_cache(maxsize=1)

@@ -103,11 +103,8 @@ class Segment:
         for name in ("texts_mirrored", "tokens"):
             n = len(getattr(self, name))
             if n not in (0, len(self.texts)):
-                raise DataError(
-                    f"{name} of a segment are not as many as its texts",
-                    reason="bad_segment",
-                    found=f"{n} for {len(self.texts)}",
-                )
+                raise DataError(f"{name} of a segment are not as many as its texts", reason="bad_segment",
+                                found=f"{n} for {len(self.texts)}")  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
         """Compare attributes; without a value (nan) two are equal, which dataclasses of Python 3.13 deny."""

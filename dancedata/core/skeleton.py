@@ -54,19 +54,14 @@ class Skeleton:
         offsets = np.array(self.offsets, dtype=np.float64)
         n = len(self.joints)
         if len(self.parents) != n or offsets.shape != (n, 3):
-            raise UsageError(
-                f"skeleton {self.name}: joints, parents and offsets have different lengths",
-                found=f"{n}, {len(self.parents)}, {offsets.shape}",
-            )
+            raise UsageError(f"skeleton {self.name}: joints, parents and offsets have different lengths",
+                             found=f"{n}, {len(self.parents)}, {offsets.shape}")  # fmt: skip
         if self.parents[0] != -1 or any(not 0 <= p < j for j, p in enumerate(self.parents) if j):
             raise UsageError(f"skeleton {self.name}: a parent must come before its children, the root first")
         paired = [j for pair in self.pairs for j in pair]
         if len(self.feet) != 4 or not {*paired, *self.feet} <= set(range(n)) or len(set(paired)) != len(paired):
-            raise UsageError(
-                f"skeleton {self.name}: requires four foot joints, and each joint in at most one pair",
-                found=f"pairs {self.pairs}, feet {self.feet}",
-                allowed=f"0 to {n - 1}",
-            )
+            raise UsageError(f"skeleton {self.name}: requires four foot joints, and each joint in at most one pair",
+                             found=f"pairs {self.pairs}, feet {self.feet}", allowed=f"0 to {n - 1}")  # fmt: skip
         offsets.setflags(write=False)
         object.__setattr__(self, "offsets", offsets)
 
@@ -104,11 +99,9 @@ class Skeleton:
         kept = [self.index(joint) for joint in joints]
         needed = {0, *self.feet}
         if kept != sorted(kept) or not needed <= set(kept):
-            raise UsageError(
-                f"a subset of skeleton {self.name} must keep the order, the root and the feet",
-                found=", ".join(joints[:6]),
-                allowed=", ".join(self.joints[j] for j in sorted(needed)) + " among them",
-            )
+            raise UsageError(f"a subset of skeleton {self.name} must keep the order, the root and the feet",
+                             found=", ".join(joints[:6]),
+                             allowed=", ".join(self.joints[j] for j in sorted(needed)) + " among them")  # fmt: skip
         parents, offsets = [], np.array(self.offsets[kept])
         for new, old in enumerate(kept):
             parent = self.parents[old]

@@ -62,11 +62,8 @@ class Spatial:
     def check(self, columns: Columns) -> None:
         """Raise UsageError unless every group of the columns has a role that fits its width."""
         if set(self.roles) != set(columns.names):
-            raise UsageError(
-                "the roles of column groups do not fit the columns",
-                found=", ".join(self.roles) or "none",
-                allowed=", ".join(columns.names),
-            )
+            raise UsageError("the roles of column groups do not fit the columns",
+                             found=", ".join(self.roles) or "none", allowed=", ".join(columns.names))  # fmt: skip
         for group in columns.groups:
             role = self.roles[group.name]
             whole = role in ("unchanged", "root_rotation") or group.width % 3 == 0

@@ -192,12 +192,8 @@ class Augmenter:
             if changed is read_only:
                 continue
             if changed.shape != rows.shape:
-                raise UsageError(
-                    f"the augmentation {step.name} changes the shape of rows",
-                    where=f"field {field}",
-                    found=changed.shape,
-                    allowed=rows.shape,
-                )
+                raise UsageError(f"the augmentation {step.name} changes the shape of rows", where=f"field {field}",
+                                 found=changed.shape, allowed=rows.shape)  # fmt: skip
             rows = changed.astype(rows.dtype, copy=False)
         return rows
 
@@ -294,12 +290,9 @@ def _check(step: _Step, sample_fields: Sequence[SampleField], store: Store) -> N
     for field in sample_fields:
         codebook = store.field(field.name).codebook
         if codebook is not None and changes_rows and field.kind != "audio":
-            raise UsageError(
-                f"the augmentation {step.name} cannot change codes",
-                where=str(store.path),
-                found=f"field {field.name}, codes of {codebook.name}",
-                fix="leave out the field, or the augmentation",
-            )
+            raise UsageError(f"the augmentation {step.name} cannot change codes", where=str(store.path),
+                             found=f"field {field.name}, codes of {codebook.name}",
+                             fix="leave out the field, or the augmentation")  # fmt: skip
         try:
             augmentation.check_sample(field)
         except UsageError as error:
@@ -312,14 +305,10 @@ def _check_windows(step: _Step, store: Store, allow_crop: bool) -> None:
     """Raise UsageError if an augmentation cannot choose windows here."""
     augmentation = step.augmentation
     if augmentation.chooses_windows and not allow_crop:
-        raise UsageError(
-            f"the augmentation {step.name} chooses windows, and whole clips are read",
-            fix="read windows: WindowDataset(..., augment=['crop'])",
-        )
+        raise UsageError(f"the augmentation {step.name} chooses windows, and whole clips are read",
+                         fix="read windows: WindowDataset(..., augment=['crop'])")  # fmt: skip
     if augmentation.chooses_windows and store.scope == "window":
-        raise UsageError(
-            f"the augmentation {step.name} reads windows other than the stored ones",
-            where=str(store.path),
-            found="a dataset of window scope, which holds only the windows that were built",
-            fix="build with scope: track",
-        )
+        raise UsageError(f"the augmentation {step.name} reads windows other than the stored ones",
+                         where=str(store.path),
+                         found="a dataset of window scope, which holds only the windows that were built",
+                         fix="build with scope: track")  # fmt: skip

@@ -98,10 +98,7 @@ def _labels(source: SplitDataset, by: str | Sequence[Hashable]) -> Sequence[Hash
         of_clip = {k: getattr(source.store.clip(clip), by) for k, clip in of_clip.items()}
     unknown = [windows.clip_ids[k] for k, label in of_clip.items() if not label]
     if unknown:
-        raise UsageError(
-            f"samples cannot be balanced by {by}: clips do not have one",
-            where=f"clip {unknown[0]}",
-            found=f"{len(unknown)} of {len(of_clip)} clips without a {by}",
-            fix="give by= a label for each sample instead",
-        )
+        raise UsageError(f"samples cannot be balanced by {by}: clips do not have one", where=f"clip {unknown[0]}",
+                         found=f"{len(unknown)} of {len(of_clip)} clips without a {by}",
+                         fix="give by= a label for each sample instead")  # fmt: skip
     return [of_clip[k] for k in windows.clip.tolist()]

@@ -99,10 +99,8 @@ class BatchLoader:
         self.batch_size, self.threads = whole("batch_size", batch_size, 1), whole("threads", threads, 1)
         self.prefetch = whole("prefetch", prefetch, 1)
         if sampler is not None and shuffle:
-            raise UsageError(
-                "shuffle cannot be combined with a sampler",
-                fix="leave it out, or give EpochSampler(..., shuffle=True)",
-            )
+            raise UsageError("shuffle cannot be combined with a sampler",
+                             fix="leave it out, or give EpochSampler(..., shuffle=True)")  # fmt: skip
         self._epochs = EpochSampler(len(dataset), seed=dataset.seed) if shuffle else None
         indices: Iterable[int] = SequentialSampler(dataset) if sampler is None else sampler
         self.sampler = indices if self._epochs is None else self._epochs

@@ -79,11 +79,9 @@ class BucketSampler(Sampler[list[int]]):
         if (batch_size is None) == (max_frames is None):
             raise UsageError("a batch has a number of samples or a number of frames", fix="give one of the two")
         if max_frames is not None and lengths.max(initial=0) > whole("max_frames", max_frames):
-            raise UsageError(
-                "a sample is longer than a batch may be",
-                found=f"sample {int(lengths.argmax())}: {lengths.max()} frames",
-                allowed=f"max_frames={max_frames}",
-            )
+            raise UsageError("a sample is longer than a batch may be",
+                             found=f"sample {int(lengths.argmax())}: {lengths.max()} frames",
+                             allowed=f"max_frames={max_frames}")  # fmt: skip
         n = max(1, min(whole("n_buckets", n_buckets), len(lengths)))
         self._buckets = [bucket for bucket in np.array_split(np.argsort(lengths, kind="stable"), n) if len(bucket)]
         longest = [int(lengths[bucket[-1]]) for bucket in self._buckets]

@@ -131,10 +131,8 @@ def pad_clips(
         is_label = clips[0].dtype == torch.bool
         stated = value.get(name) if isinstance(value, Mapping) else None
         if stated is None and not is_label and not clips[0].is_floating_point():
-            raise UsageError(
-                f"nothing states what codes of {name} are filled up with: 0 is a code",
-                fix="give the pad of each field: pad_clips(samples, value=dataset.blanks)",
-            )
+            raise UsageError(f"nothing states what codes of {name} are filled up with: 0 is a code",
+                             fix="give the pad of each field: pad_clips(samples, value=dataset.blanks)")  # fmt: skip
         if length is not None and longest > length:
             raise UsageError(
                 f"a clip does not fit into a batch of {length} rows",

@@ -176,11 +176,8 @@ class ClipDataset(SplitDataset):
         if frames is None:
             return None
         if whole("crop_frames", frames) < 1 or frames % self._period():
-            raise UsageError(
-                "the length of a crop is not a whole number of rows of all fields",
-                found=f"{frames} frames",
-                allowed=f"multiples of {self._period()}",
-            )
+            raise UsageError("the length of a crop is not a whole number of rows of all fields",
+                             found=f"{frames} frames", allowed=f"multiples of {self._period()}")  # fmt: skip
         return int(frames)
 
     def _period(self) -> int:

@@ -359,12 +359,9 @@ class GroupReader(BatchReader):
                 if roots is not None:
                     across = roots.round(9)
                     return members[np.lexsort((members, across[:, 2], across[:, 0]))][: self._dataset.persons]
-        raise UsageError(
-            "dancers cannot be sorted from left to right: no field has their places",
-            where=str(self._store.path),
-            found=", ".join(sorted(self._per_dancer)),
-            fix='read a field with places, such as edge151, or give choose="stored"',
-        )
+        raise UsageError("dancers cannot be sorted from left to right: no field has their places",
+                         where=str(self._store.path), found=", ".join(sorted(self._per_dancer)),
+                         fix='read a field with places, such as edge151, or give choose="stored"')  # fmt: skip
 
     def _rows_of_group(self, field: FieldReader, request: Request, nth: int, members: IntArray) -> Array:
         """Read the rows of dancers, (P, L, D) of the stored type, mirrored and augmented as one world."""

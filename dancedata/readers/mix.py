@@ -313,12 +313,9 @@ def _counts(sources: Sequence[str], sizes: Sequence[int], shares: Sequence[Fract
         counts[k] += 1
     for name, size, count in zip(sources, sizes, counts, strict=True):
         if not size or not count:
-            raise UsageError(
-                "a source of the mix would have no sample",
-                where=name,
-                found=f"{size:,} samples, {count:,} in an epoch of {total:,}",
-                fix="leave it out, or give n_samples or another weight",
-            )
+            raise UsageError("a source of the mix would have no sample", where=name,
+                             found=f"{size:,} samples, {count:,} in an epoch of {total:,}",
+                             fix="leave it out, or give n_samples or another weight")  # fmt: skip
     return tuple(counts)
 
 
@@ -349,11 +346,9 @@ def _require_alike(by_name: Mapping[str, SplitDataset]) -> None:
             if here != there:
                 problems.append(f"{name}: {key}: {shown(here, 80)}; {first_name}: {shown(there, 80)}")
     if problems:
-        raise UsageError(
-            "datasets of a mix do not agree\n  - " + "\n  - ".join(problems),
-            fix="read them with the same arguments; build again what differs in fields, rates or body "
-            "(retarget: {skeleton: smpl24} gives one body)",
-        )
+        raise UsageError("datasets of a mix do not agree\n  - " + "\n  - ".join(problems),
+                         fix="read them with the same arguments; build again what differs in fields, rates or body "
+                         "(retarget: {skeleton: smpl24} gives one body)")  # fmt: skip
 
 
 def _properties(dataset: SplitDataset) -> dict[str, str]:

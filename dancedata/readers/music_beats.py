@@ -134,12 +134,9 @@ def _preferred(candidates: Sequence[Field], fields: Sequence[str]) -> list[Field
 def _field_with(store: Store, group: str, fields: Sequence[str]) -> Field:
     for field in _preferred(store.fields_with(group), fields):
         return field
-    raise UsageError(
-        f"no field of the dataset has the column {group}",
-        where=str(store.path),
-        found=f"fields {', '.join(store.fields)}",
-        fix="build with audio: {beats: {source: beat_this}}",
-    )
+    raise UsageError(f"no field of the dataset has the column {group}", where=str(store.path),
+                     found=f"fields {', '.join(store.fields)}",
+                     fix="build with audio: {beats: {source: beat_this}}")  # fmt: skip
 
 
 def _apart(starts: IntArray, stride: int) -> list[int]:

@@ -76,19 +76,14 @@ def primitive_spec(store: Store, fields: tuple[str, ...], length: int, n: int, v
             "primitives need a motion field to be read with them", found=", ".join(fields), fix="read lodge139"
         )
     if length % n:
-        raise UsageError(
-            "a window is not a whole number of local segments",
-            found=f"windows of {length} frames, primitive_n={n}",
-            fix="choose a primitive_n that divides the window's length",
-        )
+        raise UsageError("a window is not a whole number of local segments",
+                         found=f"windows of {length} frames, primitive_n={n}",
+                         fix="choose a primitive_n that divides the window's length")  # fmt: skip
     names = [f.name for f in store.fields_with(kind="keymotion")]
     reads = variant == "paper" and length != n
     if reads and not names:
-        raise UsageError(
-            "the store does not hold key motions",
-            where=str(store.path),
-            fix="build with keymotion: {lodge: {}}, or take primitive_variant='code'",
-        )
+        raise UsageError("the store does not hold key motions", where=str(store.path),
+                         fix="build with keymotion: {lodge: {}}, or take primitive_variant='code'")  # fmt: skip
     return PrimitiveSpec(motion[0], names[0] if reads else None, n, variant)
 
 

@@ -208,12 +208,9 @@ class EpochSampler(Sampler[int]):
         """
         epoch, consumed = whole("epoch", epoch), whole("consumed", consumed)
         if consumed > self._length:
-            raise UsageError(
-                "more samples consumed than an epoch has",
-                found=consumed,
-                allowed=f"0 to {self._length}",
-                fix="count this rank's samples, from the start of the epoch",
-            )
+            raise UsageError("more samples consumed than an epoch has", found=consumed,
+                             allowed=f"0 to {self._length}",
+                             fix="count this rank's samples, from the start of the epoch")  # fmt: skip
         if consumed and consumed == self._length:
             return {"epoch": epoch + 1, "position": 0}
         return {"epoch": epoch, "position": consumed}
@@ -266,11 +263,9 @@ class EpochSampler(Sampler[int]):
             If the state has other keys, or a position beyond an epoch of this sampler.
         """
         if set(state) != {"epoch", "position"}:
-            raise UsageError(
-                "this is not the state of an EpochSampler",
-                found=", ".join(sorted(map(str, state))) or "nothing",
-                allowed="epoch, position",
-            )
+            raise UsageError("this is not the state of an EpochSampler",
+                             found=", ".join(sorted(map(str, state))) or "nothing",
+                             allowed="epoch, position")  # fmt: skip
         start = self.at(state["epoch"], state["position"])
         self._move(start["epoch"], start["position"])
 
@@ -300,11 +295,8 @@ def permutation(n: int, seed: int, *key: int) -> npt.NDArray[np.int64]:
 def _rank_and_world_size(rank: int | None, world_size: int | None) -> tuple[int, int]:
     """Fill in torch.distributed's numbers and check them."""
     if (rank is None) != (world_size is None):
-        raise UsageError(
-            "rank and world_size belong together",
-            found=f"rank={rank}, world_size={world_size}",
-            fix="give both, or neither to take them from torch.distributed",
-        )
+        raise UsageError("rank and world_size belong together", found=f"rank={rank}, world_size={world_size}",
+                         fix="give both, or neither to take them from torch.distributed")  # fmt: skip
     if rank is None or world_size is None:
         if not (distributed.is_available() and distributed.is_initialized()):
             return 0, 1

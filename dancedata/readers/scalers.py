@@ -49,16 +49,13 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
             n: scaler.normalizer(n) for n in shared if n in scaler.normalized or _is_real_motion(store.field(n))
         }
         if not by_field:
-            raise UsageError(
-                "the reader that names the scaler reads no motion field of this one", found=listed(scaler.fields),
-                allowed=listed(fields), fix="name a reader of the same fields, or scaler={FIELD: ...}",
-            )  # fmt: skip
+            raise UsageError("the reader that names the scaler reads no motion field of this one",
+                             found=listed(scaler.fields), allowed=listed(fields),
+                             fix="name a reader of the same fields, or scaler={FIELD: ...}")  # fmt: skip
     for name in by_field:
         if name not in fields:
-            raise UsageError(
-                "the scaler is not of a field that is read", found=shown(name), allowed=", ".join(fields),
-                fix="name the field: scaler={FIELD: ...}",
-            )  # fmt: skip
+            raise UsageError("the scaler is not of a field that is read", found=shown(name),
+                             allowed=", ".join(fields), fix="name the field: scaler={FIELD: ...}")  # fmt: skip
     joined = {
         name: scaling_of(store, name, store.fields[name].labels, scaler=choice) for name, choice in by_field.items()
     }
@@ -72,18 +69,11 @@ def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | S
     names = (normalize,) if isinstance(normalize, str) else tuple(normalize)
     for name in names:
         if name not in fields:
-            raise UsageError(
-                f"normalize names a field that is not read: {name!r}",
-                allowed=", ".join(fields),
-                fix=did_you_mean(name, fields),
-            )
+            raise UsageError(f"normalize names a field that is not read: {name!r}", allowed=", ".join(fields),
+                             fix=did_you_mean(name, fields))  # fmt: skip
         if (codebook := store.field(name).codebook) is not None:
-            raise UsageError(
-                f"codes are never normalised: field {name!r}",
-                where=str(store.path),
-                found=f"codes of {codebook.name}",
-                fix="leave the field out of normalize",
-            )
+            raise UsageError(f"codes are never normalised: field {name!r}", where=str(store.path),
+                             found=f"codes of {codebook.name}", fix="leave the field out of normalize")  # fmt: skip
     return names
 
 

@@ -162,11 +162,8 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipVi
         return {c.id: c for c in store.clips if c.split == split}
     names = {name.removeprefix(prefix) for c in on_lists for name in c.lists if name.startswith(prefix)}
     if split not in names:
-        raise UsageError(
-            f"no clip of the store is in {protocol}'s split {split!r}",
-            where=str(store.path),
-            fix=did_you_mean(split, sorted(names)),
-        )
+        raise UsageError(f"no clip of the store is in {protocol}'s split {split!r}", where=str(store.path),
+                         fix=did_you_mean(split, sorted(names)))  # fmt: skip
     # Mirrored copies are for training only, independent of the split they are stored in.
     return {c.id: c for c in on_lists if prefix + split in c.lists and (split == "train" or not c.source)}
 
@@ -179,11 +176,8 @@ def require_protocol(store: Store, protocol: str) -> None:
     lists = {name for clip in store.clips for name in clip.lists if "." in name}
     protocols = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
     if protocol not in protocols:
-        raise UsageError(
-            f"no clip of the store is in a list of the protocol {protocol!r}",
-            where=str(store.path),
-            fix=did_you_mean(protocol, protocols),
-        )
+        raise UsageError(f"no clip of the store is in a list of the protocol {protocol!r}", where=str(store.path),
+                         fix=did_you_mean(protocol, protocols))  # fmt: skip
 
 
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
@@ -239,20 +233,14 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
         )
     unlike = [r for r in rejects if r.detail.endswith(ASKED)]
     if unlike and len(unlike) == len(rejects):
-        return UsageError(
-            f"no clip of split {split!r} has the values that where= asks for",
-            where=str(store.path),
-            found=f"{counted(len(unlike), 'clip')}, the first is {unlike[0].clip}: {unlike[0].detail}",
-            fix="store.to_pandas() has the values of all clips",
-        )
+        return UsageError(f"no clip of split {split!r} has the values that where= asks for", where=str(store.path),
+                          found=f"{counted(len(unlike), 'clip')}, the first is {unlike[0].clip}: {unlike[0].detail}",
+                          fix="store.to_pandas() has the values of all clips")  # fmt: skip
     longest = max((c.n_frames for c in store.clips), default=0)
     reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
-    return UsageError(
-        f"split {split!r} has no windows of that length",
-        where=str(store.path),
-        found=f"clips of at most {longest} frames at {store.fps} per second; left out: {reasons}",
-        fix="use shorter windows, or fewer lists and filters",
-    )
+    return UsageError(f"split {split!r} has no windows of that length", where=str(store.path),
+                      found=f"clips of at most {longest} frames at {store.fps} per second; left out: {reasons}",
+                      fix="use shorter windows, or fewer lists and filters")  # fmt: skip
 
 
 def window_filter(choice: FilterLike) -> WindowFilter | None:

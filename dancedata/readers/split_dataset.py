@@ -237,11 +237,8 @@ class SplitDataset(EpochDataset):
             For a field that this dataset does not read.
         """
         if field not in self.fields:
-            raise UsageError(
-                f"this dataset does not read field {field!r}",
-                allowed=", ".join(self.fields),
-                fix=did_you_mean(field, self.fields),
-            )
+            raise UsageError(f"this dataset does not read field {field!r}", allowed=", ".join(self.fields),
+                             fix=did_you_mean(field, self.fields))  # fmt: skip
         normalizer = self._normalizers.get(field)
         return normalizer if normalizer is not None else self._scaler(field)
 

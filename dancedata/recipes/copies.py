@@ -51,18 +51,13 @@ class CopySpec:
         """Return how many times as fast as its clip a copy is; UsageError if that is not a speed."""
         speed = self.augmentation.speed(clip)
         if not (isinstance(speed, Fraction) and _SLOWEST <= speed <= _FASTEST):
-            raise UsageError(
-                f"the augmentation {self.name} gives a copy a speed that is not possible",
-                where=f"clip {clip}",
-                found=repr(speed),
-                allowed=f"a Fraction from {_SLOWEST} to {_FASTEST}",
-            )
+            raise UsageError(f"the augmentation {self.name} gives a copy a speed that is not possible",
+                             where=f"clip {clip}", found=repr(speed),
+                             allowed=f"a Fraction from {_SLOWEST} to {_FASTEST}")  # fmt: skip
         if speed != 1 and self.augmentation.changes != "time":
-            raise UsageError(
-                f"the augmentation {self.name} changes the time, and its class does not declare it",
-                where=f"clip {clip}", found=f"changes = {self.augmentation.changes!r}, speed {speed}",
-                fix='declare it in the class: changes: ClassVar = "time"',
-            )  # fmt: skip
+            raise UsageError(f"the augmentation {self.name} changes the time, and its class does not declare it",
+                             where=f"clip {clip}", found=f"changes = {self.augmentation.changes!r}, speed {speed}",
+                             fix='declare it in the class: changes: ClassVar = "time"')  # fmt: skip
         return speed
 
     def music_of(self, music: str, clip: str) -> str:
@@ -87,12 +82,9 @@ class CopySpec:
         )
         times = [(m.n_frames, str(m.grid), m.trim_start) for m in (changed, motion)]
         if times[0] != times[1]:
-            raise UsageError(
-                f"the augmentation {self.name} changes frames, rate or trim_start",
-                where=f"clip {clip}",
-                found="{} frames at {} per second, trim_start {}".format(*times[0]),
-                allowed="{} frames at {} per second, trim_start {}".format(*times[1]),
-            )
+            raise UsageError(f"the augmentation {self.name} changes frames, rate or trim_start", where=f"clip {clip}",
+                             found="{} frames at {} per second, trim_start {}".format(*times[0]),
+                             allowed="{} frames at {} per second, trim_start {}".format(*times[1]))  # fmt: skip
         speed = self.speed_of(clip)
         # The same frames in less time: resampling and contact rules then see the new instants.
         return changed if speed == 1 else replace(changed, grid=FrameGrid(changed.grid.rate * speed))
@@ -105,12 +97,9 @@ class CopySpec:
         view.flags.writeable = False
         changed = np.asarray(self.augmentation.change_rows(view, columns, kind=kind, clip=clip))
         if changed.shape != rows.shape or changed.dtype != rows.dtype:
-            raise UsageError(
-                f"the augmentation {self.name} changes the shape or dtype of rows",
-                where=f"clip {clip}",
-                found=f"{changed.shape} {changed.dtype}",
-                allowed=f"{rows.shape} {rows.dtype}",
-            )
+            raise UsageError(f"the augmentation {self.name} changes the shape or dtype of rows", where=f"clip {clip}",
+                             found=f"{changed.shape} {changed.dtype}",
+                             allowed=f"{rows.shape} {rows.dtype}")  # fmt: skip
         return changed
 
 

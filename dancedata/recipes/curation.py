@@ -121,11 +121,8 @@ def _rule(score: str, value: Any) -> CurateRule:
     leave_out = keys.get("leave_out", "windows" if measure.of == "spans" else "clip")
     allowed = LEAVE_OUT if measure.of == "spans" else ("clip",)
     if leave_out not in allowed:
-        raise UsageError(
-            f"{where}.leave_out: not what can be left out for this score",
-            found=shown(repr(leave_out)),
-            allowed=" or ".join(allowed),
-        )
+        raise UsageError(f"{where}.leave_out: not what can be left out for this score", found=shown(repr(leave_out)),
+                         allowed=" or ".join(allowed))  # fmt: skip
     splits = keys.get("splits")
     splits = [splits] if isinstance(splits, str) else splits
     if splits is not None and not (

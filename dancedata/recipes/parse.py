@@ -62,11 +62,8 @@ def load_recipe(recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Over
     """
     if isinstance(recipe, Recipe):
         if overrides:
-            raise UsageError(
-                "a parsed recipe takes no overrides",
-                found=recipe,
-                fix="give its name, its file or its document instead",
-            )
+            raise UsageError("a parsed recipe takes no overrides", found=recipe,
+                             fix="give its name, its file or its document instead")  # fmt: skip
         return recipe
     folder = Path()
     if isinstance(recipe, Mapping):
@@ -229,10 +226,8 @@ def _with_originals(fields: tuple[MotionField, ...], curation: CurationSpec) -> 
     originals = [replace(field, name=f"{field.name}{ORIGINAL}", repaired=False) for field in fields]
     taken = {field.name for field in fields} & {field.name for field in originals}
     if taken:
-        raise UsageError(
-            f"motion.{min(taken)}: this is the name of the field with the motion before repairs",
-            fix="give it another name, or leave the original out: repair.original=false",
-        )
+        raise UsageError(f"motion.{min(taken)}: this is the name of the field with the motion before repairs",
+                         fix="give it another name, or leave the original out: repair.original=false")  # fmt: skip
     return tuple(sorted((*fields, *originals), key=lambda field: field.name))
 
 

@@ -66,13 +66,8 @@ class RetargetSpec:
         try:
             return retargeted(motion, SKELETONS[self.skeleton], self.joint_map, scale=scale, feet=self.feet)
         except UsageError as error:
-            raise DataError(
-                f"the motion cannot be retargeted to {self.skeleton}",
-                reason="bad_skeleton",
-                where=where,
-                found=str(error),
-                fix="give a joint map: retarget.joint_map",
-            ) from error
+            raise DataError(f"the motion cannot be retargeted to {self.skeleton}", reason="bad_skeleton", where=where,
+                            found=str(error), fix="give a joint map: retarget.joint_map") from error  # fmt: skip
 
     def _scale(self, grouped: bool) -> float | None:
         return 1.0 if grouped and self.scale is None else self.scale
@@ -92,11 +87,8 @@ def parse_retarget(value: Any) -> RetargetSpec | None:
     skeleton = value.get("skeleton")
     targets = [name for name, body in SKELETONS.items() if has_body(body)]
     if skeleton not in targets:
-        raise UsageError(
-            "retarget.skeleton: not a skeleton of the SMPL family",
-            found=shown(repr(skeleton)),
-            allowed=", ".join(targets),
-        )
+        raise UsageError("retarget.skeleton: not a skeleton of the SMPL family", found=shown(repr(skeleton)),
+                         allowed=", ".join(targets))  # fmt: skip
     scale, feet, joint_map = value.get("scale", "auto"), value.get("feet", True), value.get("joint_map", "auto")
     is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
     if scale != "auto" and not (is_number and 0.01 <= scale <= 100):

@@ -40,12 +40,8 @@ def _mapping(loader: _Loader, node: yaml.MappingNode, deep: bool = False) -> dic
     for key_node, _ in node.value:
         key = loader.construct_object(key_node, deep=True)
         if isinstance(key, str | int) and key in seen:
-            raise yaml.constructor.ConstructorError(
-                "while reading a mapping",
-                node.start_mark,
-                f"duplicate key {quoted(key)}",
-                key_node.start_mark,
-            )
+            raise yaml.constructor.ConstructorError("while reading a mapping", node.start_mark,
+                                                    f"duplicate key {quoted(key)}", key_node.start_mark)  # fmt: skip
         seen.add(key if isinstance(key, str | int) else id(key_node))
     return loader.construct_mapping(node, deep=True)
 

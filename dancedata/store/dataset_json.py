@@ -118,13 +118,9 @@ def load_description(folder: Path) -> Description:
                 fix="build it from your own copy of the source: dancedata build "
                 f"{folder if place is None else place.address} --source DIR --out DIR",
             ) from error
-        raise StoreError(
-            "there is no finished dataset",
-            where=str(folder),
-            found=describe_folder(folder),
-            allowed="a folder with dataset.json in it",
-            fix=f"give the folder that dancedata build wrote to; {INTERRUPTED}",
-        ) from error
+        raise StoreError("there is no finished dataset", where=str(folder), found=describe_folder(folder),
+                         allowed="a folder with dataset.json in it",
+                         fix=f"give the folder that dancedata build wrote to; {INTERRUPTED}") from error  # fmt: skip
     except (OSError, UnicodeDecodeError) as error:
         raise StoreError("dataset.json cannot be read", where=str(path), found=str(error), fix=REBUILD) from error
     try:
@@ -136,21 +132,13 @@ def load_description(folder: Path) -> Description:
             "dataset.json does not describe a dancedata dataset", where=str(path), found="no key 'format'"
         )
     if document["format"] != FORMAT:
-        raise StoreError(
-            "the dataset has another format version",
-            where=str(path),
-            found=document["format"],
-            allowed=FORMAT,
-            fix="use the dancedata version that built it, or build it again",
-        )
+        raise StoreError("the dataset has another format version", where=str(path), found=document["format"],
+                         allowed=FORMAT,
+                         fix="use the dancedata version that built it, or build it again")  # fmt: skip
     unknown = [need for need in document.get("needs", ()) if need not in NEEDS]
     if unknown:
-        raise StoreError(
-            "the dataset uses what this version cannot read correctly",
-            where=str(path),
-            found=f"needs {listed(unknown)}",
-            fix="use the dancedata version that built it",
-        )
+        raise StoreError("the dataset uses what this version cannot read correctly", where=str(path),
+                         found=f"needs {listed(unknown)}", fix="use the dancedata version that built it")  # fmt: skip
     return _parse(document, path)
 
 

@@ -39,10 +39,8 @@ def opened(like: Like | str | Path) -> Like:
     if isinstance(like, str | Path):
         return open_store(Path(like).expanduser())
     if not hasattr(like, "normalizer"):
-        raise UsageError(
-            "like is neither a dataset nor a reader", found=type(like).__name__,
-            fix="give the WindowDataset or ClipDataset that it holds",
-        )  # fmt: skip
+        raise UsageError("like is neither a dataset nor a reader", found=type(like).__name__,
+                         fix="give the WindowDataset or ClipDataset that it holds")  # fmt: skip
     return like
 
 

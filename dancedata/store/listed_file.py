@@ -54,12 +54,9 @@ class SideFiles:
     def scaler(self, f: Field) -> MinMax:
         """Return the min-max scaler of a field that stats.json holds; StoreError if there is none."""
         if f.codebook is not None:
-            raise UsageError(
-                "codes have no scaler: they are never normalised",
-                where=str(self._folder),
-                found=f"field {f.name}, codes of {f.codebook.name}",
-                fix="leave the field out of normalize",
-            )
+            raise UsageError("codes have no scaler: they are never normalised", where=str(self._folder),
+                             found=f"field {f.name}, codes of {f.codebook.name}",
+                             fix="leave the field out of normalize")  # fmt: skip
         if f.name not in self.stats["fields"]:
             raise StoreError(
                 "there is no scaler without train windows" + (f" that have field {f.name}" if f.optional else ""),
@@ -75,13 +72,9 @@ class SideFiles:
         except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
             scaler, problem = None, shown(error)
         if scaler is None or scaler.width != f.columns.width:
-            raise StoreError(
-                f"the scaler of field {f.name} cannot be used",
-                where=str(self._folder / STATS_FILE),
-                found=problem,
-                allowed=f"data_min and data_max of {f.columns.width} columns",
-                fix=REBUILD,
-            )
+            raise StoreError(f"the scaler of field {f.name} cannot be used", where=str(self._folder / STATS_FILE),
+                             found=problem, allowed=f"data_min and data_max of {f.columns.width} columns",
+                             fix=REBUILD)  # fmt: skip
         return scaler
 
     def _load(self, name: str, parse: Callable[[str], T], limit: int) -> T:
@@ -250,12 +243,8 @@ def read_listed(folder: Path, description: Description, name: str, limit: int) -
 def rebuilt_error(folder: Path, detail: str) -> StoreError:
     """Return the error of a reader whose dataset was replaced."""
     gone = "" if (folder / DATASET_FILE).exists() else "removed, or "
-    return StoreError(
-        f"the dataset was {gone}built again since it was opened",
-        where=str(folder),
-        found=detail,
-        fix="open it again; values that were read before belong to the old dataset",
-    )
+    return StoreError(f"the dataset was {gone}built again since it was opened", where=str(folder), found=detail,
+                      fix="open it again; values that were read before belong to the old dataset")  # fmt: skip
 
 
 def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:

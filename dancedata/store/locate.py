@@ -42,12 +42,9 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
     """
     n_frames = int(tables.n_frames[row])
     if window.start < 0 or window.length < 1 or window.start + window.length > n_frames:
-        raise UsageError(
-            "a window extends beyond its clip",
-            where=f"clip {window.clip}",
-            found=f"frames {window.start} to {window.start + window.length}",
-            allowed=f"0 to {n_frames}",
-        )
+        raise UsageError("a window extends beyond its clip", where=f"clip {window.clip}",
+                         found=f"frames {window.start} to {window.start + window.length}",
+                         allowed=f"0 to {n_frames}")  # fmt: skip
     if not (grid.is_whole(window.start, of=f.grid) and grid.is_whole(window.length, of=f.grid)):
         raise UsageError(
             f"a window is not a whole number of rows of field {f.name}",
@@ -60,19 +57,12 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
     spans = tables.spans[f.name]
     available, lead = int(spans.available[row]), spans.lead(row)
     if first + length > available:
-        raise UsageError(
-            f"a window ends after the last row of field {f.name}",
-            where=f"clip {window.clip}",
-            found=f"row {first + length}",
-            allowed=f"up to {available}",
-        )
+        raise UsageError(f"a window ends after the last row of field {f.name}", where=f"clip {window.clip}",
+                         found=f"row {first + length}", allowed=f"up to {available}")  # fmt: skip
     if first < lead:
-        raise UsageError(
-            f"a window begins before the first row of field {f.name}",
-            where=f"clip {window.clip}",
-            found=f"row {first}",
-            allowed=f"from {lead} on: the music begins after the clip",
-        )
+        raise UsageError(f"a window begins before the first row of field {f.name}", where=f"clip {window.clip}",
+                         found=f"row {first}",
+                         allowed=f"from {lead} on: the music begins after the clip")  # fmt: skip
     return int(spans.first[row]) + first, length
 
 

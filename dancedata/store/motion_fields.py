@@ -132,13 +132,9 @@ class Pose:
         joints_of_body = BODIES.get(name)
         if joints_of_body is None or len(joints_of_body[0]) != positions.shape[1]:
             bodies = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())
-            raise DataError(
-                "the joints of an array are unknown",
-                reason="missing_joints",
-                found=f"{positions.shape[1]} joints" + (f", declared as {body}" if body else ""),
-                allowed=bodies,
-                fix="declare the body: --body NAME",
-            )
+            raise DataError("the joints of an array are unknown", reason="missing_joints",
+                            found=f"{positions.shape[1]} joints" + (f", declared as {body}" if body else ""),
+                            allowed=bodies, fix="declare the body: --body NAME")  # fmt: skip
         return cls(positions, joints_of_body[0], grid, joints_of_body[1])
 
 
@@ -168,13 +164,8 @@ class ColumnsReader:
         plugin = self.representation
         rows = np.asarray(columns)
         if rows.ndim != 2 or rows.shape[1] != plugin.columns.width:
-            raise DataError(
-                f"these are not columns of {plugin.name}",
-                reason="bad_shape",
-                where=where,
-                found=f"shape {rows.shape}",
-                allowed=f"(T, {plugin.columns.width})",
-            )
+            raise DataError(f"these are not columns of {plugin.name}", reason="bad_shape", where=where,
+                            found=f"shape {rows.shape}", allowed=f"(T, {plugin.columns.width})")  # fmt: skip
         rows = self.scaling.undo(rows, plugin, file=file, where=where)
         if plugin.decodes:
             try:
@@ -209,10 +200,8 @@ def _reader_of_clip(store: RowQueries, clip_id: str, field: str) -> tuple[str, C
         return field, motion_reader(store, field)
     kept = {name: reader for name, reader in pose_readers(store).items() if store.has_field(clip_id, name)}
     if not kept:
-        raise UsageError(
-            "the dataset has no field of motion that can be decoded", where=str(store.path),
-            found=", ".join(store.fields),
-        )  # fmt: skip
+        raise UsageError("the dataset has no field of motion that can be decoded", where=str(store.path),
+                         found=", ".join(store.fields))  # fmt: skip
     return min(kept.items(), key=lambda item: not item[1].representation.decodes)
 
 
@@ -266,10 +255,8 @@ def _joined(parts: Sequence[Motion]) -> Motion:
 
 def _with_rotations(pose: Pose, store: RowQueries, field: str) -> Motion:
     if pose.motion is None:
-        raise UsageError(
-            "the field has no rotations", where=str(store.path), found=field or "fields of positions alone",
-            fix="take clip.joints()",
-        )  # fmt: skip
+        raise UsageError("the field has no rotations", where=str(store.path),
+                         found=field or "fields of positions alone", fix="take clip.joints()")  # fmt: skip
     return pose.motion
 
 

@@ -73,10 +73,8 @@ class Scaler(ABC):
         self.dtype, self.field, self.columns, self.dataset = np.dtype(dtype), field, tuple(columns), dataset
         shapes = {value.shape for value in self._values}
         if len(shapes) != 1 or self._values[0].ndim != 1:
-            raise UsageError(
-                f"a scaler requires one {self.numbers[0]} and one {self.numbers[1]} per column",
-                found=f"shapes {' and '.join(str(value.shape) for value in self._values)}",
-            )
+            raise UsageError(f"a scaler requires one {self.numbers[0]} and one {self.numbers[1]} per column",
+                             found=f"shapes {' and '.join(str(value.shape) for value in self._values)}")  # fmt: skip
         # Values of a store are float32; larger bounds would overflow range and scale.
         if any(not (np.abs(value) <= np.finfo(np.float32).max).all() for value in self._values):
             raise UsageError("a scaler has a bound that is not a finite float32")
@@ -185,10 +183,8 @@ class Scaler(ABC):
         """
         fix = f"give the scaler that training used; to use this one all the same: {self._bare}"
         if self.width != len(columns):
-            raise UsageError(
-                "the scaler has a different width", where=f"field {field}", found=f"{self.width} columns",
-                allowed=len(columns), fix=fix,
-            )  # fmt: skip
+            raise UsageError("the scaler has a different width", where=f"field {field}",
+                             found=f"{self.width} columns", allowed=len(columns), fix=fix)  # fmt: skip
         for property_, actual, expected in (
             ("field", self.field, field),
             ("columns", ", ".join(self.columns), ", ".join(columns)),

@@ -87,10 +87,8 @@ class RowQueries(StoreTables):
 
     def _only_built_windows(self, request: str | None = None) -> StoreError:
         stored = f"length {self._description.length}, stride {self._description.stride} frames"
-        return StoreError(
-            "a store of window scope holds only the windows that were built", where=str(self.path), found=request,
-            allowed=stored, fix="build with scope: track",
-        )  # fmt: skip
+        return StoreError("a store of window scope holds only the windows that were built", where=str(self.path),
+                          found=request, allowed=stored, fix="build with scope: track")  # fmt: skip
 
     def window_grid(
         self,
@@ -287,21 +285,15 @@ class RowQueries(StoreTables):
         f = self.field(field)
         tables, row = self._place(clip_id)
         if self.scope == "window":
-            raise StoreError(
-                "a store of window scope does not hold whole clips",
-                where=f"clip {clip_id}",
-                fix="read its windows, or build with scope: track",
-            )
+            raise StoreError("a store of window scope does not hold whole clips", where=f"clip {clip_id}",
+                             fix="read its windows, or build with scope: track")  # fmt: skip
         require_field(tables, row, f)
         spans = tables.spans[field]
         rows, lead = int(spans.available[row]), spans.lead(row)
         if lead:
-            raise UsageError(
-                f"the rows of field {field} begin after the clip's first frame",
-                where=f"clip {clip_id}",
-                found=f"row {lead}",
-                fix="read windows, which begin where all their fields do",
-            )
+            raise UsageError(f"the rows of field {field} begin after the clip's first frame", where=f"clip {clip_id}",
+                             found=f"row {lead}",
+                             fix="read windows, which begin where all their fields do")  # fmt: skip
         if not f.per_clip and not whole_song:
             rows = max(0, min(rows, self.grid.rows_up(int(tables.n_frames[row]), of=f.grid)))
         out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)

@@ -43,10 +43,8 @@ def stated_in(arrays: ArrayFile) -> bool | None:
         return None
     text = arrays.text(_ENTRY)
     if text not in ("True", "False"):
-        raise DataError(
-            f"the entry {_ENTRY!r} is not a truth value", reason="undeclared", where=str(arrays.path), found=text,
-            allowed="True, False",
-        )  # fmt: skip
+        raise DataError(f"the entry {_ENTRY!r} is not a truth value", reason="undeclared", where=str(arrays.path),
+                        found=text, allowed="True, False")  # fmt: skip
     return text == "True"
 
 
@@ -99,10 +97,9 @@ class Scaling:
         """
         normalized = self.normalized if file is None else file
         if file is not None and self.normalized not in (None, file) and self.scaler is not None:
-            raise UsageError(
-                "the file and the call differ in whether the columns are normalised", where=where,
-                found=f"normalized={file} in the file", allowed=f"normalized={self.normalized}",
-            )  # fmt: skip
+            raise UsageError("the file and the call differ in whether the columns are normalised", where=where,
+                             found=f"normalized={file} in the file",
+                             allowed=f"normalized={self.normalized}")  # fmt: skip
         if self.scaler is None:
             if file:
                 raise UsageError(
@@ -165,11 +162,9 @@ def _check(
         _warn_once(f"{name}, are far off their length with either choice: an untrained model, or another scaler")
     if problem:
         spelt = ("normalized=True, --normalized", "normalized=False, --not-normalized")
-        raise UsageError(
-            f"the columns are stated to be {words[not normalized]}, but look {words[normalized]}", where=where,
-            found=problem,
-            fix=f"if they are {words[normalized]}: {spelt[normalized]}",
-        )  # fmt: skip
+        raise UsageError(f"the columns are stated to be {words[not normalized]}, but look {words[normalized]}",
+                         where=where, found=problem,
+                         fix=f"if they are {words[normalized]}: {spelt[normalized]}")  # fmt: skip
 
 
 def _outside(rows: npt.NDArray[np.float64], usual: float) -> float:

@@ -204,11 +204,8 @@ class StoreHeader:
         check_name(f.name, "field")
         dtypes = _DTYPES["real" if f.codebook is None else "code"]
         if f.kind not in _KINDS or f.dtype not in dtypes:
-            raise StoreError(
-                f"field {f.name} has an unknown kind or dtype",
-                found=f"{f.kind}, {f.dtype}",
-                allowed=f"{listed(_KINDS)}; {listed(dtypes)}",
-            )
+            raise StoreError(f"field {f.name} has an unknown kind or dtype", found=f"{f.kind}, {f.dtype}",
+                             allowed=f"{listed(_KINDS)}; {listed(dtypes)}")  # fmt: skip
         if f.codebook is not None:
             try:
                 f.codebook.check(f.columns.width, f.dtype)
@@ -219,21 +216,16 @@ class StoreHeader:
                 f"field {f.name} cannot be optional", allowed="fields of motion and key motions in track scope"
             )
         if not self.grid.is_whole(self.length, of=f.grid):
-            raise StoreError(
-                f"a window is not a whole number of rows of field {f.name}",
-                found=f"{self.length} frames at {self.fps} per second, rows at {f.rate} per second",
-                fix="choose a window length that is a multiple of both periods",
-            )
+            raise StoreError(f"a window is not a whole number of rows of field {f.name}",
+                             found=f"{self.length} frames at {self.fps} per second, rows at {f.rate} per second",
+                             fix="choose a window length that is a multiple of both periods")  # fmt: skip
 
 
 def check_name(name: str, what: str) -> None:
     """Raise StoreError unless `name` can be part of a file name and of an HDF5 path."""
     if not _NAME.match(name):
-        raise StoreError(
-            f"not a valid name for a {what}",
-            found=quoted(name),
-            allowed="ASCII letters, digits and _ . + -, beginning with a letter or digit",
-        )
+        raise StoreError(f"not a valid name for a {what}", found=quoted(name),
+                         allowed="ASCII letters, digits and _ . + -, beginning with a letter or digit")  # fmt: skip
 
 
 def sort_splits(splits: set[str]) -> tuple[str, ...]:

@@ -42,12 +42,9 @@ class SegmentOverlay:
                 length = length_of(row.clip)
                 unknown = row.clip if length is None else row.segment.other
                 if length is None or (unknown and length_of(unknown) is None):
-                    raise SourceError(
-                        "segments: a clip that the dataset does not have",
-                        where=f"{path}, line {row.line}",
-                        found=unknown,
-                        fix="correct the line, or remove it",
-                    )
+                    raise SourceError("segments: a clip that the dataset does not have",
+                                      where=f"{path}, line {row.line}", found=unknown,
+                                      fix="correct the line, or remove it")  # fmt: skip
                 by_clip[row.clip].append(row.segment.within(length))
             others = sorted({row.made_for[:12] for row in rows if row.made_for not in ("", self_sha256)})
             if others:

@@ -92,11 +92,8 @@ def segment_rows(
                 empty += 1
                 continue
             if segment.other and segment.other not in row_of:
-                raise StoreError(
-                    "a segment names a partner that the split does not have",
-                    where=f"clip {clip.id}, segment {segment.label!r}",
-                    found=segment.other,
-                )
+                raise StoreError("a segment names a partner that the split does not have",
+                                 where=f"clip {clip.id}, segment {segment.label!r}", found=segment.other)  # fmt: skip
             rows.append(
                 SegmentRow(
                     number, segment.whole, begin, end, ticks(segment.start), ticks(segment.end),

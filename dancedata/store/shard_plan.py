@@ -96,11 +96,9 @@ class ShardPlan:
             self.rows[name] += block.array.shape[0]
             return start
         if stored_block[1].shape != block.array.shape:
-            raise StoreError(
-                "two audio blocks with the same key have different shapes",
-                where=f"clip {clip}, field {name}, key {block.key}",
-                found=f"{stored_block[1].shape} and {block.array.shape}",
-            )
+            raise StoreError("two audio blocks with the same key have different shapes",
+                             where=f"clip {clip}, field {name}, key {block.key}",
+                             found=f"{stored_block[1].shape} and {block.array.shape}")  # fmt: skip
         return stored_block[0]
 
     def window_table(self) -> WindowTable:
@@ -160,11 +158,9 @@ def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: i
     for clip in clips:
         check_clip(header, clip)
     if not any(clip.starts for clip in clips):
-        raise StoreError(
-            "there are no windows to store",
-            found=f"{len(clips)} clips, each shorter than a window of {header.length} frames",
-            fix="look at the rejects, or choose shorter windows",
-        )
+        raise StoreError("there are no windows to store",
+                         found=f"{len(clips)} clips, each shorter than a window of {header.length} frames",
+                         fix="look at the rejects, or choose shorter windows")  # fmt: skip
     plans: list[ShardPlan] = []
     folded: dict[str, str] = {}
     for split in sort_splits({c.split for c in clips}):
@@ -215,11 +211,8 @@ def _check_group(unit: Sequence[StoredClip]) -> None:
         for name in _SHARED:
             one, two = getattr(first, name), getattr(clip, name)
             if one != two:
-                raise StoreError(
-                    f"the dancers of a group differ in {name}",
-                    where=where,
-                    found=f"{shown(one, 60)} of {first.id}, {shown(two, 60)} of {clip.id}",
-                )
+                raise StoreError(f"the dancers of a group differ in {name}", where=where,
+                                 found=f"{shown(one, 60)} of {first.id}, {shown(two, 60)} of {clip.id}")  # fmt: skip
         for name, blocks in first.audio.items():
             if [(b.key, b.offset) for b in blocks] != [(b.key, b.offset) for b in clip.audio[name]]:
                 found = f"{first.id}, {clip.id}"

@@ -290,12 +290,9 @@ def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
     name = f"/{f.path}"
     dataset = hdf5.find_dataset(file, name)
     if dataset.ndim != 2 or dataset.shape[1] != f.columns.width or dataset.dtype != f.disk_dtype:
-        raise StoreError(
-            "the shape or dtype of a field differs from dataset.json",
-            where=f"{path}, {name}",
-            found=f"{dataset.shape} {dataset.dtype}",
-            allowed=f"(rows, {f.columns.width}) {f.disk_dtype}",
-        )
+        raise StoreError("the shape or dtype of a field differs from dataset.json", where=f"{path}, {name}",
+                         found=f"{dataset.shape} {dataset.dtype}",
+                         allowed=f"(rows, {f.columns.width}) {f.disk_dtype}")  # fmt: skip
     offset = dataset.id.get_offset()
     if not math.prod(dataset.shape):
         offset = 0

@@ -148,12 +148,9 @@ def _check_codes(rows: npt.NDArray[Any], f: Field, codebook: Codebook, where: st
     bad = (rows != codebook.pad) & ((rows < 0) | (rows >= np.array(codebook.sizes)) | (rows != np.trunc(rows)))
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
-        raise StoreError(
-            "a code is not one of its codebook",
-            where=f"{where}, row {row}, column {f.columns.labels[column]}",
-            found=rows[row, column],
-            allowed=f"0 to {codebook.sizes[column] - 1}, or {codebook.pad} for none",
-        )
+        raise StoreError("a code is not one of its codebook",
+                         where=f"{where}, row {row}, column {f.columns.labels[column]}", found=rows[row, column],
+                         allowed=f"0 to {codebook.sizes[column] - 1}, or {codebook.pad} for none")  # fmt: skip
 
 
 def _raise_not_finite(chunk: npt.NDArray[Any], stored: npt.NDArray[Any], begin: int, f: Field, where: str) -> None:
@@ -161,13 +158,9 @@ def _raise_not_finite(chunk: npt.NDArray[Any], stored: npt.NDArray[Any], begin: 
     value = chunk[row, column]
     where = f"{where}, row {begin + row}, column {f.columns.labels[column]}"
     if np.isfinite(value):
-        raise StoreError(
-            f"a value does not fit {f.dtype}",
-            where=where,
-            found=float(value),
-            allowed=f"at most {float(np.finfo(f.dtype).max):g} in size",
-            fix="store the field as float32" if f.dtype == "float16" else None,
-        )
+        raise StoreError(f"a value does not fit {f.dtype}", where=where, found=float(value),
+                         allowed=f"at most {float(np.finfo(f.dtype).max):g} in size",
+                         fix="store the field as float32" if f.dtype == "float16" else None)  # fmt: skip
     raise StoreError(
         "a value is not finite", where=where, found=float(value), fix="leave the clip out, or repair its file"
     )

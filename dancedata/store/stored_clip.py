@@ -45,22 +45,16 @@ def _check_windows(header: StoreHeader, clip: StoredClip) -> None:
     if any(b <= a for a, b in pairwise(starts)) or (starts and starts[0] < 0):
         raise StoreError("window starts are not ascending from 0 on", where=f"clip {clip.id}", found=str(starts[:20]))
     if starts and starts[-1] + header.length > clip.n_frames:
-        raise StoreError(
-            "a window ends after its clip",
-            where=f"clip {clip.id}, window {len(starts) - 1}",
-            found=f"frames {starts[-1]} to {starts[-1] + header.length} of {clip.n_frames}",
-        )
+        raise StoreError("a window ends after its clip", where=f"clip {clip.id}, window {len(starts) - 1}",
+                         found=f"frames {starts[-1]} to {starts[-1] + header.length} of {clip.n_frames}")  # fmt: skip
 
 
 def _check_names(clip: StoredClip, kind: str, fields: list[Field], present: Iterable[str]) -> None:
     needed, present_names = {f.name for f in fields}, set(present)
     if needed != present_names:
-        raise StoreError(
-            f"a clip's {kind} fields are not those of the store",
-            where=f"clip {clip.id}",
-            found=", ".join(sorted(present_names)) or "none",
-            allowed=", ".join(sorted(needed)) or "none",
-        )
+        raise StoreError(f"a clip's {kind} fields are not those of the store", where=f"clip {clip.id}",
+                         found=", ".join(sorted(present_names)) or "none",
+                         allowed=", ".join(sorted(needed)) or "none")  # fmt: skip
 
 
 def _check_motion(header: StoreHeader, clip: StoredClip, f: Field, array: LazyArray) -> None:
@@ -105,10 +99,9 @@ def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, blocks: tuple[
         offset = blocks[0].offset
         _check_end(header, clip, f, blocks[0].array.shape[0] - offset, where)
         if clip.starts and header.grid.rows_down(clip.starts[0], of=f.grid) + offset < 0:
-            raise StoreError(
-                "a window begins before its music", where=f"{where}, window 0", found=f"frame {clip.starts[0]}",
-                allowed=f"from frame {f.grid.rows_up(-offset, of=header.grid)} on",
-            )  # fmt: skip
+            raise StoreError("a window begins before its music", where=f"{where}, window 0",
+                             found=f"frame {clip.starts[0]}",
+                             allowed=f"from frame {f.grid.rows_up(-offset, of=header.grid)} on")  # fmt: skip
 
 
 def _check_columns(where: str, shape: tuple[int, ...], f: Field) -> None:
@@ -120,19 +113,13 @@ def _check_end(header: StoreHeader, clip: StoredClip, f: Field, available: int, 
     """Check that every window begins at a whole row and ends within the available rows."""
     for k, start in enumerate(clip.starts):
         if not header.grid.is_whole(start, of=f.grid):
-            raise StoreError(
-                "a window begins between two rows",
-                where=f"{where}, window {k}",
-                found=f"frame {start} at {header.fps} per second, rows at {f.rate} per second",
-                fix="choose a stride that is a multiple of both periods",
-            )
+            raise StoreError("a window begins between two rows", where=f"{where}, window {k}",
+                             found=f"frame {start} at {header.fps} per second, rows at {f.rate} per second",
+                             fix="choose a stride that is a multiple of both periods")  # fmt: skip
     end = header.grid.rows(clip.starts[-1] + header.length, of=f.grid) if clip.starts else 0
     if end > available:
-        raise StoreError(
-            "a window ends after the last row",
-            where=f"{where}, window {len(clip.starts) - 1}",
-            found=f"row {end} of {available}",
-        )
+        raise StoreError("a window ends after the last row", where=f"{where}, window {len(clip.starts) - 1}",
+                         found=f"row {end} of {available}")  # fmt: skip
 
 
 @runtime_checkable

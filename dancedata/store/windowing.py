@@ -64,12 +64,10 @@ def cut_windows(
     for f in fields:
         for what, frames in (("length", windows.length), ("stride", windows.stride)):
             if not description.grid.is_whole(frames, of=f.grid):
-                raise UsageError(
-                    f"the {what} of a window is not a whole number of rows of field {f.name}",
-                    found=f"{frames} frames",
-                    allowed=f"multiples of {description.grid.common_period(f.grid)[0]} frames",
-                    fix="choose another, or leave the field out of fields=",
-                )
+                raise UsageError(f"the {what} of a window is not a whole number of rows of field {f.name}",
+                                 found=f"{frames} frames",
+                                 allowed=f"multiples of {description.grid.common_period(f.grid)[0]} frames",
+                                 fix="choose another, or leave the field out of fields=")  # fmt: skip
     begin, end = _spans(tables, description, fields, trim)
     counts = np.maximum((end - begin - windows.length) // windows.stride + 1, 0)
     clip = np.repeat(np.arange(len(counts), dtype=np.int32), counts)

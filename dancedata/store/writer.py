@@ -122,11 +122,8 @@ def _check_folder(out: Path) -> None:
     if not out.is_dir():
         raise StoreError("the folder to write to does not exist", where=str(out))
     if (out / DATASET_FILE).exists():
-        raise StoreError(
-            "the folder holds a finished dataset already",
-            where=str(out),
-            fix="write to another folder, or remove it first",
-        )
+        raise StoreError("the folder holds a finished dataset already", where=str(out),
+                         fix="write to another folder, or remove it first")  # fmt: skip
 
 
 def dump_json(obj: Any) -> str:

@@ -185,13 +185,10 @@ class AudioFeature(Plugin):
         # Not "any > maximum": NaN fails every comparison.
         bad = np.flatnonzero(~(np.abs(signal.samples) <= MAX_SAMPLE))
         if bad.size:
-            raise DataError(
-                f"{self.name}: the signal has samples that are NaN, infinite or too large",
-                reason="nan",
-                found=f"{bad.size} samples, the first is {signal.samples[bad[0]]} at sample {bad[0]}",
-                allowed=f"finite samples up to {MAX_SAMPLE:g} (full scale is 1)",
-                fix="export the file again, for example as 16-bit wav",
-            )
+            raise DataError(f"{self.name}: the signal has samples that are NaN, infinite or too large", reason="nan",
+                            found=f"{bad.size} samples, the first is {signal.samples[bad[0]]} at sample {bad[0]}",
+                            allowed=f"finite samples up to {MAX_SAMPLE:g} (full scale is 1)",
+                            fix="export the file again, for example as 16-bit wav")  # fmt: skip
 
     def require_windows(self, signal: AudioSignal, starts: npt.NDArray[np.int64], n_samples: int) -> None:
         """Raise DataError if a window of `n_samples` samples is not within the signal."""
@@ -199,19 +196,13 @@ class AudioFeature(Plugin):
             return
         first, last = int(np.min(starts)), int(np.max(starts)) + n_samples
         if first < 0 or last > len(signal.samples):
-            raise DataError(
-                f"{self.name}: a window reaches beyond the audio",
-                reason="short_audio",
-                found=f"windows from sample {first} to {last}",
-                allowed=f"0 to {len(signal.samples)} (at {signal.sample_rate} Hz)",
-            )
+            raise DataError(f"{self.name}: a window reaches beyond the audio", reason="short_audio",
+                            found=f"windows from sample {first} to {last}",
+                            allowed=f"0 to {len(signal.samples)} (at {signal.sample_rate} Hz)")  # fmt: skip
 
     def require_rows(self, available: int, n_rows: int, grid: FrameGrid) -> None:
         """Raise DataError if windows have fewer rows than requested."""
         if n_rows > available:
-            raise DataError(
-                f"{self.name}: the windows are too short",
-                reason="short_audio",
-                found=f"windows of {available} rows",
-                allowed=f"audio for {n_rows} rows at {grid.rate} frames per second",
-            )
+            raise DataError(f"{self.name}: the windows are too short", reason="short_audio",
+                            found=f"windows of {available} rows",
+                            allowed=f"audio for {n_rows} rows at {grid.rate} frames per second")  # fmt: skip

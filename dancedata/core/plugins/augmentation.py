@@ -51,11 +51,10 @@ class Augmentation(Plugin):
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         if cls.__module__ != __name__ and not issubclass(cls, (CopyAugmentation, SampleAugmentation)):
-            raise UsageError(
-                "Augmentation is not a base class of plug-ins", where=f"{cls.__module__}.{cls.__qualname__}",
-                fix="derive the class from CopyAugmentation (change_motion, change_rows, speed), from "
-                "SampleAugmentation (change_sample, choose_start, dropped), or from both",
-            )  # fmt: skip
+            raise UsageError("Augmentation is not a base class of plug-ins",
+                             where=f"{cls.__module__}.{cls.__qualname__}",
+                             fix="derive the class from CopyAugmentation (change_motion, change_rows, speed), from "
+                             "SampleAugmentation (change_sample, choose_start, dropped), or from both")  # fmt: skip
 
 
 class CopyAugmentation(Augmentation):
