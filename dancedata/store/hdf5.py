@@ -205,21 +205,7 @@ def write_array(group: Any, name: str, array: npt.NDArray[Any]) -> None:
         dataset.id.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(array))
 
 
-def write_strings(group: Any, name: str, texts: list[str]) -> None:
-    """Write texts as fixed-length UTF-8, padded with NUL."""
-    raw = [t.encode() for t in texts]
-    dtype = h5py.string_dtype("utf-8", max([1, *map(len, raw)]))
-    dataset = create_dataset(group, name, (len(raw),), dtype)
-    if raw:
-        dataset[...] = np.array(raw, dtype=dtype)
-
-
 def write_text_attribute(item: Any, name: str, text: str) -> None:
     """Write one fixed-length UTF-8 attribute."""
     raw = text.encode()
     item.attrs.create(name, np.array(raw, dtype=h5py.string_dtype("utf-8", max(1, len(raw)))))
-
-
-def read_strings(dataset: Any) -> list[str]:
-    """Read texts that `write_strings` wrote."""
-    return [raw.decode() for raw in dataset[...].tolist()]
