@@ -1,5 +1,6 @@
 """The command ``dancedata``, also ``python -m dancedata``."""
 
+import faulthandler
 import os
 import sys
 
@@ -9,6 +10,7 @@ from dancedata.cli.interrupts import run
 def main() -> None:
     """Run the command line."""
     _open_streams()
+    faulthandler.enable()  # a crash of a library, such as a decoder, shows where it was
     try:
         run(_command)
     finally:

@@ -9,7 +9,7 @@ Examples
 >>> rows = FeatureCache().get("librosa35", "song.wav", fps=30, start_bpm=120)    # (T, 35), read-only
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
-from dancedata.execution.arithmetic import as_in_builds
+from dancedata.execution.arithmetic import REFERENCE, as_in_builds, expected, has_reference
 from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.audio import (
@@ -97,12 +97,12 @@ class FeatureCache:
         """
         job = FeatureJob(feature, FrameGrid.of(fps), self._feature(feature, parameters))
         signal = self._identify(song)
-        key = FeatureKeys(job).track(start_bpm, signal.sha256)
+        keys = [FeatureKeys(job, known).track(start_bpm, signal.sha256) for known in _arithmetics()]
 
         def read(cache: Cache) -> npt.NDArray[Any]:
-            array = cache.array("features", key)
+            array = next(filter(None, (cache.array("features", key) for key in keys)), None)
             if array is None:
-                array = _computed(job, extract_track, cache, signal, start_bpm, key)
+                array = _computed(job, extract_track, cache, signal, start_bpm, keys[-1])
             return self._mapped(array)
 
         return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
@@ -139,22 +139,23 @@ class FeatureCache:
         job = FeatureJob(feature, grid, self._feature(feature, parameters), windows)
         rows: list[npt.NDArray[Any]] = []
         signal = self._identify(song)
-        for unit in window_units(FeatureKeys(job).windows(start_bpm, signal)):
-            rows += self._unit(job, signal, start_bpm, unit)
+        every = [window_units(FeatureKeys(job, known).windows(start_bpm, signal)) for known in _arithmetics()]
+        for units in zip(*every, strict=True):
+            rows += self._unit(job, signal, start_bpm, units)
         if not rows:
             return np.empty((0, length_frames, job.columns.width), job.dtype)
         return np.stack(rows)
 
     def _unit(
-        self, job: FeatureJob, signal: SignalId, start_bpm: float | None, unit: dict[int, str]
+        self, job: FeatureJob, signal: SignalId, start_bpm: float | None, units: Sequence[dict[int, str]]
     ) -> list[npt.NDArray[Any]]:
-        """Return the rows of windows, keys by number; damaged entries of the cache are computed again."""
+        """Return the rows of windows, keys by number for each arithmetic; damaged entries are computed again."""
 
         def read(cache: Cache) -> list[npt.NDArray[Any]]:
-            arrays = known_windows(cache, unit)
+            arrays = next(filter(None, (known_windows(cache, unit) for unit in units)), None)
             if arrays is None:
-                arrays = _computed(job, extract_windows, cache, signal, start_bpm, unit)
-            return [np.asarray(arrays[number]) for number in unit]
+                arrays = _computed(job, extract_windows, cache, signal, start_bpm, units[-1])
+            return [np.asarray(arrays[number]) for number in units[-1]]
 
         return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
 
@@ -179,6 +180,14 @@ class FeatureCache:
             plugin = make_named(FEATURES, "audio", name, parameters)
             self._features[request] = plugin.resolved(Cache(self.root).file_sha256)
         return self._features[request]
+
+
+def _arithmetics() -> tuple[str, ...]:
+    """Return the instructions whose results are taken, those that compute here last.
+
+    A worker of a DataLoader may compute otherwise than builds; it takes what one has computed.
+    """
+    return tuple(dict.fromkeys((REFERENCE, expected()))) if has_reference() else (expected(),)
 
 
 def _computed(job: FeatureJob, function: Callable[..., Any], cache: Cache, *args: Any) -> Any:

@@ -25,11 +25,16 @@ PIPES: dict[str, Any] = {
 }  # fmt: skip
 
 
+def native(environment: MutableMapping[str, str]) -> dict[str, str]:
+    """Return an environment as of another machine, whose workers would compute as their processor has it."""
+    return {name: value for name, value in environment.items() if not name.startswith(("OPENBLAS_", "NPY_"))}
+
+
 @contextmanager
 def dask_cluster(environment: MutableMapping[str, str], workers: int = 2, threads: int = 1) -> Iterator[str]:
     """Run a Dask cluster of processes; gives the scheduler's address."""
     command = [sys.executable, "-c", DASK, str(workers), str(threads)]
-    with subprocess.Popen(command, env=environment, **PIPES) as process:
+    with subprocess.Popen(command, env=native(environment), **PIPES) as process:
         try:
             yield process.stdout.readline().strip()
         finally:
@@ -61,7 +66,7 @@ def ray_cluster(environment: MutableMapping[str, str], workers: int = 2) -> Iter
     with ray_settings() as settings:
         environment |= settings
         command = [sys.executable, "-c", RAY, str(workers)]
-        with subprocess.Popen(command, env=environment, start_new_session=True, **PIPES) as process:
+        with subprocess.Popen(command, env=native(environment), start_new_session=True, **PIPES) as process:
             try:
                 environment["RAY_ADDRESS"] = process.stdout.readline().strip()
                 yield process

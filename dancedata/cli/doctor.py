@@ -204,8 +204,8 @@ def check_music() -> Iterator[Finding]:
 
 def check_workers() -> Iterator[Finding]:
     """Start two worker processes, and compare the processor's instructions that they compute with."""
+    from dancedata.execution.arithmetic import expected
     from dancedata.execution.progress import Progress
-    from dancedata.execution.reference_process import expected
     from dancedata.execution.units import run_units
 
     workers = run_units(_about_worker, [(0,), (1,)], jobs=2, label="workers", progress=Progress(quiet=True))

@@ -1,11 +1,14 @@
 """Calls of the operating system that Linux has and macOS does not, or that take more than a line."""
 
+import json
 import mmap
 import os
 import platform
+import signal
 import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 #: Name of the system, as Python has it.
@@ -101,6 +104,43 @@ def started_with() -> list[str]:
 
 #: On macOS: those of the moment in which this module is imported, before anything of dancedata changes them.
 _AT_IMPORT = [f"{name}={value}" for name, value in os.environ.items()]
+
+
+@contextmanager
+def shielded() -> Iterator[None]:
+    """Start processes within the context: they never receive SIGINT; this process receives it when the context ends.
+
+    SIGTERM, which is sent to one process, also reaches this one only then.
+
+    A terminal sends SIGINT to all processes of a command. A child that is starting would print a traceback, and an
+    exception in the parent while it starts one leaves the child waiting for input.
+    """
+    received: list[int] = []
+    in_main = threading.current_thread() is threading.main_thread()
+    # A handler that is not Python's is None, and stays.
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM) if in_main and signal.getsignal(n)}
+    for number in before:
+        signal.signal(number, lambda number, _: received.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which children inherit
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if received:
+            signal.raise_signal(received[0])
+
+
+def python_command(statements: str, *arguments: str) -> list[str]:
+    """Return the command of a process that runs statements with the module path of this one.
+
+    No module of the working folder replaces one of Python's own, as it would by ``python -c``.
+    """
+    # The path is an argument: a new process starts with another one. Python ignores entries that are not texts.
+    start = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); "
+    folders = [folder for folder in sys.path if isinstance(folder, str)]
+    return [sys.executable, "-P", "-c", start + statements, json.dumps(folders), *arguments]
 
 
 def has_display() -> bool:

@@ -23,8 +23,8 @@ from dancedata.core.text import listed
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
 from dancedata.evaluation.music import ClipMusic, Resources
 from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
+from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
-from dancedata.execution.reference_process import expected
 from dancedata.execution.units import run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.pipeline.rejects import reject_of

@@ -13,8 +13,9 @@ from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.packages import require
+from dancedata.core.system import shielded
+from dancedata.execution import arithmetic
 from dancedata.execution.executors import Executor, Start, run_packed
-from dancedata.execution.reference_process import ReferenceProcessError, shielded
 from dancedata.execution.requirements import Requirements
 
 #: Seconds to wait for a cluster to answer, and for a first worker.
@@ -36,7 +37,16 @@ def dask(address: str, required: Requirements) -> Iterator[Executor]:
         If no scheduler answers at the address, or it has no worker.
     """
     require("dask", what="the backend dask")
-    from distributed import Client, KilledWorker
+    from distributed import Client, KilledWorker, NannyPlugin
+
+    class ReferenceEnvironment(NannyPlugin):  # type: ignore[misc]
+        """Nannies start their workers with the variables; those of now again, if they compute otherwise."""
+
+        def __init__(self, environment: dict[str, str], restart: bool) -> None:
+            self.environment, self.restart = environment, restart
+
+        async def setup(self, nanny: Any) -> None:
+            nanny.pre_spawn_env.update(self.environment)  # `env` is set when numpy has been loaded
 
     try:
         client = Client(address, timeout=TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
@@ -68,6 +78,10 @@ def dask(address: str, required: Requirements) -> Iterator[Executor]:
     try:
         try:
             client.wait_for_workers(1, timeout=TIMEOUT_S)
+            others = [found for found in client.run(arithmetic.here).values() if found != arithmetic.expected()]
+            environment = ReferenceEnvironment(arithmetic.variables(), bool(others))
+            client.register_plugin(environment, name="dancedata-arithmetic")
+            client.wait_for_workers(1, timeout=TIMEOUT_S)
         except TimeoutError as error:
             raise DanceDataError(
                 "the Dask cluster has no worker",
@@ -76,7 +90,7 @@ def dask(address: str, required: Requirements) -> Iterator[Executor]:
             ) from error
         yield Executor(
             engine="the Dask cluster",
-            deaths=(KilledWorker, ReferenceProcessError),
+            deaths=(KilledWorker,),
             required=required,
             starting=starting,
         )
@@ -127,6 +141,7 @@ def ray(address: str, required: Requirements) -> Iterator[Executor]:
     import ray
     from ray.exceptions import NodeDiedError, OutOfMemoryError, WorkerCrashedError
 
+    environment = {"env_vars": arithmetic.variables()}
     was_connected = ray.is_initialized()
     if was_connected and address != "ray://auto":
         raise UsageError("this process is connected to a Ray cluster already", found=address, fix="give ray://auto")
@@ -150,7 +165,7 @@ def ray(address: str, required: Requirements) -> Iterator[Executor]:
 
     @contextmanager
     def starting(label: str) -> Iterator[Start]:
-        remote = ray.remote(num_cpus=1, max_retries=0)(run_packed).options(name=label)
+        remote = ray.remote(num_cpus=1, max_retries=0)(run_packed).options(name=label, runtime_env=environment)
         units: list[Any] = []
 
         def start(_: Callable[..., Any], *call: Any) -> Future[Any]:
@@ -167,7 +182,7 @@ def ray(address: str, required: Requirements) -> Iterator[Executor]:
             raise
 
     try:
-        deaths = (WorkerCrashedError, OutOfMemoryError, NodeDiedError, ReferenceProcessError)
+        deaths = (WorkerCrashedError, OutOfMemoryError, NodeDiedError)
         yield Executor(engine="the Ray cluster", deaths=deaths, required=required, starting=starting)
     finally:
         if not was_connected:

@@ -15,20 +15,22 @@ import multiprocessing
 import os
 import pickle
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Future, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
+from multiprocessing.util import Finalize
 from typing import Any
 from weakref import WeakSet
 
 import cloudpickle
 
 from dancedata.core.errors import DanceDataError
+from dancedata.core.system import shielded
 from dancedata.core.text import shown
-from dancedata.execution.arithmetic import adopted_by_children
-from dancedata.execution.reference_process import ReferenceProcessError, shielded
+from dancedata.execution import arithmetic
 from dancedata.execution.requirements import Requirements, check_worker, worker_name
 
 #: Arguments of a unit of work.
@@ -67,17 +69,20 @@ class Executor:
 
     n: int = 1
     engine: str = "this machine"
-    deaths: tuple[type[BaseException], ...] = (BrokenExecutor, ReferenceProcessError)
+    deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
     required: Requirements | None = None
     starting: Callable[[str], AbstractContextManager[Start]] | None = None
 
-    def is_here(self, n_calls: int) -> bool:
+    def is_here(self, n_calls: int, exact: bool) -> bool:
         """Return whether so many calls run in this process, without workers.
 
-        For one job, for a single unit, and in a daemonic process, such as one of multiprocessing.Pool, which may not
-        start others.
+        For one job, and for a single unit, if it computes what is `exact`; and in a daemonic process, such as one of
+        multiprocessing.Pool, which may not start others.
         """
-        return self.starting is None and (min(self.n, n_calls) < 2 or multiprocessing.current_process().daemon)
+        if self.starting is not None:
+            return False
+        here = min(self.n, n_calls) < 2 and (not exact or arithmetic.here() == arithmetic.expected())
+        return here or multiprocessing.current_process().daemon
 
     def run(
         self, function: Callable[..., Any], calls: Mapping[int, Call], label: str, on_result: OnResult
@@ -107,8 +112,9 @@ class Executor:
             futures: dict[Future[Any], int] = {}
             with shielded():  # workers start: an interrupt is raised at the end
                 for number, call in calls.items():
+                    message = cloudpickle.dumps((function, call))
                     try:
-                        futures[start(run_packed, self.required, cloudpickle.dumps((function, call)))] = number
+                        futures[start(run_packed, self.required, message)] = number
                     except self.deaths as error:
                         dead[number] = error
                     except Exception as error:
@@ -138,16 +144,14 @@ class Executor:
 @contextmanager
 def _processes(least: int, most: int) -> Iterator[Start]:
     """Yield what starts calls in worker processes, of which there are so many."""
-    # Workers that end, such as idle ones, are replaced at any time.
-    with adopted_by_children():
-        resource_tracker.ensure_running()  # started with the workers, it would unblock SIGINT for them
-        pool = _pool(least, most)
-        try:
-            yield pool.submit
-        except BaseException:
-            pool.shutdown(kill_workers=True)
-            _kept.clear()
-            raise
+    resource_tracker.ensure_running()  # started with the workers, it would unblock SIGINT for them
+    pool = _pool(least, most)
+    try:
+        yield pool.submit
+    except BaseException:
+        pool.shutdown(kill_workers=True)
+        _kept.clear()
+        raise
 
 
 #: The pool that the next stage finds, with what it was started for; and all pools, such as those of other threads.
@@ -167,10 +171,14 @@ def _pool(least: int, most: int) -> Any:
     for (n, *other), pool in list(_kept.items()):
         if tuple(other) == started_for and least <= n <= most:
             return pool
+    # A worker that has grown by 300 MB is replaced, between units, and loky warns each time.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     pool = ProcessPoolExecutor(least, timeout=IDLE_S, env=environment, initializer=os.chdir, initargs=(folder,))
     _kept.clear()
     _kept[least, *started_for] = pool
     _pools.add(pool)
+    # Children of multiprocessing run no other function at their end, and workers would wait for work without them.
+    Finalize(None, end_workers, exitpriority=10)
     return pool
 
 
@@ -178,7 +186,7 @@ def _environment() -> dict[str, str]:
     """Return additional environment variables of workers; a user's settings of the C library's memory stay."""
     tuned = "glibc.malloc" in os.environ.get("GLIBC_TUNABLES", "")
     chosen = tuned or any(name.startswith("MALLOC_") for name in os.environ)
-    return _ONE_THREAD if chosen else {**_ONE_THREAD, **_KEEPS_MEMORY}
+    return {**arithmetic.variables(), **_ONE_THREAD, **({} if chosen else _KEEPS_MEMORY)}
 
 
 def end_workers() -> None:

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.version import __version__
+from dancedata.execution.arithmetic import expected, here
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.cache_files import TEMPORARY, locked_file, temporary_name
-from dancedata.execution.reference_process import expected
 from dancedata.files.locks import is_abandoned
 
 _FIX = "workers need the cache, the source and the same paths: a shared file system"
@@ -49,7 +49,7 @@ def requirements_of(cache: Cache, source: Path, packages: set[str]) -> Iterator[
     text = temporary_name()
     with locked_file(cache.root / TEMPORARY, f"{text}.token") as token:
         token.write_text(text, encoding="utf-8")
-        yield Requirements(token, text, source, names_sha256(source), versions_of(packages))
+        yield Requirements(token, text, source, names_sha256(source), versions_of(packages, expected()))
 
 
 @lru_cache(maxsize=8)
@@ -80,7 +80,7 @@ def check_worker(required: Requirements) -> None:
     except OSError as error:
         raise DanceDataError("a worker does not see the source", where=where, found=str(error), fix=_FIX) from error
     needed = dict(required.versions)
-    found = dict(versions_of(set(needed) - {"Python", "dancedata", "arithmetic"}))
+    found = dict(versions_of(set(needed) - {"Python", "dancedata", "arithmetic"}, here()))
     if differences := [
         f"{name} {found[name]}, not {version}" for name, version in needed.items() if found[name] != version
     ]:
@@ -88,7 +88,8 @@ def check_worker(required: Requirements) -> None:
             "package versions differ on a worker, so results would differ",
             where=where,
             found="; ".join(differences),
-            fix="use on all workers the environment of the machine that builds",
+            fix="use on all workers the environment of the machine that builds; workers of Dask need a nanny, as by "
+            "default, for the same arithmetic",
         )
 
 
@@ -97,11 +98,11 @@ def worker_name() -> str:
     return f"worker on {socket.gethostname()}, process {os.getpid()}"
 
 
-def versions_of(packages: set[str]) -> tuple[tuple[str, str], ...]:
-    """Return the versions that shape numbers, those of `packages` among them, by name."""
+def versions_of(packages: set[str], arithmetic: str) -> tuple[tuple[str, str], ...]:
+    """Return what shapes numbers, by name: versions, those of `packages` among them, and `arithmetic`."""
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
     names = sorted({"numpy", "scipy", *packages})
-    base = (("Python", python), ("dancedata", __version__), ("arithmetic", expected()))
+    base = (("Python", python), ("dancedata", __version__), ("arithmetic", arithmetic))
     return (*base, *((name, package_version(name)) for name in names))
 
 

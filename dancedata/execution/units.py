@@ -12,11 +12,10 @@ from typing import Any, TypeVar
 
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.plugin_files import with_known_files
-from dancedata.execution.arithmetic import as_in_builds
+from dancedata.execution.arithmetic import on_one_thread
 from dancedata.execution.cache import Cache
 from dancedata.execution.executors import Call, Executor, OnResult, first_line
 from dancedata.execution.progress import Progress
-from dancedata.execution.reference_process import ReferenceProcessError, named_if_it_crashes
 from dancedata.execution.requirements import requirements_of
 
 R = TypeVar("R")
@@ -117,8 +116,8 @@ def run_units(
     cached
         Results of earlier runs, None for each missing one; only these are computed.
     exact
-        Compute with the instructions that results are promised for, see `arithmetic`; in another process if this
-        one has loaded libraries that use others.
+        Compute with the instructions that results are promised for, see `arithmetic`; by a worker if this process
+        has loaded libraries that use others.
 
     Raises
     ------
@@ -135,18 +134,12 @@ def run_units(
             results[index] = result
             advance(1)
 
-        # Local plug-ins among the arguments are unpickled after the function, here and in a reference process.
-        run = with_known_files(partial(as_in_builds(exact), with_known_files(function)))
+        # Local plug-ins among the arguments are unpickled after the function.
+        run = with_known_files(partial(on_one_thread, function))
         executor = Executor(jobs) if isinstance(jobs, int) else jobs
-        if executor.is_here(len(missing)):
+        if executor.is_here(len(missing), exact):
             for index, call in missing.items():
-                with named_if_it_crashes(f"{label}, {unit_name(call)}"):
-                    try:
-                        result = run(*call)
-                    except ReferenceProcessError as error:
-                        error.where = unit_name(call)
-                        raise
-                keep(index, result)
+                keep(index, run(*call))
         else:
             _run(executor, run, missing, label, keep)
     return results

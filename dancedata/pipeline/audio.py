@@ -22,8 +22,8 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid, WindowGrid
+from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, CachedArray, package_version
-from dancedata.execution.reference_process import expected
 from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
@@ -238,10 +238,13 @@ def libsndfile_version() -> str:
 
 
 class FeatureKeys:
-    """The cache keys of a feature's rows. Their common part is hashed once for each tempo."""
+    """The cache keys of a feature's rows. Their common part is hashed once for each tempo.
 
-    def __init__(self, job: FeatureJob) -> None:
-        self._job = job
+    `arithmetic` are the instructions that computed them; None: those of this machine's builds, see `expected`.
+    """
+
+    def __init__(self, job: FeatureJob, arithmetic: str | None = None) -> None:
+        self._job, self._arithmetic = job, arithmetic
         self._common: dict[float | None, str] = {}
 
     def track(self, bpm: float | None, signal: str) -> str:
@@ -276,7 +279,7 @@ class FeatureKeys:
                 scope=job.scope,
                 start_bpm=bpm,
                 packages={name: package_version(name) for name in feature.packages},
-                arithmetic=expected() if feature.exact else None,
+                arithmetic=(self._arithmetic or expected()) if feature.exact else None,
             )
         return self._common[bpm]
 

@@ -14,11 +14,11 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import counted, shown
 from dancedata.core.version import __version__
+from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.cache_files import running, sweep
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
-from dancedata.execution.reference_process import expected
 from dancedata.execution.units import check_backend, start_workers
 from dancedata.pipeline.audio import libsndfile_version
 from dancedata.pipeline.clips import ComputedClips, compute_clips

@@ -12,8 +12,8 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.quality import MAX_ROOT_SPEED_M_S, MAX_TURN_DEG_S, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.curation.repair import VERSION as REPAIR_VERSION
+from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
-from dancedata.execution.reference_process import expected
 from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import KeyMotionField, MotionField

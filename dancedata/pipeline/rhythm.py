@@ -15,9 +15,9 @@ from dancedata.core.errors import DataError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted
+from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.progress import Progress
-from dancedata.execution.reference_process import expected
 from dancedata.execution.units import Jobs, run_units
 from dancedata.files.regular_file import sha256_file
 from dancedata.metrics.offsets import RATE, REASONS, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves

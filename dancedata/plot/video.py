@@ -16,8 +16,8 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import load, require
 from dancedata.core.rotations import Float64Array
+from dancedata.core.system import shielded
 from dancedata.core.text import shown
-from dancedata.execution.reference_process import shielded
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.formats.body_mesh import BodyMesh

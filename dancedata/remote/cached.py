@@ -18,11 +18,11 @@ from typing import Any
 
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.hashing import sha256_bytes
+from dancedata.core.system import python_command
 from dancedata.core.text import quoted
 from dancedata.execution.cache import default_cache
 from dancedata.execution.cache_files import DATASETS, mark
 from dancedata.execution.progress import Progress
-from dancedata.execution.reference_process import python_command
 from dancedata.files.atomic import write_bytes, write_json
 from dancedata.files.strict_json import read_json
 from dancedata.remote.address import BUCKETS, Address, is_address, parse_address

@@ -63,7 +63,7 @@ def test_listing_is_light():
 def test_listing_does_not_import_numeric_libraries():
     names = modules("-m", "dancedata", "list")
     rest = {name for name in names if name.startswith("dancedata.audio.hf.families")}
-    rest |= {"dancedata.execution.reference_process", "dancedata.execution.cache"}
+    rest |= {"dancedata.execution.cache"}
     rest |= {f"dancedata.datasets.{dataset}.load" for dataset in ("aistpp", "finedance")}
     assert names & rest == set()
 

@@ -14,7 +14,7 @@ import pytest
 
 from dancedata.cli import doctor
 from dancedata.cli.doctor import Finding
-from dancedata.execution import reference_process
+from dancedata.execution import arithmetic
 from dancedata.pipeline import commands as api
 from tests.commands import as_json, run
 
@@ -163,6 +163,6 @@ def test_a_damaged_dataset(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_workers_that_compute_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
     assert one(doctor.check_workers()).status == "ok"
-    monkeypatch.setattr(reference_process, "expected", lambda: "aarch64, openblas NEOVERSEN1")
+    monkeypatch.setattr(arithmetic, "expected", lambda: "aarch64, openblas NEOVERSEN1")
     other = one(doctor.check_workers())
     assert (other.status, "not aarch64, openblas NEOVERSEN1" in other.found) == ("failed", True)

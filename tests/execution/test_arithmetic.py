@@ -4,7 +4,7 @@ import hashlib
 import multiprocessing
 import os
 import platform
-import signal
+import shutil
 import subprocess
 import sys
 import threading
@@ -16,14 +16,13 @@ import numpy as np
 import pytest
 import soundfile
 
+from dancedata.cache import FeatureCache
 from dancedata.core import system
-from dancedata.core.errors import DataError
-from dancedata.execution import arithmetic, reference_process
+from dancedata.core.errors import DanceDataError, DataError
+from dancedata.execution import arithmetic
 from dancedata.execution.progress import Progress
-from dancedata.execution.reference_process import ReferenceProcess, ReferenceProcessError
 from dancedata.execution.units import run_units
 from dancedata.synthetic import synthesise_song
-from tests.messages import raises_message
 
 RECIPE = """recipe: 1
 name: kernels
@@ -89,45 +88,47 @@ assert np.abs(a @ b.T - np.einsum("ik,jk->ij", a, b)).max() < 1e-11  # sums of 6
 
 
 @needs_reference
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="Haswell's kernels")
 @pytest.mark.parametrize("size", [None, "1024"])  # KiB: of this processor; Zen 4's and Skylake's
-def test_long_products_do_not_depend_on_the_cache_of_the_processor(
-    monkeypatch: pytest.MonkeyPatch, size: str | None
-) -> None:
+def test_long_products_do_not_depend_on_the_cache_of_the_processor(size: str | None) -> None:
     # With OpenBLAS 0.3.34 (numpy 2.5) and the size of 1 MiB, Haswell's kernels overrun the stack.
-    monkeypatch.delenv("OPENBLAS_L2_SIZE", raising=False)
-    if size is not None:
-        monkeypatch.setenv("OPENBLAS_L2_SIZE", size)
-    chosen = arithmetic.environment()
-    assert chosen["OPENBLAS_L2_SIZE"] == "256"
-    run("-c", PRODUCT, **{name: value for name, value in chosen.items() if name.startswith(("OPENBLAS_", "NPY_"))})
+    user = {} if size is None else {"OPENBLAS_L2_SIZE": size}
+    run("-c", PRODUCT, **user | arithmetic.variables())
 
 
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="Haswell's kernels")
+@pytest.fixture
+def fresh() -> Iterator[None]:
+    """Forget what this process computes with, before a test and after it."""
+    arithmetic._description.cache_clear()
+    yield
+    arithmetic._description.cache_clear()
+
+
+STARTED = [f"{name}={value}" for name, value in arithmetic.variables().items()]
+
+
+@needs_reference
+@pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize(
-    ("version", "started", "is_reference"),
+    ("started", "pool", "is_reference"),
     [
-        ("0.3.31.188.0", [], True),
-        ("0.3.34.237.2", [], False),
-        (None, [], False),
-        ("0.3.34.237.2", ["OPENBLAS_L2_SIZE=256"], True),
-        ("0.3.34.237.2", ["OPENBLAS_L2_SIZE=1024"], False),
+        (STARTED, {}, True),
+        ([], {}, False),
+        ([*STARTED, "GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2"], {}, False),
+        ([line.replace("256", "1024") for line in STARTED], {}, False),
+        (STARTED, {"architecture": "SkylakeX"}, False),
+        (STARTED, {"internal_api": "mkl"}, False),
     ],
 )
-def test_blocks_by_the_processor_are_not_the_reference(
-    monkeypatch: pytest.MonkeyPatch, version: str | None, started: list[str], is_reference: bool
+def test_only_a_process_that_was_started_so_computes_with_the_reference(
+    monkeypatch: pytest.MonkeyPatch, started: list[str], pool: dict[str, str], is_reference: bool
 ) -> None:
-    monkeypatch.setattr(arithmetic, "has_reference", lambda: True)
     monkeypatch.setattr(arithmetic, "started_with", lambda: started)
     monkeypatch.setattr(arithmetic, "_is_adopted", False)
-    monkeypatch.setattr(arithmetic, "_numpy_code", lambda: [("X86_V3", ["X86_V3"])])
-    pool = {"internal_api": "openblas", "architecture": "Haswell", "version": version}
-    monkeypatch.setattr(arithmetic, "_blas_pools", lambda: [pool])
-    arithmetic._description.cache_clear()
-    try:
-        assert (arithmetic.here() == arithmetic.REFERENCE) == is_reference
-    finally:
-        arithmetic._description.cache_clear()
+    pools = [{"internal_api": "openblas", "architecture": "Haswell", "version": "0.3.34", **pool}]
+    monkeypatch.setattr(arithmetic, "_blas_pools", lambda: pools)
+    assert (arithmetic.here() == arithmetic.REFERENCE) == is_reference
+    if not is_reference:  # which kernels another BLAS chooses cannot be read
+        assert system.processor() in arithmetic.here()
 
 
 def hashes(out: Path) -> dict[str, str]:
@@ -182,7 +183,7 @@ def test_the_command_line_gives_the_same_bytes_under_any_settings(
 @needs_reference
 @pytest.mark.parametrize("recipe", ["track", pytest.param("window", marks=pytest.mark.nightly)], indirect=True)
 @pytest.mark.parametrize(
-    ("jobs", "name"), [pytest.param(1, "nothing", marks=pytest.mark.nightly), (2, "older processor")]
+    ("jobs", "name"), [(1, "older processor"), pytest.param(2, "nothing", marks=pytest.mark.nightly)]
 )
 def test_a_build_from_python_gives_the_same_bytes(
     recipe: Path, expected: dict[str, str], tmp_path: Path, jobs: int, name: str
@@ -224,112 +225,92 @@ def test_features_from_python_are_those_of_the_command_line(tmp_path: Path) -> N
 
 
 @pytest.fixture
-def process() -> Iterator[ReferenceProcess]:
-    started = ReferenceProcess()
-    yield started
-    started.end()
+def notebook(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a process that had loaded numpy before anything could be chosen."""
+    here, pid = arithmetic.here, os.getpid()
+    monkeypatch.setattr(arithmetic, "here", lambda: "other" if os.getpid() == pid else here())
+    monkeypatch.setattr(arithmetic, "_is_adopted", False)
+    monkeypatch.setattr(arithmetic, "started_with", list)
 
 
-@needs_reference
-def test_the_reference_process_uses_the_promised_instructions(process: ReferenceProcess) -> None:
-    assert process.arithmetic == arithmetic.REFERENCE
-    assert process.call(arithmetic.here, ()) == arithmetic.REFERENCE
-    assert arithmetic.environment()["OPENBLAS_CORETYPE"] == "Haswell"
-
-
-def test_exceptions_are_raised_and_the_process_continues(process: ReferenceProcess) -> None:
-    def fail() -> None:
-        raise DataError("too faint", reason="nan", where="song.wav")
-
-    with raises_message(DataError, "faint", where="song.wav") as caught:
-        process.call(fail, ())
-    assert caught.value.reason == "nan"
-    # Neither function nor class can be imported there: they travel with the call.
-    assert process.call(lambda x: x + 1, (3,)) == 4
-
-
-def test_unpicklable_values_are_a_clear_error(process: ReferenceProcess) -> None:
-    with pytest.raises(TypeError, match="cannot pickle"):
-        process.call(lambda: threading.Lock(), ())
-    assert process.call(abs, (-2,)) == 2
-
-
-def test_a_dead_process_is_an_error_and_the_next_call_starts_another(process: ReferenceProcess) -> None:
-    with raises_message(ReferenceProcessError, "process"):
-        process.call(os.kill, (process.call(os.getpid, ()), signal.SIGKILL))
-    with raises_message(ReferenceProcessError, "process"):
-        process.call(os._exit, (3,))
-    assert process.call(abs, (-2,)) == 2
-
-
-def test_an_interrupted_call_does_not_answer_the_next_one(
-    process: ReferenceProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    receive = process._receive
-
-    def interrupted() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(process, "_receive", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        process.call(abs, (-1,))
-    monkeypatch.setattr(process, "_receive", receive)
-    assert process.call(abs, (-2,)) == 2
-
-
-def test_a_unit_that_kills_the_process_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a notebook, where nothing else could tell."""
-    monkeypatch.setattr(arithmetic, "here", lambda: "something else")
-    with raises_message(ReferenceProcessError, "process", where="song.wav") as caught:
-        run_units(_die, [(Path("song.wav"),)], jobs=1, label="features", progress=Progress(quiet=True))
-    assert str(caught.value.where) == "song.wav"
-
-
-def _die(path: Path) -> None:
+def die(path: Path) -> None:
     os._exit(3)
 
 
+def fail() -> None:
+    raise DataError("too faint", reason="nan", where="song.wav")
+
+
 @needs_reference
-def test_a_fork_starts_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("notebook")
+def test_a_worker_computes_with_the_reference_and_survives_what_units_do() -> None:
+    """Also with one job, and one after the other."""
+    quiet = Progress(quiet=True)
+    assert arithmetic.expected() == arithmetic.REFERENCE
+    for exact, other in ((True, False), (False, True)):
+        (pid,) = run_units(os.getpid, [()], jobs=1, label="x", progress=quiet, exact=exact)
+        assert (pid == os.getpid()) is other
+    assert arithmetic.exactly(lambda: arithmetic.here()) == arithmetic.REFERENCE  # travels with the call
+    with pytest.raises(DataError) as caught:
+        arithmetic.exactly(fail)
+    assert (caught.value.reason, caught.value.where) == ("nan", "song.wav")
+    with pytest.raises(TypeError, match="pickle"):
+        arithmetic.exactly(print, threading.Lock())
+    with pytest.raises(DanceDataError, match="kills its worker") as died:
+        run_units(die, [(Path("song.wav"),)], jobs=1, label="features", progress=quiet)
+    assert str(died.value.where) == "song.wav"
+    assert arithmetic.exactly(abs, -2) == 2
+
+
+@needs_reference
+@pytest.mark.usefixtures("notebook")
+@pytest.mark.parametrize("daemon", [True, False])
+def test_a_fork_computes_by_a_worker_of_its_own_or_under_its_own_key(daemon: bool) -> None:
     """Forked workers of a DataLoader are daemons, to which multiprocessing gives no children."""
-    monkeypatch.setattr(arithmetic, "here", lambda: "something else")
-    mine = reference_process.compute(os.getpid)
-    assert mine == reference_process.compute(os.getpid) != os.getpid()
+    mine = arithmetic.exactly(os.getpid)
     context = multiprocessing.get_context("fork")
     queue: Any = context.Queue()
-    child = context.Process(target=_ask, args=(queue,), daemon=True)
+    child = context.Process(target=_ask, args=(queue,), daemon=daemon)
     child.start()
-    assert queue.get(timeout=60) not in (mine, os.getpid(), child.pid)
-    child.join()
-    assert reference_process.compute(os.getpid) == mine
+    pid, expected = queue.get(timeout=60)
+    child.join(60)
+    if daemon:
+        assert (pid, expected) == (child.pid, "in the fork")
+    else:
+        assert pid not in (mine, os.getpid(), child.pid)
+        assert expected == arithmetic.REFERENCE
+    assert arithmetic.exactly(os.getpid) == mine
 
 
 def _ask(queue: Any) -> None:
-    queue.put(reference_process.compute(os.getpid))
+    arithmetic.here = lambda: "in the fork"
+    queue.put((arithmetic.exactly(os.getpid), arithmetic.expected()))
 
 
-def test_it_ends_with_its_owner_though_a_fork_lives_on() -> None:
-    """As with persistent workers of a DataLoader, which the interpreter ends only later."""
-    context = multiprocessing.get_context("fork")
-    started = ReferenceProcess()
-    lives = context.Event()
-    child = context.Process(target=lives.wait, args=(60,), daemon=True)
-    child.start()
-    try:
-        ending = threading.Thread(target=started.end, daemon=True)
-        ending.start()
-        ending.join(20)
-        assert not ending.is_alive()
-    finally:
-        lives.set()
-        child.join()
-
-
-def test_module_folders_that_are_not_text_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "path", [*sys.path, Path("/somewhere")])
-    started = ReferenceProcess()
-    assert started.call(abs, (-2,)) == 2
-    started.end()
+@needs_reference
+@pytest.mark.usefixtures("notebook")
+def test_a_worker_of_a_loader_takes_what_builds_have_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is missing it computes under a key of its own."""
+    song = tmp_path / "song.wav"
+    made = synthesise_song("mPO1", length_s=6.0)
+    soundfile.write(song, made.pcm, made.signal.sample_rate)
+    features = FeatureCache(tmp_path / "cache")
+    built = features.get("librosa35", song, start_bpm=100), features.get_windows("librosa35", song, start_bpm=100)
+    entries = len(list((tmp_path / "cache" / "features").rglob("*.npy")))
+    monkeypatch.setattr(multiprocessing.current_process(), "_config", {"daemon": True})
+    assert arithmetic.expected() == "other"
+    taken = features.get("librosa35", song, start_bpm=100), features.get_windows("librosa35", song, start_bpm=100)
+    for one, other in zip(built, taken, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert len(list((tmp_path / "cache" / "features").rglob("*.npy"))) == entries
+    shutil.rmtree(tmp_path / "cache" / "features")
+    features.get("librosa35", song, start_bpm=100)
+    own = {path.name for path in (tmp_path / "cache" / "features").rglob("*.npy")}
+    monkeypatch.undo()
+    features.get("librosa35", song, start_bpm=100)
+    assert own < {path.name for path in (tmp_path / "cache" / "features").rglob("*.npy")}
 
 
 #: Modules of Python's own that processes import when they start.
@@ -346,8 +327,9 @@ def test_modules_of_the_working_folder_do_not_replace_others(tmp_path: Path) -> 
         "import os, sys\n"
         "from dancedata.execution.progress import Progress\n"
         "from dancedata.execution.units import run_units\n"
-        "from dancedata.execution.reference_process import ReferenceProcess\n"
-        "assert ReferenceProcess().call(abs, (-2,)) == 2\n"
+        "from dancedata.execution.arithmetic import exactly\n"
+        "sys.path.append(3)\n"  # Python ignores what is no text
+        "assert exactly(abs, -2) == 2\n"
         "calls = [(n,) for n in (-2, -3)]\n"
         "assert run_units(abs, calls, jobs=2, label='units', progress=Progress(quiet=True)) == [2, 3]\n"
     )
@@ -356,31 +338,20 @@ def test_modules_of_the_working_folder_do_not_replace_others(tmp_path: Path) -> 
     assert not (tmp_path / "ran").exists()
 
 
+@pytest.mark.usefixtures("fresh")
 def test_machines_without_the_level_keep_results_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever they compute with is in the keys, and nothing is chosen for them."""
     monkeypatch.setattr(arithmetic, "has_reference", lambda: False)
-    monkeypatch.setattr(arithmetic, "started_with", list)
-    arithmetic._description.cache_clear()
-    try:
-        own = arithmetic.here()
-        assert own.startswith(f"{platform.machine()}, openblas ")
-        assert reference_process.expected() == own
-        assert "OPENBLAS_CORETYPE" not in arithmetic.environment()
-        assert reference_process.compute(os.getpid) == os.getpid()
-    finally:
-        arithmetic._description.cache_clear()
+    monkeypatch.setattr(arithmetic, "started_with", lambda: ["OPENBLAS_CORETYPE=Nehalem"])
+    own = arithmetic.here()
+    assert own.startswith(f"{platform.machine()}, openblas ")
+    assert own.endswith("OPENBLAS_CORETYPE=Nehalem")
+    assert arithmetic.expected() == own
+    assert "OPENBLAS_CORETYPE" not in arithmetic.variables()
+    assert arithmetic.exactly(os.getpid) == os.getpid()
 
 
-def test_a_blas_that_says_nothing_of_its_kernels_is_bound_to_its_processor(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(arithmetic, "_blas", lambda: ["mkl 2025.1"])
-    arithmetic._description.cache_clear()
-    try:
-        assert "mkl 2025.1" in arithmetic.here()
-        assert arithmetic.here().endswith(system.processor())
-    finally:
-        arithmetic._description.cache_clear()
-
-
+@needs_reference
 @pytest.mark.parametrize(
     ("version", "features"),
     [("2.0.2", "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"), ("2.4.6", "X86_V3"), ("3.0.0rc1", "X86_V3")],
@@ -389,16 +360,10 @@ def test_versions_of_numpy_name_features_in_their_own_way(
     monkeypatch: pytest.MonkeyPatch, version: str, features: str
 ) -> None:
     monkeypatch.setattr(arithmetic, "version", lambda name: version)
-    assert arithmetic._numpy_features() == features
+    assert arithmetic.variables()["NPY_ENABLE_CPU_FEATURES"] == features
 
 
-def test_only_chosen_settings_are_changed_and_restored(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
-    tunables = "glibc.malloc.check=1:glibc.cpu.hwcaps=-AVX2"
-    monkeypatch.setenv("GLIBC_TUNABLES", tunables)
-    with arithmetic.adopted_by_children():
-        assert os.environ.get("OPENBLAS_CORETYPE") == ("Haswell" if arithmetic.has_reference() else None)
-        assert os.environ["GLIBC_TUNABLES"] == "glibc.malloc.check=1"
-        monkeypatch.setenv("SOMEBODY", "else")
-    assert (os.environ["OPENBLAS_CORETYPE"], os.environ["SOMEBODY"]) == ("Nehalem", "else")
-    assert os.environ["GLIBC_TUNABLES"] == tunables
+@needs_reference
+def test_only_the_choice_of_instructions_is_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GLIBC_TUNABLES", "glibc.malloc.check=1:glibc.cpu.hwcaps=-AVX2")
+    assert arithmetic.variables()["GLIBC_TUNABLES"] == "glibc.malloc.check=1"

@@ -74,10 +74,8 @@ class InThreads(ThreadPoolExecutor):
 
 
 def test_answers_of_workers() -> None:
-    """Where a worker had loaded numpy before, units run in a second process: one that kills it is a suspect."""
     from dancedata.core.errors import DanceDataError
     from dancedata.execution.executors import Executor
-    from dancedata.execution.reference_process import ReferenceProcessError
 
     found: dict[int, Any] = {}
     with InThreads() as worker:
@@ -87,15 +85,13 @@ def test_answers_of_workers() -> None:
             return list(executor.run(function, {index: call}, "x", found.__setitem__))
 
         assert run(0, abs, -2) == []
-        assert run(1, Raises(ReferenceProcessError, "the process that computes features died")) == [1]
-        assert run(2, abs, -3) == []
         with pytest.raises(ZeroDivisionError):
             run(3, divmod, 1, 0)
         with pytest.raises(DanceDataError, match=r"cannot be sent between processes.*argument"):
             run(4, Raises(TwoArgumentsError, "a", "b"))
         with pytest.raises(DanceDataError, match=r"cannot be sent between processes.*argument"):
             run(5, print, TwoArgumentsError("a", "b"))
-    assert found == {0: 2, 2: 3}
+    assert found == {0: 2}
 
 
 # Each of these takes half a minute to some minutes: python -m pytest -m nightly tests/fault/test_clusters.py

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from dancedata.cli import interrupts
-from dancedata.execution.reference_process import shielded
+from dancedata.core.system import shielded
 
 
 def workers(group: int) -> list[int]:

@@ -27,8 +27,7 @@ from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import load_recipe, recipe_names
 
 PINS = Path(__file__).with_name("pins.json")
-#: Where the demo of this kind of machine is: processors of x86-64 and ARM64 round differently.
-DEMO = "demo" if arithmetic.REFERENCE == "x86-64-v3" else f"demo-{arithmetic.REFERENCE}"
+DEMO = "demo"
 #: Packages whose versions change the bytes of the demo.
 PACKAGES = ("numpy", "scipy", "soxr", "h5py", "soundfile", "librosa")
 CLIP = ClipRef(
@@ -115,9 +114,7 @@ def test_bytes_of_the_demo(tmp_path: Path) -> None:
     pinned = pins()[DEMO]
     here = {name: version(name) for name in PACKAGES}
     if here != pinned["packages"] or not arithmetic.has_reference():
-        pytest.skip(
-            f"the demo's bytes are pinned for {pinned['packages']}, Linux, x86-64 with AVX2 or ARM64, not for {here}"
-        )
+        pytest.skip(f"the demo's bytes are pinned for {pinned['packages']}, Linux, x86-64 with AVX2, not for {here}")
     assert demo_shards(tmp_path) == pinned["shards"]
 
 
