@@ -39,7 +39,7 @@ def dask(address: str, required: Requirements) -> Iterator[Executor]:
     require("dask", what="the backend dask")
     from distributed import Client, KilledWorker, NannyPlugin
 
-    class ReferenceEnvironment(NannyPlugin):  # type: ignore[misc]
+    class ReferenceEnvironment(NannyPlugin):
         """Nannies start their workers with the variables; those of now again, if they compute otherwise."""
 
         def __init__(self, environment: dict[str, str], restart: bool) -> None:
