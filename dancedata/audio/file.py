@@ -113,11 +113,9 @@ class FileRows(AudioFeature):
         self._check_pattern()
         self._check_codes()
         if self.of == "motion" and (self.begins, self.origin_s) != ("clip", "0"):
-            raise UsageError(
-                "file: rows of motion begin at frame 0 of their clip",
-                found=f"begins: {self.begins}, origin_s: {self.origin_s}",
-                fix="set begins: clip, and leave origin_s out",
-            )
+            raise UsageError("file: rows of motion begin at frame 0 of their clip",
+                             found=f"begins: {self.begins}, origin_s: {self.origin_s}",
+                             fix="set begins: clip, and leave origin_s out")  # fmt: skip
 
     def _check_codes(self) -> None:
         is_code = self.dtype not in ("float32", "float16")
@@ -236,38 +234,21 @@ class FileRows(AudioFeature):
         is_code = self.codebook is not None
         if is_code and len(shape) == 1:
             if shape[0] % self.columns_per_row:
-                raise DataError(
-                    "the codes of the file do not fill its last row",
-                    reason="bad_shape",
-                    where=str(path),
-                    found=f"{shape[0]} codes",
-                    allowed=f"a multiple of {self.columns_per_row}, the codes of a row",
-                )
+                raise DataError("the codes of the file do not fill its last row", reason="bad_shape", where=str(path),
+                                found=f"{shape[0]} codes",
+                                allowed=f"a multiple of {self.columns_per_row}, the codes of a row")  # fmt: skip
             shape = shape[0] // self.columns_per_row, self.columns_per_row
         if len(shape) != 2 or shape[1] != self.columns_per_row:
-            raise DataError(
-                "the file of features has the wrong shape",
-                reason="bad_shape",
-                where=str(path),
-                found=str(shape),
-                allowed=f"(rows, {self.columns_per_row}), as columns_per_row says",
-            )
+            raise DataError("the file of features has the wrong shape", reason="bad_shape", where=str(path),
+                            found=str(shape),
+                            allowed=f"(rows, {self.columns_per_row}), as columns_per_row says")  # fmt: skip
         if is_code and dtype.kind not in "iu":
-            raise DataError(
-                "the file of codes does not hold whole numbers",
-                reason="bad_dtype",
-                where=str(path),
-                found=str(dtype),
-                allowed="a type of whole numbers",
-            )
+            raise DataError("the file of codes does not hold whole numbers", reason="bad_dtype", where=str(path),
+                            found=str(dtype), allowed="a type of whole numbers")  # fmt: skip
         if not is_code and dtype.kind != "f":
-            raise DataError(
-                "the file of features holds whole numbers",
-                reason="bad_dtype",
-                where=str(path),
-                found=str(dtype),
-                allowed="float16, float32 or float64; codes need a codebook",
-            )
+            raise DataError("the file of features holds whole numbers", reason="bad_dtype", where=str(path),
+                            found=str(dtype),
+                            allowed="float16, float32 or float64; codes need a codebook")  # fmt: skip
         if not shape[0]:
             raise DataError("the file of features has no rows", reason="empty", where=str(path))
         return shape[0]
@@ -289,12 +270,9 @@ class FileRows(AudioFeature):
         start = begin_s * grid.rate
         first = -((-start.numerator) // start.denominator)
         if self.resample == "none" and start.denominator != 1:
-            raise DataError(
-                "frame 0 of the clip lies between two rows",
-                reason="between_rows",
-                found=f"row 0 at {float(begin_s):.6g} s of the clip, {self.rate} rows per second",
-                fix="set resample: nearest or linear",
-            )
+            raise DataError("frame 0 of the clip lies between two rows", reason="between_rows",
+                            found=f"row 0 at {float(begin_s):.6g} s of the clip, {self.rate} rows per second",
+                            fix="set resample: nearest or linear")  # fmt: skip
         step = as_rate(self.rate) / grid.rate
         phase = (first - start) * step
         inside = (n_rows - phase) / step
@@ -316,13 +294,10 @@ class FileRows(AudioFeature):
             finite = np.isfinite(values.astype(self.dtype))
         if not finite.all():
             row, column = (int(k) for k in np.argwhere(~finite)[0])
-            raise DataError(
-                f"the file of features has values that {self.dtype} cannot hold",
-                reason="nan",
-                where=f"{path}, row {row}, column {column}",
-                found=f"{values[row, column]}; {int((~finite).any(axis=1).sum())} of {len(values)} rows",
-                allowed=f"finite numbers within the range of {self.dtype}",
-            )
+            raise DataError(f"the file of features has values that {self.dtype} cannot hold", reason="nan",
+                            where=f"{path}, row {row}, column {column}",
+                            found=f"{values[row, column]}; {int((~finite).any(axis=1).sum())} of {len(values)} rows",
+                            allowed=f"finite numbers within the range of {self.dtype}")  # fmt: skip
         # Whole numbers: float time would put rows beside their places in long songs.
         scale = placed.phase.denominator * placed.step.denominator
         phase, step = int(placed.phase * scale), int(placed.step * scale)

@@ -83,14 +83,9 @@ def load_audio(path: Path | str) -> AudioSignal:
     _require_mix(path, samples, mono)
     bad = np.flatnonzero(~np.isfinite(mono))
     if bad.size:
-        raise DataError(
-            "the audio has samples that are not finite",
-            reason="nan",
-            where=str(path),
-            found=f"{bad.size} NaN or infinite samples, the first at {bad[0] / sample_rate:.3f} s",
-            allowed="finite samples",
-            fix="export the file again, for example as 16-bit wav",
-        )
+        raise DataError("the audio has samples that are not finite", reason="nan", where=str(path),
+                        found=f"{bad.size} NaN or infinite samples, the first at {bad[0] / sample_rate:.3f} s",
+                        allowed="finite samples", fix="export the file again, for example as 16-bit wav")  # fmt: skip
     del samples, decoded.samples  # twice as large where there are two channels
     return AudioSignal(np.ascontiguousarray(mono, dtype=np.float32), sample_rate, decoded.findings)
 
@@ -260,11 +255,8 @@ class _Opened:
         size = os.fstat(self._file.fileno()).st_size
         if frames < 0 or max(decoded, resampled) > _most_bytes(size):
             what = "once decoded" if decoded >= resampled else f"once resampled to {FEATURE_RATE:,} Hz"
-            raise _broken(
-                self._path,
-                f"a header with {frames:,} samples in {channels} channels at {rate:,} Hz, "
-                f"{max(decoded, resampled):,} bytes {what}, in a file of {size:,} bytes",
-            )
+            raise _broken(self._path, f"a header with {frames:,} samples in {channels} channels at {rate:,} Hz, "
+                          f"{max(decoded, resampled):,} bytes {what}, in a file of {size:,} bytes")  # fmt: skip
 
 
 def _own(error: BaseException) -> BaseException:
@@ -278,13 +270,9 @@ def _open(path: Path) -> BufferedReader:
     try:
         return open_regular(path)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
-        raise DataError(
-            "the audio file does not exist",
-            reason="missing_file",
-            where=str(path),
-            found="a folder" if isinstance(error, IsADirectoryError) else "nothing",
-            allowed="an audio file (wav, flac, ogg, mp3)",
-        ) from error
+        raise DataError("the audio file does not exist", reason="missing_file", where=str(path),
+                        found="a folder" if isinstance(error, IsADirectoryError) else "nothing",
+                        allowed="an audio file (wav, flac, ogg, mp3)") from error  # fmt: skip
     except OSError as error:
         raise _broken(path, str(error)) from error
 
@@ -300,12 +288,8 @@ def _held(path: Path) -> Held:
 
 def _require_rate(path: Path, rate: int) -> None:
     if not MIN_RATE <= rate <= MAX_RATE:
-        raise _broken(
-            path,
-            f"a sample rate of {rate:,} Hz",
-            allowed=f"{MIN_RATE:,} to {MAX_RATE:,} Hz",
-            fix="export the file again at 44100 or 48000 Hz",
-        )
+        raise _broken(path, f"a sample rate of {rate:,} Hz", allowed=f"{MIN_RATE:,} to {MAX_RATE:,} Hz",
+                      fix="export the file again at 44100 or 48000 Hz")  # fmt: skip
 
 
 def _most_bytes(size: int) -> int:
@@ -338,14 +322,8 @@ def _decode(path: Path) -> _Decoded:
         samples, rate = _read_by_ffmpeg(path, found, problem)
         findings.append(("decoded_by_ffmpeg", len(samples) / rate))
     if not len(samples):
-        raise DataError(
-            "the audio file has no samples",
-            reason="empty_audio",
-            where=str(path),
-            found="0 samples",
-            allowed="at least one sample",
-            fix="copy or export the file again",
-        )
+        raise DataError("the audio file has no samples", reason="empty_audio", where=str(path), found="0 samples",
+                        allowed="at least one sample", fix="copy or export the file again")  # fmt: skip
     findings += [("late_music", found.delay_s)] if found.delay_s else []
     findings += [("cut_music", found.cut_s)] if found.cut_s > _CUT_S else []
     return _Decoded(samples, rate, tuple((kind, round(value, 3)) for kind, value in findings))
@@ -393,11 +371,5 @@ def _broken(
     allowed: str = "a complete wav, flac, ogg, mp3 or other sound file",
     fix: str = "",
 ) -> DataError:
-    return DataError(
-        "the audio file cannot be decoded",
-        reason="broken_audio",
-        where=str(path),
-        found=message,
-        allowed=allowed,
-        fix=fix or "copy or export the file again, as wav if in doubt",
-    )
+    return DataError("the audio file cannot be decoded", reason="broken_audio", where=str(path), found=message,
+                     allowed=allowed, fix=fix or "copy or export the file again, as wav if in doubt")  # fmt: skip

@@ -74,10 +74,8 @@ class Stft193(AudioFeature):
 def _feature_rate(grid: FrameGrid) -> int:
     rate = grid.divided(HOP).rate
     if rate.denominator != 1:
-        raise UsageError(
-            "stft193 cannot be computed at this frame rate",
-            found=f"{grid.rate} rows per second, so a sample rate of {float(rate):g} Hz",
-            allowed="a rate that makes 512 x rate a whole number",
-            fix="use 30 rows per second (GCDance)",
-        )
+        raise UsageError("stft193 cannot be computed at this frame rate",
+                         found=f"{grid.rate} rows per second, so a sample rate of {float(rate):g} Hz",
+                         allowed="a rate that makes 512 x rate a whole number",
+                         fix="use 30 rows per second (GCDance)")  # fmt: skip
     return int(rate)

@@ -31,10 +31,8 @@ def spatial_of(field: SampleField) -> Spatial | None:
     if field.kind != "motion":
         return None
     if field.representation is None:
-        raise UsageError(
-            "its representation is unknown, so places and directions among its columns are unknown too",
-            fix="read a dataset that a recipe of this installation built",
-        )
+        raise UsageError("its representation is unknown, so places and directions among its columns are unknown too",
+                         fix="read a dataset that a recipe of this installation built")  # fmt: skip
     if field.representation.spatial is None:
         raise UsageError(
             f"the representation {field.representation.name} does not define how its columns turn and shift",

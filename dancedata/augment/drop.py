@@ -53,11 +53,8 @@ class Drop(SampleAugmentation):
                 raise UsageError(f"drop: the field {name!r} is not read", fix=did_you_mean(name, names))
         droppable = self.fields or tuple(field.name for field in fields if field.kind == "audio")
         if not droppable:
-            raise UsageError(
-                "drop: no field of music is read",
-                found=", ".join(names),
-                fix='name fields, {"drop": {"fields": [...]}}',
-            )
+            raise UsageError("drop: no field of music is read", found=", ".join(names),
+                             fix='name fields, {"drop": {"fields": [...]}}')  # fmt: skip
         return droppable
 
     @override

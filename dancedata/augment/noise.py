@@ -121,15 +121,11 @@ def draw_smooth(draw: Draw, n_joints: int, n_frames: int, grid: FrameGrid, every
 def _decodable(field: SampleField) -> Representation:
     representation = field.representation
     if representation is None:
-        raise UsageError(
-            "its representation is not known, and so not which columns are angles",
-            fix="read a dataset that a recipe of this installation built",
-        )
+        raise UsageError("its representation is not known, and so not which columns are angles",
+                         fix="read a dataset that a recipe of this installation built")  # fmt: skip
     if not representation.decodes:
-        raise UsageError(
-            f"the columns of {representation.name} do not determine the angles of the joints",
-            fix="leave the field out, or store copies: augment: {noise: {}} in a recipe",
-        )
+        raise UsageError(f"the columns of {representation.name} do not determine the angles of the joints",
+                         fix="leave the field out, or store copies: augment: {noise: {}} in a recipe")  # fmt: skip
     if representation.spatial is not None and representation.spatial.placeless and not representation.positions_only:
         raise UsageError(
             f"a window of {representation.name} begins with the way from the frame before, which decoding loses",

@@ -192,11 +192,8 @@ def report(
             say(line)
         return
     if stray := [name for name, value in of_samples.items() if value is not None]:
-        raise UsageError(
-            f"{' and '.join(stray)} goes with samples of a model, and this is a dataset",
-            where=store,
-            fix="leave it out",
-        )
+        raise UsageError(f"{' and '.join(stray)} goes with samples of a model, and this is a dataset", where=store,
+                         fix="leave it out")  # fmt: skip
     target = to if to is not None or as_json else default_path(store)
     chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
     how: Any = audio

@@ -227,10 +227,8 @@ def _check_name(plugin: NewPlugin) -> None:
                 allowed="the name of a Python module: ASCII letters, digits and _, beginning with a letter",
             )
     if name in registry.names():
-        raise UsageError(
-            f"the {registry.kind} {name!r} exists already",
-            fix=f"choose another name; known: {', '.join(registry.names())}",
-        )
+        raise UsageError(f"the {registry.kind} {name!r} exists already",
+                         fix=f"choose another name; known: {', '.join(registry.names())}")  # fmt: skip
     for path in (plugin.module, plugin.test):
         if path.exists() or path.is_symlink():
             raise UsageError("the file exists already", where=path, fix="choose another name, or another --out")

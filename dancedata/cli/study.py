@@ -48,10 +48,8 @@ def study(
 
     called = [path.name for path in systems] if names is None else [name.strip() for name in names.split(",")]
     if len(called) != len(systems) or len(set(called)) < len(called) or "" in called:
-        raise UsageError(
-            "every system needs a name of its own", found=listed(called), allowed=counted(len(systems), "name"),
-            fix="give them: --names truth,mine",
-        )  # fmt: skip
+        raise UsageError("every system needs a name of its own", found=listed(called),
+                         allowed=counted(len(systems), "name"), fix="give them: --names truth,mine")  # fmt: skip
     views = {}
     for number, (name, path) in enumerate(zip(called, systems, strict=True)):
         if (path / DATASET_FILE).exists():

@@ -79,9 +79,6 @@ def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> State
 def _require_partners(path: Path, rows: Sequence[SegmentRow], ids: set[str]) -> None:
     for row in rows:
         if row.clip in ids and row.segment.other and row.segment.other not in ids:
-            raise SourceError(
-                "segments: the partner of a segment is not a clip",
-                where=f"{path}, line {row.line}",
-                found=quoted(row.segment.other),
-                fix=did_you_mean(row.segment.other, sorted(ids)),
-            )
+            raise SourceError("segments: the partner of a segment is not a clip", where=f"{path}, line {row.line}",
+                              found=quoted(row.segment.other),
+                              fix=did_you_mean(row.segment.other, sorted(ids)))  # fmt: skip

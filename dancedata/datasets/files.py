@@ -60,12 +60,8 @@ def list_folder(folder: Path) -> list[Path]:
     try:
         entries = sorted(folder.iterdir())
     except OSError as error:
-        raise SourceError(
-            "the folder cannot be read",
-            where=str(folder),
-            found=error.strerror or str(error),
-            fix="check the path and its permissions",
-        ) from error
+        raise SourceError("the folder cannot be read", where=str(folder), found=error.strerror or str(error),
+                          fix="check the path and its permissions") from error  # fmt: skip
     return [entry for entry in entries if not entry.name.startswith(".") and entry.name != "__MACOSX"]
 
 
@@ -245,13 +241,10 @@ def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_prob
     folder = music_dir.expanduser()
     first = list_audio([folder], source, name_problem)
     if not first.files:
-        raise SourceError(
-            "there is no music in music_dir",
-            where=str(folder),
-            found=describe(folder) if folder.is_dir() else "no such folder",
-            allowed=f"audio files by the names of the dataset, {', '.join(AUDIO_SUFFIXES)}",
-            fix="correct music_dir",
-        )
+        raise SourceError("there is no music in music_dir", where=str(folder),
+                          found=describe(folder) if folder.is_dir() else "no such folder",
+                          allowed=f"audio files by the names of the dataset, {', '.join(AUDIO_SUFFIXES)}",
+                          fix="correct music_dir")  # fmt: skip
     replaced = tuple(
         Reject("unused_music", file=relative(path, source), detail=f"music_dir has {first.files[name].name}")
         for name, path in music.files.items()

@@ -76,19 +76,11 @@ class Layout:
             (root,) = chosen
             return Folders(source, root, (root, source), tuple(entry for entry in below if entry != root))
         if below:
-            raise SourceError(
-                f"{self.dataset}: several folders could be the dataset",
-                where=str(source),
-                found=listed(f"{entry.name}/{self.motions}/" for entry in below),
-                fix="set --source to one of them",
-            )
-        raise SourceError(
-            f"{self.dataset}: no {self.title} motion found",
-            where=str(source),
-            found=describe(source),
-            allowed=self.looked_for,
-            fix=self._advice(list_folder(source)),
-        )
+            raise SourceError(f"{self.dataset}: several folders could be the dataset", where=str(source),
+                              found=listed(f"{entry.name}/{self.motions}/" for entry in below),
+                              fix="set --source to one of them")  # fmt: skip
+        raise SourceError(f"{self.dataset}: no {self.title} motion found", where=str(source), found=describe(source),
+                          allowed=self.looked_for, fix=self._advice(list_folder(source)))  # fmt: skip
 
     def _advice(self, entries: list[Path]) -> str:
         """Return the fix for the most likely mistake, for a source without the motion folder."""
@@ -114,11 +106,7 @@ class Layout:
         folder = folders.root / self.motions
         files = files_by_stem(folder, folders.source, self.suffix, self.name_problem)
         if not files.files:
-            raise SourceError(
-                f"{self.dataset}: the motion folder contains no {self.title} sequence",
-                where=str(folder),
-                found=describe(folder),
-                allowed=self.named,
-                fix="check that the archive was unpacked completely",
-            )
+            raise SourceError(f"{self.dataset}: the motion folder contains no {self.title} sequence",
+                              where=str(folder), found=describe(folder), allowed=self.named,
+                              fix="check that the archive was unpacked completely")  # fmt: skip
         return folders, files

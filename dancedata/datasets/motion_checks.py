@@ -27,14 +27,9 @@ def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> N
     """
     missing = [key for key in keys if key not in arrays.names]
     if missing:
-        raise DataError(
-            f"the motion file has no {' and no '.join(missing)}",
-            reason="missing_key",
-            where=str(arrays.path),
-            found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
-            allowed=f"a dict with {allowed or ', '.join(keys)}",
-            fix=DOWNLOAD_AGAIN,
-        )
+        raise DataError(f"the motion file has no {' and no '.join(missing)}", reason="missing_key",
+                        where=str(arrays.path), found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
+                        allowed=f"a dict with {allowed or ', '.join(keys)}", fix=DOWNLOAD_AGAIN)  # fmt: skip
 
 
 def require_finite(path: Path, what: str, array: Floats, fix: str, *, columns: bool = False) -> None:
@@ -50,13 +45,9 @@ def require_finite(path: Path, what: str, array: Floats, fix: str, *, columns: b
     if bad.any():
         frame = int(bad.argmax())
         column = f", column {int(finite[frame].argmin())}" if columns else ""
-        raise DataError(
-            f"{what} contains values that are not finite",
-            reason="nan",
-            where=f"{path}, frame {frame}{column}",
-            found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity",
-            fix=fix,
-        )
+        raise DataError(f"{what} contains values that are not finite", reason="nan",
+                        where=f"{path}, frame {frame}{column}",
+                        found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity", fix=fix)  # fmt: skip
 
 
 def bad_shape(path: Path, key: str, found: object, allowed: str, fix: str = DOWNLOAD_AGAIN) -> DataError:
@@ -67,13 +58,8 @@ def bad_shape(path: Path, key: str, found: object, allowed: str, fix: str = DOWN
 
 def lengths_differ(path: Path, a: str, n_a: int, b: str, n_b: int, fix: str = DOWNLOAD_AGAIN) -> DataError:
     """Return the error for two arrays, a and b, with different numbers of frames."""
-    return DataError(
-        f"{a} and {b} differ in length",
-        reason="length_mismatch",
-        where=str(path),
-        found=f"{n_a} and {n_b} frames",
-        fix=fix,
-    )
+    return DataError(f"{a} and {b} differ in length", reason="length_mismatch", where=str(path),
+                     found=f"{n_a} and {n_b} frames", fix=fix)  # fmt: skip
 
 
 def no_frames(path: Path) -> DataError:
@@ -94,11 +80,7 @@ def require_matrices(where: str, matrices: Floats, joints: Sequence[str]) -> Non
     off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
     if not (off <= _TOLERANCE).all():
         frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE))[0])
-        raise DataError(
-            "not a rotation matrix",
-            reason="bad_rotation",
-            where=f"{where}, frame {frame}, joint {joints[joint]}",
-            found=f"deviation {off[frame, joint]:.3g}",
-            allowed=f"orthonormal, determinant 1, within {_TOLERANCE:g}",
-            fix=DOWNLOAD_AGAIN,
-        )
+        raise DataError("not a rotation matrix", reason="bad_rotation",
+                        where=f"{where}, frame {frame}, joint {joints[joint]}",
+                        found=f"deviation {off[frame, joint]:.3g}",
+                        allowed=f"orthonormal, determinant 1, within {_TOLERANCE:g}", fix=DOWNLOAD_AGAIN)  # fmt: skip

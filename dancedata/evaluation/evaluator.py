@@ -235,11 +235,8 @@ class Evaluator:
             raise UsageError("a batch of motion has three axes", found=f"shape {batch.shape}", allowed="(B, L, D)")
         width = self.reader.representation.columns.width
         if batch.shape[2] != width:
-            raise UsageError(
-                f"a batch of motion is not columns of {self.reader.representation.name}",
-                found=f"shape {batch.shape}",
-                allowed=f"(B, L, {width})",
-            )
+            raise UsageError(f"a batch of motion is not columns of {self.reader.representation.name}",
+                             found=f"shape {batch.shape}", allowed=f"(B, L, {width})")  # fmt: skip
         named = self._numbered(len(batch)) if ids is None else [str(i) for i in ids]
         if len(named) != len(batch):
             raise UsageError("ids and motion differ in length", found=f"{len(named)} and {len(batch)}")
@@ -291,11 +288,9 @@ class Evaluator:
                 "music has two or three axes", found=f"shape {music.shape}", allowed="(B, M, D) or (B, M)"
             )
         if music.ndim == 3 and music.shape[2] != field.columns.width:
-            raise UsageError(
-                "music is not of the audio field of the dataset", found=f"shape {music.shape}",
-                allowed=f"(B, M, {field.columns.width}), "
-                f"beats in column {field.columns.slice(BEAT).start}, or (B, M)",
-            )  # fmt: skip
+            raise UsageError("music is not of the audio field of the dataset", found=f"shape {music.shape}",
+                             allowed=f"(B, M, {field.columns.width}), "
+                             f"beats in column {field.columns.slice(BEAT).start}, or (B, M)")  # fmt: skip
         if len(music) != len(sizes):
             raise UsageError("music and motion differ in length", found=f"{len(music)} and {len(sizes)}")
         grid, n = self.reader.grid, music.shape[1]
@@ -333,10 +328,8 @@ class Evaluator:
         unnamed = Counter(name for _, _, names, _ in parts for name in names)
         twice = [name for name, n in unnamed.items() if n > 1]
         if twice:
-            raise UsageError(
-                "samples of two processes have one name", found=listed(twice),
-                fix="name them: update(..., ids=[...])",
-            )  # fmt: skip
+            raise UsageError("samples of two processes have one name", found=listed(twice),
+                             fix="name them: update(..., ids=[...])")  # fmt: skip
         first: dict[str, Trace] = {}
         differ = {
             name

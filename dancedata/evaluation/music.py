@@ -148,10 +148,8 @@ def _beats_of(clip: str, beats: Any, protocol: Protocol) -> MusicBeats:
     if isinstance(beats, MusicBeats):
         return beats
     if protocol.music is None or protocol.music.grid is None:
-        raise UsageError(
-            f"{protocol.name} does not state a rate of beats", where=f"clip {clip}",
-            fix="give dancedata.metrics.MusicBeats.of(frames, grid)",
-        )  # fmt: skip
+        raise UsageError(f"{protocol.name} does not state a rate of beats", where=f"clip {clip}",
+                         fix="give dancedata.metrics.MusicBeats.of(frames, grid)")  # fmt: skip
     return MusicBeats.of(np.asarray(beats), protocol.music.grid)
 
 
@@ -228,11 +226,9 @@ def _job(protocol: Protocol, rule: MusicRule, role: Role) -> FeatureJob:
 def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:
     name = rule.features[0]
     if name not in FEATURES.names():
-        raise UsageError(
-            f"the beats of {protocol.name} are from the audio feature {name}, which is not installed",
-            found=f"features {', '.join(FEATURES.names())}",
-            fix="take the beats from a dataset that has the field, or leave out --source",
-        )
+        raise UsageError(f"the beats of {protocol.name} are from the audio feature {name}, which is not installed",
+                         found=f"features {', '.join(FEATURES.names())}",
+                         fix="take the beats from a dataset that has the field, or leave out --source")  # fmt: skip
     return make_named(FEATURES, "audio", name, {})
 
 

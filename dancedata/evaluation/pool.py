@@ -80,15 +80,12 @@ class Pool:
         A pool, or a set, whose columns were not normalised has no scaler and goes with each.
         """
         if self.scaler and scaler and self.scaler != scaler:
-            raise UsageError(
-                "the columns of the pool were normalised by another scaler", where=self.source, found=self.scaler,
-                allowed=scaler, fix=_AGAIN,
-            )  # fmt: skip
+            raise UsageError("the columns of the pool were normalised by another scaler", where=self.source,
+                             found=self.scaler, allowed=scaler, fix=_AGAIN)  # fmt: skip
         if (self.protocol, self.version) != (protocol.name, protocol.version):
-            raise UsageError(
-                "the pool was measured by another protocol", where=self.source,
-                found=f"{quoted(self.protocol)}, version {self.version}", allowed=protocol.label, fix=_AGAIN,
-            )  # fmt: skip
+            raise UsageError("the pool was measured by another protocol", where=self.source,
+                             found=f"{quoted(self.protocol)}, version {self.version}", allowed=protocol.label,
+                             fix=_AGAIN)  # fmt: skip
         if self.fps != fps:
             raise UsageError(
                 "the pool was measured at another frame rate, and such distances mean nothing",
@@ -257,10 +254,9 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
         raise UsageError("the pool has another layout", where=path, found=layout, allowed=POOL_FORMAT, fix=_AGAIN)
     pool.require(protocol, pool.fps)
     if measured != _measured_by(protocol):
-        raise UsageError(
-            "the pool was measured by other metrics, or by other parameters of them", where=path,
-            found=f"{protocol.label}, of dancedata {shown(header.get('dancedata'))}", fix=_AGAIN,
-        )  # fmt: skip
+        raise UsageError("the pool was measured by other metrics, or by other parameters of them", where=path,
+                         found=f"{protocol.label}, of dancedata {shown(header.get('dancedata'))}",
+                         fix=_AGAIN)  # fmt: skip
     for number, measure in enumerate(protocol.measures):
         width = len(measure.metric.columns)
         array = pool.rows.get(number)

@@ -320,10 +320,9 @@ def with_metrics(protocol: Protocol, names: Iterable[str]) -> Protocol:
     metrics = [METRICS.make(name, {}) for name in dict.fromkeys(names) if name not in taken and name in METRICS]
     for metric in metrics:
         if metric.of_groups and not protocol.of_groups:
-            raise UsageError(
-                f"the metric {metric.name} measures groups, and the protocol single dancers",
-                where=f"protocol {protocol.name}", fix="choose a protocol of groups, see --list-protocols",
-            )  # fmt: skip
+            raise UsageError(f"the metric {metric.name} measures groups, and the protocol single dancers",
+                             where=f"protocol {protocol.name}",
+                             fix="choose a protocol of groups, see --list-protocols")  # fmt: skip
     if not metrics:
         return protocol
     extended = copy(protocol)

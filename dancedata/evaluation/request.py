@@ -113,10 +113,8 @@ class Request:
         chosen = {printed.get(metric, metric) for metric in self.metrics}
         allowed = set().union(*names)
         for metric in sorted(chosen - allowed):
-            raise UsageError(
-                f"the protocol has no metric {quoted(metric)}", where=f"protocol {self.protocol.name}",
-                fix=did_you_mean(metric, sorted(allowed), METRICS.names()),
-            )  # fmt: skip
+            raise UsageError(f"the protocol has no metric {quoted(metric)}", where=f"protocol {self.protocol.name}",
+                             fix=did_you_mean(metric, sorted(allowed), METRICS.names()))  # fmt: skip
         return [k for k, of_measure in enumerate(names) if not chosen or of_measure & chosen]
 
     def inputs(self) -> Inputs:
@@ -263,11 +261,9 @@ def _groups_in_memory(motions: Motions, grid: FrameGrid | None, body: str | None
     groups = []
     for name, group in motions.items():
         if isinstance(group, Motion) or (isinstance(group, np.ndarray) and group.ndim != 4):
-            raise UsageError(
-                "this is not a group", where=f"group {shown(name)}",
-                found=f"shape {group.shape}" if isinstance(group, np.ndarray) else "a motion",
-                allowed="positions (P, T, J, 3), or a list of motions",
-            )  # fmt: skip
+            raise UsageError("this is not a group", where=f"group {shown(name)}",
+                             found=f"shape {group.shape}" if isinstance(group, np.ndarray) else "a motion",
+                             allowed="positions (P, T, J, 3), or a list of motions")  # fmt: skip
         dancers: Motions = {f"{name}, dancer {k}": dancer for k, dancer in enumerate(group)}  # type: ignore[arg-type]
         groups.append(GroupClip(id=name, members=_in_memory(dancers, grid, body)))
     return tuple(groups)

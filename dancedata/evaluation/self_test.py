@@ -122,10 +122,8 @@ def self_test(
     rows = [(p, row) for p in protocols for row in p.published if row.dataset == reader.name]
     if not rows:
         datasets = sorted({row.dataset for p in protocols for row in p.published if row.dataset})
-        raise UsageError(
-            "no row of this dataset was published under the protocol", where=source, found=reader.name,
-            allowed=listed(datasets) or "none",
-        )  # fmt: skip
+        raise UsageError("no row of this dataset was published under the protocol", where=source, found=reader.name,
+                         allowed=listed(datasets) or "none")  # fmt: skip
     reader = _with(reader, music="optional")
     chosen, everything = reader.scan(source).clips, _with(reader, split="all").scan(source).clips
     reports, skipped = [], []

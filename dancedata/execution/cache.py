@@ -296,12 +296,8 @@ def _clear_errors(root: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise StoreError(
-            "the cache cannot be written",
-            where=root,
-            found=str(error),
-            fix=f"set {ENVIRONMENT} to a writable folder with free space",
-        ) from error
+        raise StoreError("the cache cannot be written", where=root, found=str(error),
+                         fix=f"set {ENVIRONMENT} to a writable folder with free space") from error  # fmt: skip
 
 
 #: Number of times that a build starts again because entries were removed or damaged while it ran.

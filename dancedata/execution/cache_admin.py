@@ -92,13 +92,9 @@ def require_cache(root: Path) -> None:
     if files.is_cache(root) or not any(names for _, _, names in os.walk(root)):
         return
     names = sorted(os.listdir(root))
-    raise UsageError(
-        "this folder is not a cache of dancedata; nothing was removed",
-        where=root,
-        found=listed(names),
-        allowed=f"a folder with {files.MARKER} in it, which builds write",
-        fix="name the cache's folder: --cache DIR, or $DANCEDATA_CACHE",
-    )
+    raise UsageError("this folder is not a cache of dancedata; nothing was removed", where=root, found=listed(names),
+                     allowed=f"a folder with {files.MARKER} in it, which builds write",
+                     fix="name the cache's folder: --cache DIR, or $DANCEDATA_CACHE")  # fmt: skip
 
 
 def entries(root: Path) -> Iterator[Entry]:

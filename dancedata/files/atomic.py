@@ -35,11 +35,8 @@ def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bo
     """
     path = path.expanduser()
     if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
-        raise UsageError(
-            f"a {what} is not written into a dataset, whose files are listed",
-            where=path,
-            fix="choose a file outside of the dataset",
-        )
+        raise UsageError(f"a {what} is not written into a dataset, whose files are listed", where=path,
+                         fix="choose a file outside of the dataset")  # fmt: skip
     if path.is_dir() or not path.absolute().parent.is_dir():
         problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
         raise UsageError(problem, where=path, fix="name a file in a folder that exists")

@@ -174,11 +174,8 @@ def _open_lock(folder: Path, what: str, *, wait: bool) -> tuple[int, Path | None
             fd, path = os.open(real, os.O_RDONLY | os.O_DIRECTORY), None
         try:
             if lock_file(fd, wait=wait, unsure=None if path is None else False) is False:
-                raise StoreError(
-                    f"another {what} is writing there",
-                    where=folder,
-                    fix="wait until it has ended, or choose another folder",
-                )
+                raise StoreError(f"another {what} is writing there", where=folder,
+                                 fix="wait until it has ended, or choose another folder")  # fmt: skip
             if path is None or os.fstat(fd).st_nlink:
                 return fd, path
         except BaseException:

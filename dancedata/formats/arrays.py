@@ -88,38 +88,21 @@ def at(path: Path, name: str) -> str:
 
 def broken(path: Path, found: str) -> DataError:
     """Return the DataError for a file that is not as numpy writes it."""
-    return DataError(
-        "the motion file cannot be read",
-        reason="broken_file",
-        where=str(path),
-        found=found,
-        allowed="an .npy, .npz or .pkl file as numpy writes it",
-        fix="copy or save the file again",
-    )
+    return DataError("the motion file cannot be read", reason="broken_file", where=str(path), found=found,
+                     allowed="an .npy, .npz or .pkl file as numpy writes it",
+                     fix="copy or save the file again")  # fmt: skip
 
 
 def not_numbers(path: Path, name: str, found: str) -> DataError:
     """Return the DataError for something other than an array of numbers."""
-    return DataError(
-        "not an array of numbers",
-        reason="bad_shape",
-        where=at(path, name),
-        found=found,
-        allowed="floats or integers",
-        fix="save the motion as an array",
-    )
+    return DataError("not an array of numbers", reason="bad_shape", where=at(path, name), found=found,
+                     allowed="floats or integers", fix="save the motion as an array")  # fmt: skip
 
 
 def too_large(path: Path, found: str, allowed: str) -> DataError:
     """Return the DataError for an array, or a file, above its limit."""
-    return DataError(
-        "the array is larger than the limit",
-        reason="too_large",
-        where=str(path),
-        found=found,
-        allowed=allowed,
-        fix="split the motion into several files, uncompressed",
-    )
+    return DataError("the array is larger than the limit", reason="too_large", where=str(path), found=found,
+                     allowed=allowed, fix="split the motion into several files, uncompressed")  # fmt: skip
 
 
 #: Four hours of SMPL-X at 120 FPS in float64 take 2.3 GB; a single motion is far below that.
@@ -317,14 +300,9 @@ def _numeric_header(path: Path, name: str, file: IO[bytes], size: int, compresse
     """Check the header of an array of numbers against the stored and the compressed size of header and values."""
     header = read_header(path, file)
     if header.dtype.hasobject:
-        raise DataError(
-            "the file holds pickled Python objects, which are not read",
-            reason="unsafe_pickle",
-            where=at(path, name),
-            found=f"dtype {header.dtype}",
-            allowed="arrays of numbers",
-            fix="save the numbers themselves",
-        )
+        raise DataError("the file holds pickled Python objects, which are not read", reason="unsafe_pickle",
+                        where=at(path, name), found=f"dtype {header.dtype}", allowed="arrays of numbers",
+                        fix="save the numbers themselves")  # fmt: skip
     if header.dtype.kind not in NUMBERS:
         raise not_numbers(path, name, f"dtype {header.dtype}")
     _require_size(path, name, header, size)

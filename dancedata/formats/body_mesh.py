@@ -192,12 +192,9 @@ def _check(
     directions = 9 * (joints - 1)
     shapes = (faces.shape[1:], weights.shape, correctives.shape)
     if faces.ndim != 2 or shapes != ((3,), (vertices, joints), (vertices, 3, directions)):
-        raise not_a_model(
-            model.file,
-            f"f {faces.shape}, weights {weights.shape}, posedirs {correctives.shape}",
-            f"(F, 3), ({vertices}, {joints}) and ({vertices}, 3, {directions}), "
-            f"for {vertices} vertices and {joints} joints",
-        )
+        raise not_a_model(model.file, f"f {faces.shape}, weights {weights.shape}, posedirs {correctives.shape}",
+                          f"(F, 3), ({vertices}, {joints}) and ({vertices}, 3, {directions}), "
+                          f"for {vertices} vertices and {joints} joints")  # fmt: skip
     if not ((faces >= 0) & (faces < vertices) & (faces == np.floor(faces))).all():
         raise not_a_model(model.file, "triangles with vertices that do not exist", f"0 to {vertices - 1}")
     # NaN fails the comparisons as well.

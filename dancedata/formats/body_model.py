@@ -70,13 +70,10 @@ def body_model_skeleton(
     model = _model(file, file.stat().st_size, file.stat().st_mtime_ns)
     body = _BODIES[len(model[0])]
     if not set(joints.joints) <= set(body.joints):
-        raise UsageError(
-            f"the body model does not have the joints of {joints.name}",
-            where=str(file),
-            found=f"{body.n_joints} joints ({body.name})",
-            allowed=f"a model with {', '.join(j for j in joints.joints if j not in body.joints)}",
-            fix="set body_model to the model that the motion was made with",
-        )
+        raise UsageError(f"the body model does not have the joints of {joints.name}", where=str(file),
+                         found=f"{body.n_joints} joints ({body.name})",
+                         allowed=f"a model with {', '.join(j for j in joints.joints if j not in body.joints)}",
+                         fix="set body_model to the model that the motion was made with")  # fmt: skip
     rest = model[0] + model[1] @ shape_of(file, betas, model[1].shape[2])
     return skeleton_of(rest, body, joints)
 
@@ -174,13 +171,9 @@ class ModelArrays:
     def read(cls, file: Path, more: Sequence[str] = ()) -> ModelArrays:
         """Read a model file; UsageError unless it is a model that also has the arrays `more`."""
         if file.suffix.lower() not in _SUFFIXES:
-            raise UsageError(
-                "the body model is neither an .npz nor a .pkl file",
-                where=str(file),
-                found=file.suffix or "no suffix",
-                allowed="SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...",
-                fix="set body_model to the model's file as published",
-            )
+            raise UsageError("the body model is neither an .npz nor a .pkl file", where=str(file),
+                             found=file.suffix or "no suffix", allowed="SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...",
+                             fix="set body_model to the model's file as published")  # fmt: skip
         needed = ("v_template", "shapedirs", "J_regressor", *more)
         try:
             pickled = file.suffix.lower() == ".pkl"
@@ -244,13 +237,9 @@ def shape_of(file: Path, betas: ArrayLike | None, available: int) -> Floats:
         return shape
     values = np.asarray(betas, dtype=np.float64).reshape(-1)
     if not (np.abs(values) <= _MAX_BETA).all() or np.any(values[available:]):
-        raise UsageError(
-            "the betas do not match the body model",
-            where=str(file),
-            found=f"{len(values)} betas",
-            allowed=f"at most {available}, within +-{_MAX_BETA:g}",
-            fix="set body_model to the model that they were fitted with",
-        )
+        raise UsageError("the betas do not match the body model", where=str(file), found=f"{len(values)} betas",
+                         allowed=f"at most {available}, within +-{_MAX_BETA:g}",
+                         fix="set body_model to the model that they were fitted with")  # fmt: skip
     shape[: min(len(values), available)] = values[:available]
     return shape
 

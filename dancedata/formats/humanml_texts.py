@@ -37,14 +37,10 @@ def read_texts(path: Path, layer: Layer) -> list[Segment]:
         times = [_seconds(part) for part in rest[1:]]
         start, end = (times[0], times[1]) if len(times) == 2 else (None, None)
         if not caption.strip() or start is None or end is None or end < start:
-            raise DataError(
-                "a line is not a caption",
-                reason="bad_segment",
-                where=f"{path}, line {number}",
-                found=quoted(line, 80),
-                allowed="caption#word/POS word/POS#start#end, seconds; 0.0#0.0 for the whole clip",
-                fix="correct the line",
-            )
+            raise DataError("a line is not a caption", reason="bad_segment", where=f"{path}, line {number}",
+                            found=quoted(line, 80),
+                            allowed="caption#word/POS word/POS#start#end, seconds; 0.0#0.0 for the whole clip",
+                            fix="correct the line")  # fmt: skip
         span = (Fraction(0), CLIP_END) if start == end == 0 else (start, end)
         spans.setdefault(span, []).append((caption.strip(), rest[0].strip()))
     segments = []

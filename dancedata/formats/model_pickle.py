@@ -54,13 +54,8 @@ def _value(path: Path, name: object, value: object) -> object:
     try:
         return _array(value)
     except Exception as error:  # of indices and shapes that a crafted file states
-        raise DataError(
-            f"{shown(name)} is not an array as {value.name} holds it",
-            reason="broken_file",
-            where=path,
-            found=shown(error),
-            fix="download the model again",
-        ) from error
+        raise DataError(f"{shown(name)} is not an array as {value.name} holds it", reason="broken_file", where=path,
+                        found=shown(error), fix="download the model again") from error  # fmt: skip
 
 
 def _array(value: StandIn) -> Array:

@@ -396,23 +396,13 @@ def unpickled(read: Callable[[], tuple[bytes, int]], path: Path, names: Names = 
         data, size = read()
         return ArrayUnpickler(data[start:] if start else data, names, size).load()
     except UnsafePickleError as error:
-        raise DataError(
-            "the pickle refers to code; nothing was executed",
-            reason="unsafe_pickle",
-            where=path,
-            found=str(error),
-            allowed="numpy arrays and plain Python containers",
-            fix=_FIXES.get(str(error).split(".")[0], _ARRAYS),
-        ) from None
+        raise DataError("the pickle refers to code; nothing was executed", reason="unsafe_pickle", where=path,
+                        found=str(error), allowed="numpy arrays and plain Python containers",
+                        fix=_FIXES.get(str(error).split(".")[0], _ARRAYS)) from None  # fmt: skip
     except Exception as error:  # a pickle is a program: a broken one can raise anything
-        raise DataError(
-            "the pickle cannot be read",
-            reason="broken_file",
-            where=path,
-            found=shown(error),
-            allowed="a complete pickle or joblib file of arrays, numbers, text and plain containers",
-            fix=f"copy the file again if it is truncated; else {_ARRAYS}",
-        ) from error
+        raise DataError("the pickle cannot be read", reason="broken_file", where=path, found=shown(error),
+                        allowed="a complete pickle or joblib file of arrays, numbers, text and plain containers",
+                        fix=f"copy the file again if it is truncated; else {_ARRAYS}") from error  # fmt: skip
 
 
 _ARRAYS = (

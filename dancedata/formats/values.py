@@ -124,14 +124,10 @@ def load_object(path: Path) -> object:
     with reading(path), open_regular(path) as file:
         header = read_header(path, file)
     if header.shape != () or not header.dtype.hasobject:
-        raise DataError(
-            "the file does not hold a dict",
-            reason="bad_shape",
-            where=str(path),
-            found=f"an array {header.shape} of {header.dtype}",
-            allowed="an .npy file as numpy.save writes it for a dict: an array () of objects",
-            fix="save the motion as a dict, or download the file again",
-        )
+        raise DataError("the file does not hold a dict", reason="bad_shape", where=str(path),
+                        found=f"an array {header.shape} of {header.dtype}",
+                        allowed="an .npy file as numpy.save writes it for a dict: an array () of objects",
+                        fix="save the motion as a dict, or download the file again")  # fmt: skip
     cell = load_pickle(path, start=header.start)
     if not isinstance(cell, np.ndarray) or cell.shape != () or cell.dtype != object:
         raise broken(path, f"a pickle of {type(cell).__name__}")

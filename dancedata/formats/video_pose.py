@@ -179,13 +179,9 @@ def _phalp(path: Path, frames: Sequence[Values], size: int) -> Iterator[PersonAr
             if _whole(path, late) == 0:
                 people.setdefault(str(_whole(path, person)), []).append((_whole(path, time), pose, camera))
     if not people:
-        raise DataError(
-            "no person was detected in any frame",
-            reason="empty",
-            where=str(path),
-            found=counted(len(frames), "frame"),
-            fix="remove the file, or run the program on another video",
-        )
+        raise DataError("no person was detected in any frame", reason="empty", where=str(path),
+                        found=counted(len(frames), "frame"),
+                        fix="remove the file, or run the program on another video")  # fmt: skip
     for person, seen in sorted(people.items(), key=lambda item: int(item[0])):
         yield PersonArrays(path, _phalp_person(path, person, seen), person, "phalp")
 

@@ -112,11 +112,8 @@ def primitives(
     _check_lengths(window, N, n)
     if variant == "code":
         if minima is not None or prominence is not None:
-            raise UsageError(
-                "variant code finds the minima of each window by itself",
-                found="minima of the clip",
-                fix="omit minima and prominence, or use variant paper",
-            )
+            raise UsageError("variant code finds the minima of each window by itself", found="minima of the clip",
+                             fix="omit minima and prominence, or use variant paper")  # fmt: skip
         return _as_released(window, n, bias)
     if variant != "paper":
         raise UsageError(f"unknown variant {variant!r}", fix=did_you_mean(variant, ("paper", "code")))
@@ -154,12 +151,9 @@ def joints_of(window: npt.NDArray[Any]) -> Float64Array:
     """
     window = np.asarray(window)
     if window.ndim != 2 or window.shape[1] not in _LODGE_WIDTHS:
-        raise UsageError(
-            "minima can only be found in Lodge's columns",
-            found=f"{window.shape[-1]} columns",
-            allowed="lodge139, lodge319",
-            fix="pass minima and prominence, or a window of another field",
-        )
+        raise UsageError("minima can only be found in Lodge's columns", found=f"{window.shape[-1]} columns",
+                         allowed="lodge139, lodge319",
+                         fix="pass minima and prominence, or a window of another field")  # fmt: skip
     body = window[:, 4 : _LODGE_WIDTHS[0]].astype(np.float64)
     if not np.isfinite(body).all():
         raise DataError("the columns have NaN or infinity", reason="nan", where="primitives")
@@ -169,13 +163,10 @@ def joints_of(window: npt.NDArray[Any]) -> Float64Array:
     bad |= np.linalg.norm(np.cross(rows[..., 0, :], rows[..., 1, :]), axis=-1) < 0.1
     if bad.any():
         frame, joint = np.argwhere(bad)[0]
-        raise DataError(
-            "not a valid 6D rotation",
-            reason="bad_rotation",
-            where=f"primitives, frame {frame}, {SMPLX22.joints[joint]}",
-            found=rows[frame, joint].round(3).tolist(),
-            fix="pass columns that are not normalised",
-        )
+        raise DataError("not a valid 6D rotation", reason="bad_rotation",
+                        where=f"primitives, frame {frame}, {SMPLX22.joints[joint]}",
+                        found=rows[frame, joint].round(3).tolist(),
+                        fix="pass columns that are not normalised")  # fmt: skip
     turns = rotvec_from_matrix(matrix_from_6d(rows.reshape(*rows.shape[:2], 6)))
     # Positions do not depend on the rate.
     return carried_over(Motion(body[:, :3], turns, FrameGrid.of(30), SMPLX22), SMPLX55).joints()
@@ -183,11 +174,9 @@ def joints_of(window: npt.NDArray[Any]) -> Float64Array:
 
 def _check_lengths(window: npt.NDArray[Any], n_window: int, n: int) -> None:
     if window.ndim != 2 or len(window) != n_window:
-        raise UsageError(
-            "N differs from the number of frames of the window",
-            found=f"window {window.shape}, N {n_window}",
-            allowed=f"a window ({n_window}, D)",
-        )
+        raise UsageError("N differs from the number of frames of the window",
+                         found=f"window {window.shape}, N {n_window}",
+                         allowed=f"a window ({n_window}, D)")  # fmt: skip
     if n < 1 or n_window < 1 or n_window % n:
         raise UsageError("N is not a multiple of n", found=f"N {n_window}, n {n}", allowed="N = k n")
 
@@ -205,18 +194,13 @@ def _minima(
     if frames.shape == depth.shape == (0,):
         return frames.astype(np.int64), depth
     if frames.ndim != 1 or depth.shape != frames.shape or not np.issubdtype(frames.dtype, np.integer):
-        raise UsageError(
-            "invalid minima or prominence",
-            found=f"minima {frames.dtype} {frames.shape}, prominence {depth.shape}",
-            allowed="integers (M,), numbers (M,)",
-        )
+        raise UsageError("invalid minima or prominence",
+                         found=f"minima {frames.dtype} {frames.shape}, prominence {depth.shape}",
+                         allowed="integers (M,), numbers (M,)")  # fmt: skip
     if frames.min() < 0 or frames.max() >= len(window) or (np.diff(frames) <= 0).any():
-        raise UsageError(
-            "minima must be frames of the window, ascending",
-            found=f"{frames.min()} .. {frames.max()}",
-            allowed=f"0 .. {len(window) - 1}",
-            fix="count them from the window's first frame",
-        )
+        raise UsageError("minima must be frames of the window, ascending", found=f"{frames.min()} .. {frames.max()}",
+                         allowed=f"0 .. {len(window) - 1}",
+                         fix="count them from the window's first frame")  # fmt: skip
     if not np.isfinite(depth).all():
         raise UsageError("invalid prominence", found="NaN or infinity", allowed="finite numbers")
     return frames.astype(np.int64), depth

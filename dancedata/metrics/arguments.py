@@ -44,12 +44,8 @@ def at_least(n_frames: int, joints: Float64Array) -> None:
 def first_joints(joints: Float64Array, n: int) -> Float64Array:
     """Return the first n joints of (T, J, 3); DataError "missing_joints" if there are fewer."""
     if joints.shape[1] < n:
-        raise DataError(
-            "the metric needs more joints",
-            reason="missing_joints",
-            found=f"{joints.shape[1]} joints",
-            allowed=f"the first {n} joints of SMPL or SMPL-X",
-        )
+        raise DataError("the metric needs more joints", reason="missing_joints", found=f"{joints.shape[1]} joints",
+                        allowed=f"the first {n} joints of SMPL or SMPL-X")  # fmt: skip
     return joints[:, :n]
 
 

@@ -344,11 +344,9 @@ class BeatAlignment(Metric):
             step = 1 / dance.fps
             return motion / dance.fps, music / float(dance.music.grid.rate), dance.n_frames * step, step
         if dance.music.grid != dance.grid:
-            raise UsageError(
-                "sigma is in frames, so the beats of the music have to be at the clip's rate",
-                found=f"beats at {dance.music.grid} per second, motion at {dance.grid}",
-                fix='take unit="s"',
-            )
+            raise UsageError("sigma is in frames, so the beats of the music have to be at the clip's rate",
+                             found=f"beats at {dance.music.grid} per second, motion at {dance.grid}",
+                             fix='take unit="s"')  # fmt: skip
         return motion, music, float(dance.n_frames), 1.0
 
     @override

@@ -71,12 +71,8 @@ def checked_rows(rows: npt.ArrayLike, width: int | None = None) -> Float64Array:
     """Return feature vectors (N, D) as float64; DataError ("bad_shape", "nan") if they are not finite rows."""
     array = np.asarray(rows, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] == 0 or width not in (None, array.shape[1]):
-        raise DataError(
-            "invalid shape of features",
-            reason="bad_shape",
-            found=f"{array.shape}",
-            allowed=f"(N, {'D' if width is None else width})",
-        )
+        raise DataError("invalid shape of features", reason="bad_shape", found=f"{array.shape}",
+                        allowed=f"(N, {'D' if width is None else width})")  # fmt: skip
     bad = ~np.isfinite(array).all(axis=1)
     if bad.any():
         raise DataError(

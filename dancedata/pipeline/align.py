@@ -314,10 +314,8 @@ def _check(path: Path, by: str, search: Search, file: Path | None) -> None:
         raise UsageError("level is out of range", found=search.level, allowed="above 0, below 1")
     require_new_csv(file)
     if (path / DATASET_FILE).exists():
-        raise UsageError(
-            "a built dataset has no music to compare with", where=path,
-            fix="give the folder that it was built from",
-        )  # fmt: skip
+        raise UsageError("a built dataset has no music to compare with", where=path,
+                         fix="give the folder that it was built from")  # fmt: skip
 
 
 def _units(clips: Sequence[ClipRef], by: str) -> list[Together]:

@@ -273,11 +273,9 @@ class _Request:
             return cls(parsed, Path(source).expanduser(), target, published)
         if parsed.dataset.generates:
             return cls(parsed, target.parent / f"{target.name}-source", target, published)
-        raise UsageError(
-            f"the dataset {parsed.dataset.name} needs a source",
-            fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, "
-            "or source=DIR in Python",
-        )
+        raise UsageError(f"the dataset {parsed.dataset.name} needs a source",
+                         fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, "
+                         "or source=DIR in Python")  # fmt: skip
 
 
 def folder_of(path: str | Path | None) -> Path | None:

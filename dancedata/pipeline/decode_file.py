@@ -134,11 +134,8 @@ def decode_file(
         mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))
         decoder = replace(decoder, file=stated_in(arrays), grid=stated_grid(arrays))
     if like is None and fps is None and decoder.representation.rate is None and decoder.grid is None:
-        raise UsageError(
-            "the frame rate of these columns is unknown",
-            where=path,
-            fix="give it with --fps, or name the dataset that the trainer read with --like",
-        )
+        raise UsageError("the frame rate of these columns is unknown", where=path,
+                         fix="give it with --fps, or name the dataset that the trainer read with --like")  # fmt: skip
     try:
         motions = _motions(decoder, array, mask, place)
     except DanceDataError as error:

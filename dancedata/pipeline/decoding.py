@@ -224,11 +224,9 @@ class Decoder:
             return np.ones(len(array), np.bool_)
         mask = np.asarray(person_mask)
         if mask.shape != array.shape[:1] or not np.isin(mask, (0, 1)).all() or not mask.any():
-            raise UsageError(
-                "person_mask does not fit the columns",
-                found=f"shape {mask.shape}, values {np.unique(mask).tolist()}",
-                allowed=f"({len(array)},), 0 or 1, not all 0",
-            )  # fmt: skip
+            raise UsageError("person_mask does not fit the columns",
+                             found=f"shape {mask.shape}, values {np.unique(mask).tolist()}",
+                             allowed=f"({len(array)},), 0 or 1, not all 0")  # fmt: skip
         return mask.astype(np.bool_)
 
     def _places(self, array: npt.NDArray[Any], place: Any, present: npt.NDArray[np.bool_]) -> npt.NDArray[Any] | None:
@@ -320,16 +318,11 @@ def _grid(
     from dancedata.datasets.folder import same_rate
 
     if not same_rate(file, grid):
-        raise DataError(
-            "the file states another rate", reason="bad_rate", found=f"{file} frames per second",
-            allowed=f"{grid}, as --fps or --like states", fix="leave the wrong one out, or save the file again",
-        )  # fmt: skip
+        raise DataError("the file states another rate", reason="bad_rate", found=f"{file} frames per second",
+                        allowed=f"{grid}, as --fps or --like states",
+                        fix="leave the wrong one out, or save the file again")  # fmt: skip
     if stored is not None and grid != stored:
-        raise UsageError(
-            f"{name} has another rate in the dataset",
-            where=store.path if store else None,
-            found=f"{grid} frames per second",
-            allowed=f"{stored}",
-            fix="omit fps: the rate is the dataset's",
-        )
+        raise UsageError(f"{name} has another rate in the dataset", where=store.path if store else None,
+                         found=f"{grid} frames per second", allowed=f"{stored}",
+                         fix="omit fps: the rate is the dataset's")  # fmt: skip
     return grid

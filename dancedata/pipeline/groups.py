@@ -90,12 +90,9 @@ def require_places(recipe: Recipe) -> None:
             fix="leave out retarget, and choose a representation that the dancers' own skeleton fits",
         )
     if recipe.curation.repairs.floor is not None:
-        raise UsageError(
-            "the floor of groups cannot be repaired: each dancer would get a floor of his own",
-            where="repair.floor",
-            found=f"groups in the source of {recipe.dataset.name}",
-            fix="leave out repair.floor",
-        )
+        raise UsageError("the floor of groups cannot be repaired: each dancer would get a floor of his own",
+                         where="repair.floor", found=f"groups in the source of {recipe.dataset.name}",
+                         fix="leave out repair.floor")  # fmt: skip
     if recipe.scope == "window":
         raise UsageError("groups are stored whole", found="scope: window", fix="build with scope: track")
 
@@ -117,13 +114,9 @@ def group_motions(
     lengths = [motion.n_frames for motion in motions]
     grid = motions[0].grid
     if grid.seconds(max(lengths) - min(lengths)) > TOLERANCE_S:
-        raise DataError(
-            "the dancers of a group differ in length",
-            reason="length_mismatch",
-            where=where,
-            found=", ".join(f"{ref.id} {n} frames" for ref, n in zip(refs, lengths, strict=True)),
-            allowed=f"at most {float(TOLERANCE_S):g} s of difference",
-        )
+        raise DataError("the dancers of a group differ in length", reason="length_mismatch", where=where,
+                        found=", ".join(f"{ref.id} {n} frames" for ref, n in zip(refs, lengths, strict=True)),
+                        allowed=f"at most {float(TOLERANCE_S):g} s of difference")  # fmt: skip
     trim = max(motion.trim_start for motion in motions)
     motions = [replace(motion.part(0, min(lengths)), trim_start=min(trim, min(lengths) - 1)) for motion in motions]
     motions = [recipe.curation.repairs.apply(motion).motion for motion in motions] if repaired else motions

@@ -63,11 +63,9 @@ def check_out(out: Path, *, overwrite: bool) -> None:
         raise foreign_files(out, foreign, allowed=_ALLOWED, choose="another --out")
     card = description.files.get(CARD_FILE) if description is not None and overwrite else None
     if card is not None and (out / CARD_FILE).exists() and sha256_file(out / CARD_FILE) != card["sha256"]:
-        raise StoreError(
-            f"{CARD_FILE} was changed since the dataset was built, and --overwrite would remove it",
-            where=out,
-            fix=f"move {CARD_FILE} to another folder, then run the same command again",
-        )
+        raise StoreError(f"{CARD_FILE} was changed since the dataset was built, and --overwrite would remove it",
+                         where=out,
+                         fix=f"move {CARD_FILE} to another folder, then run the same command again")  # fmt: skip
 
 
 @contextmanager

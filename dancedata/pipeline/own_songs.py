@@ -139,13 +139,10 @@ def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -
     paths = [_rows_file(out, song, job) for song in songs for job in jobs]
     foreign = [path for path in paths if not _is_free(path)]
     if foreign:
-        raise UsageError(
-            "refusing to overwrite files that dancedata did not write; nothing was computed",
-            where=out,
-            found=listed(path.name for path in foreign),
-            allowed="no such files, or a .npy with the .json that was written with it",
-            fix="choose another --out, or move them away",
-        )
+        raise UsageError("refusing to overwrite files that dancedata did not write; nothing was computed", where=out,
+                         found=listed(path.name for path in foreign),
+                         allowed="no such files, or a .npy with the .json that was written with it",
+                         fix="choose another --out, or move them away")  # fmt: skip
 
 
 def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
@@ -241,12 +238,9 @@ def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tup
     same = {clip.tempo_bpm for clip in clips if signal.sha256.startswith(hashes.get(clip.id, "-"))}
     tempos, by = (same, "samples") if same else ({c.tempo_bpm for c in clips if c.music == song.stem}, "name")
     if len(tempos) > 1:
-        raise UsageError(
-            "the dataset states several tempos of this song",
-            where=song,
-            found=listed(sorted("none" if tempo is None else f"{tempo:g} BPM" for tempo in tempos)),
-            fix="set --bpm",
-        )
+        raise UsageError("the dataset states several tempos of this song", where=song,
+                         found=listed(sorted("none" if tempo is None else f"{tempo:g} BPM" for tempo in tempos)),
+                         fix="set --bpm")  # fmt: skip
     return next(iter(tempos), None), by
 
 
@@ -277,12 +271,9 @@ def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDAr
     """Return first samples and length of a song's windows; UsageError if it has none."""
     starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
     if not len(starts):
-        raise UsageError(
-            "the song is shorter than one window",
-            where=song,
-            found=f"{signal.n_samples / signal.sample_rate:.2f} s",
-            allowed=f"at least {length / signal.sample_rate:g} s",
-        )
+        raise UsageError("the song is shorter than one window", where=song,
+                         found=f"{signal.n_samples / signal.sample_rate:.2f} s",
+                         allowed=f"at least {length / signal.sample_rate:g} s")  # fmt: skip
     return starts, length
 
 

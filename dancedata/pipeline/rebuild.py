@@ -95,12 +95,9 @@ class Published:
         document = deepcopy(dict(self.dataset["recipe"]))
         strange = ["plugins"] if "plugins" in document else list(_paths(document))
         if strange:
-            raise RecipeError(
-                "a published recipe names no files or models of this machine; nothing was executed",
-                where=self.place,
-                found=listed(strange),
-                fix="copy the recipe to a file, read it, and build that",
-            )
+            raise RecipeError("a published recipe names no files or models of this machine; nothing was executed",
+                              where=self.place, found=listed(strange),
+                              fix="copy the recipe to a file, read it, and build that")  # fmt: skip
         try:
             return load_recipe(document, overrides)
         except UsageError as error:

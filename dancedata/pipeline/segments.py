@@ -110,10 +110,8 @@ def segments(
 
 def _write(store: Store, file: Path, layer: str | None) -> None:
     if file.suffix.lower() not in SUFFIXES or file.exists():
-        raise UsageError(
-            "the file exists already" if file.exists() else "not a file of segments",
-            where=file, allowed="a new .csv or .jsonl", fix="choose another --to",
-        )  # fmt: skip
+        raise UsageError("the file exists already" if file.exists() else "not a file of segments", where=file,
+                         allowed="a new .csv or .jsonl", fix="choose another --to")  # fmt: skip
     clips = [(clip.id, found) for clip in store.clips if (found := store.segments(clip.id, layer))]
     try:
         with atomic_file(file) as temporary:
@@ -172,10 +170,8 @@ def _of_clip(
         return stated.get(clip.id, ())
     spec = augment.get(clip.id.removeprefix(f"{clip.source}__"))
     if spec is None:
-        raise UsageError(
-            "the segments of a copy cannot be made: what made the copy is not known",
-            where=f"clip {clip.id}", fix="add rows of the copy to the file",
-        )  # fmt: skip
+        raise UsageError("the segments of a copy cannot be made: what made the copy is not known",
+                         where=f"clip {clip.id}", fix="add rows of the copy to the file")  # fmt: skip
     group = store.clip(clip.source).group
     return segments_of_copy(clip.source, group, stated[clip.source], spec, store.skeleton.other_side)
 

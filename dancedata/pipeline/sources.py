@@ -125,12 +125,9 @@ def scan_source(recipe: Recipe, source: Path) -> Scan:
     for ref in scan.clips:
         other = clips_by_id.setdefault(ref.id, ref)
         if other is not ref:
-            raise SourceError(
-                "two clips have the same id",
-                where=f"dataset {recipe.dataset.name}, clip {ref.id}",
-                found=f"{other.motion_path} and {ref.motion_path}",
-                fix="rename one of them; clips of a dataset have different ids",
-            )
+            raise SourceError("two clips have the same id", where=f"dataset {recipe.dataset.name}, clip {ref.id}",
+                              found=f"{other.motion_path} and {ref.motion_path}",
+                              fix="rename one of them; clips of a dataset have different ids")  # fmt: skip
     _require_music(recipe, scan)
     if recipe.file_jobs:
         return replace(scan, clips=tuple(with_feature_paths(recipe, ref, source) for ref in scan.clips))

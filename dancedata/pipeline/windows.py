@@ -170,12 +170,9 @@ def _starts_beside(
 ) -> tuple[list[int], str]:
     """Return the starts of windows that lie within music which does not begin with the clip, and where others lie."""
     if recipe.scope == "window":
-        raise UsageError(
-            "music that does not begin with its clip needs scope: track",
-            where=f"clip {ref.id}",
-            found=f"frame 0 at {float(ref.audio_start):g} s of the music",
-            fix="build with scope: track",
-        )
+        raise UsageError("music that does not begin with its clip needs scope: track", where=f"clip {ref.id}",
+                         found=f"frame 0 at {float(ref.audio_start):g} s of the music",
+                         fix="build with scope: track")  # fmt: skip
     first, end = 0, n_frames
     for job in recipe.signal_jobs:
         offset, skipped = row_at(ref.audio_start, sample_rate, job.grid)

@@ -85,11 +85,9 @@ def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) 
         return found[0]
     joints = np.asarray(dance)
     if joints.ndim != 3 or joints.shape[-1] != 3 or joints.dtype.kind not in "fiu":
-        raise UsageError(
-            "this is not a dance", found=f"shape {joints.shape}, {joints.dtype}",
-            allowed="a Motion, a clip of a dataset, or joint positions (T, J, 3) in metres",
-            fix="for columns: dancedata.decode(rows, NAME, fps=RATE)",
-        )  # fmt: skip
+        raise UsageError("this is not a dance", found=f"shape {joints.shape}, {joints.dtype}",
+                         allowed="a Motion, a clip of a dataset, or joint positions (T, J, 3) in metres",
+                         fix="for columns: dancedata.decode(rows, NAME, fps=RATE)")  # fmt: skip
     if fps is None:
         raise UsageError("the frame rate of the joints is unknown", fix="give fps=")
     clip = MemoryClip(id="joints", joints=joints.astype(np.float64), grid=FrameGrid.of(fps), body=body)

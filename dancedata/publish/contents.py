@@ -50,10 +50,8 @@ class Upload:
 
 def changed(name: str) -> StoreError:
     """Return the error for a dataset that was replaced while it is published."""
-    return StoreError(
-        "the dataset was changed while it was published", where=name,
-        fix="run the same command again once nothing writes to it",
-    )  # fmt: skip
+    return StoreError("the dataset was changed while it was published", where=name,
+                      fix="run the same command again once nothing writes to it")  # fmt: skip
 
 
 def contents(store: Store, place: Publication, beside: Sequence[Path], progress: Progress) -> list[Upload]:
@@ -78,13 +76,9 @@ def contents(store: Store, place: Publication, beside: Sequence[Path], progress:
         more = {}
     publication = Upload.of_bytes(PUBLICATION_FILE, dump_json(_described(store, place, files, more)).encode())
     if publication.size > MAX_DESCRIPTION:
-        raise UsageError(
-            "the dataset has too many files and clips for one publication",
-            where=str(store.path),
-            found=f"{PUBLICATION_FILE} of {publication.size:,} bytes",
-            allowed=f"{MAX_DESCRIPTION:,}",
-            fix="publish its parts as datasets of their own",
-        )
+        raise UsageError("the dataset has too many files and clips for one publication", where=str(store.path),
+                         found=f"{PUBLICATION_FILE} of {publication.size:,} bytes", allowed=f"{MAX_DESCRIPTION:,}",
+                         fix="publish its parts as datasets of their own")  # fmt: skip
     files += _card(store, place, progress)
     if place.recipe_only:
         return [*files, publication]

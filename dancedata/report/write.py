@@ -383,11 +383,7 @@ class Target:
             names = sorted(p.name for p in self.folder.iterdir())
             foreign = names if files is None else foreign_files(self.folder, files)
         if foreign:
-            raise publish.foreign_files(
-                self.folder,
-                foreign,
-                problem="the folder for further clips has other files in it",
-                allowed="the files of a report of this name, as they were written",
-                choose="another --to",
-                error=UsageError,
-            )
+            raise publish.foreign_files(self.folder, foreign,
+                                        problem="the folder for further clips has other files in it",
+                                        allowed="the files of a report of this name, as they were written",
+                                        choose="another --to", error=UsageError)  # fmt: skip

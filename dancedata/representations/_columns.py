@@ -134,10 +134,5 @@ def refuse_rotations(
     """Raise DataError "bad_rotation" for the first of the `bad` (T, J) rotations among `rows` (T, J, n), if any."""
     if bad.any():
         frame, joint = np.argwhere(bad)[0]
-        raise DataError(
-            problem,
-            reason="bad_rotation",
-            where=f"{name}, frame {frame}, {skeleton.joints[joint]}",
-            found=rows[frame, joint].tolist(),
-            fix=fix,
-        )
+        raise DataError(problem, reason="bad_rotation", where=f"{name}, frame {frame}, {skeleton.joints[joint]}",
+                        found=rows[frame, joint].tolist(), fix=fix)  # fmt: skip

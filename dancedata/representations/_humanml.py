@@ -69,12 +69,8 @@ def _on_target(joints: Float64Array) -> tuple[Float64Array, float]:
     lengths = np.linalg.norm(joints[0, 1:] - joints[0, list(PARENTS[1:])], axis=-1)
     if not (lengths > 1e-6).all():
         joint = int(np.argmin(lengths)) + 1
-        raise DataError(
-            "a bone has no length, so that it has no direction",
-            reason="bad_skeleton",
-            where="humanml263",
-            found=f"joint {joint} at its parent {PARENTS[joint]}",
-        )
+        raise DataError("a bone has no length, so that it has no direction", reason="bad_skeleton",
+                        where="humanml263", found=f"joint {joint} at its parent {PARENTS[joint]}")  # fmt: skip
     scale = sum(BONE_LENGTHS[j] for j in _LEG) / sum(lengths[j - 1] for j in _LEG)
     placed = np.empty_like(joints)
     placed[:, 0] = joints[:, 0] * scale

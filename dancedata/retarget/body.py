@@ -61,11 +61,8 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
     size = body_size(places)
     if (bone := missing_bone(places, size)) is not None:
         a, b = (SMPL24.joints[j] for j in bone[:2])
-        raise UsageError(
-            f"skeleton {source.name}: {a} and {b} are at the same position",
-            found=f"a distance of {bone[2]:.4g} m",
-            allowed=f"more than {bone[3]:.4g} m",
-        )
+        raise UsageError(f"skeleton {source.name}: {a} and {b} are at the same position",
+                         found=f"a distance of {bone[2]:.4g} m", allowed=f"more than {bone[3]:.4g} m")  # fmt: skip
     world = world_matrices(source, motion.matrices)
     step = -(-motion.n_frames // _SAMPLES)
     turns = {j: world[::step, k] for j, k in of.items()}

@@ -51,11 +51,9 @@ def load_map(map_or_path: str | Path | Mapping[str, Any]) -> dict[str, tuple[str
         return _shipped(str(map_or_path))
     path = Path(map_or_path).expanduser()
     if path.suffix != ".json":
-        raise UsageError(
-            f"unknown joint map {shown(str(map_or_path))!r}",
-            allowed=f"auto, {', '.join(map_names())}, or the path of a .json file",
-            fix=did_you_mean(str(map_or_path), map_names()),
-        )
+        raise UsageError(f"unknown joint map {shown(str(map_or_path))!r}",
+                         allowed=f"auto, {', '.join(map_names())}, or the path of a .json file",
+                         fix=did_you_mean(str(map_or_path), map_names()))  # fmt: skip
     try:
         document = read_json(path, _LIMIT)
     except (OSError, ValueError) as error:
@@ -70,12 +68,9 @@ def _shipped(name: str) -> dict[str, tuple[str, ...]]:
 
 def _checked(joints: Any, where: str) -> dict[str, tuple[str, ...]]:
     if not isinstance(joints, Mapping) or not joints:
-        raise UsageError(
-            "a joint map has a mapping of SMPL's joints to names",
-            where=where,
-            found=shown(repr(joints)),
-            allowed='{"joints": {"left_hip": ["LeftUpLeg"], ...}}',
-        )
+        raise UsageError("a joint map has a mapping of SMPL's joints to names", where=where,
+                         found=shown(repr(joints)),
+                         allowed='{"joints": {"left_hip": ["LeftUpLeg"], ...}}')  # fmt: skip
     checked = {}
     for joint, names in joints.items():
         SMPL24.index(joint)
@@ -123,12 +118,10 @@ def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, in
         while above not in of and above != -1:
             above = SMPL24.parents[above]
         if above != -1 and of[above] not in _ancestors(skeleton.parents, of[joint]):
-            raise UsageError(
-                f"the joint map does not fit the tree of skeleton {skeleton.name}",
-                found=f"{skeleton.joints[of[joint]]} ({SMPL24.joints[joint]}) is not below "
-                f"{skeleton.joints[of[above]]} ({SMPL24.joints[above]})",
-                fix="correct retarget.joint_map",
-            )
+            raise UsageError(f"the joint map does not fit the tree of skeleton {skeleton.name}",
+                             found=f"{skeleton.joints[of[joint]]} ({SMPL24.joints[joint]}) is not below "
+                             f"{skeleton.joints[of[above]]} ({SMPL24.joints[above]})",
+                             fix="correct retarget.joint_map")  # fmt: skip
     return of
 
 

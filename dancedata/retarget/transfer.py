@@ -107,11 +107,9 @@ def retargeted(
     ('smplx22', True)
     """
     if not has_body(skeleton):
-        raise UsageError(
-            f"motion cannot be retargeted to skeleton {skeleton.name}",
-            found=f"joints {', '.join(skeleton.joints[:4])}, ...",
-            allowed="skeletons of the SMPL family, such as smpl24",
-        )
+        raise UsageError(f"motion cannot be retargeted to skeleton {skeleton.name}",
+                         found=f"joints {', '.join(skeleton.joints[:4])}, ...",
+                         allowed="skeletons of the SMPL family, such as smpl24")  # fmt: skip
     body = body_of(motion, joint_map)
     source = body.motion.skeleton
     factor = leg_ratio(source, skeleton) if scale is None else scale

@@ -134,10 +134,9 @@ def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
             where = f"{path}, line {number}"
             studies.setdefault(row["study"], path)
             if len(studies) > 1:
-                raise DataError(
-                    "the results are of different studies", reason="other_study", where=where,
-                    found=listed(list(studies)), fix="give the results of one study at a time",
-                )  # fmt: skip
+                raise DataError("the results are of different studies", reason="other_study", where=where,
+                                found=listed(list(studies)),
+                                fix="give the results of one study at a time")  # fmt: skip
             sides = (row["left"], row["right"])
             if row["choice"] not in ("left", "right") or row["expected"] not in ("", "left", "right") or "" in sides:
                 raise DataError(
@@ -147,11 +146,9 @@ def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
                 )  # fmt: skip
             key = (row["participant"], row["trial"])
             if key in answers:
-                raise DataError(
-                    "a participant answers a trial twice", reason="twice", where=where,
-                    found=f"participant {quoted(key[0])}, trial {key[1]}",
-                    fix="give each file once, or rename one of two participants of one name",
-                )  # fmt: skip
+                raise DataError("a participant answers a trial twice", reason="twice", where=where,
+                                found=f"participant {quoted(key[0])}, trial {key[1]}",
+                                fix="give each file once, or rename one of two participants of one name")  # fmt: skip
             reasons = tuple(filter(None, row["reasons"].split("; ")))
             answers[key] = Answer(key[0], row["song"], *sides, row["choice"], row["expected"], reasons)
     if not answers:

@@ -123,10 +123,8 @@ def make_trials(
     if len(systems) < 2:
         raise UsageError("a study compares systems", found=listed(systems), allowed="two or more")
     if not 1 <= songs <= len(clips):
-        raise UsageError(
-            "there are not so many clips in common", found=f"{songs} asked for", allowed=f"1 to {len(clips)}",
-            fix="set --songs",
-        )  # fmt: skip
+        raise UsageError("there are not so many clips in common", found=f"{songs} asked for",
+                         allowed=f"1 to {len(clips)}", fix="set --songs")  # fmt: skip
     if not 0 <= checks <= 100:
         raise UsageError("invalid number of checks", found=checks, allowed="0 to 100")
     rng = np.random.default_rng(seed)
@@ -173,11 +171,9 @@ def shown_figures(
     late = {n: float(begin - begins_after(items[n], systems[n].grid, items[first], grid)) for n in figures}
     length = min(seconds, *(f.n_frames / float(f.grid.rate) - late[n] for n, f in figures.items()))
     if length < LEAST_S:
-        raise DataError(
-            "the clip is too short for a trial", reason="too_short", where=trial.clip,
-            found=f"{max(0.0, length):.2f} s" + (" in common" if any(late.values()) else ""),
-            allowed=f"{LEAST_S:g} s or more",
-        )  # fmt: skip
+        raise DataError("the clip is too short for a trial", reason="too_short", where=trial.clip,
+                        found=f"{max(0.0, length):.2f} s" + (" in common" if any(late.values()) else ""),
+                        allowed=f"{LEAST_S:g} s or more")  # fmt: skip
     grid = next(iter(figures.values())).grid
     cut = {name: figure.part(late[name], length).resampled(grid, length) for name, figure in figures.items()}
     if trial.is_check:

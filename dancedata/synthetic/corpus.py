@@ -165,12 +165,9 @@ def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
             if not _check_folder(folder, made_by):
                 _write_all(folder, plan, made_by)
     except OSError as error:
-        raise SourceError(
-            "synthetic: the corpus is generated on first use, but cannot be written here",
-            where=str(folder),
-            found=str(error),
-            fix="set --source to a writable folder on a disk with enough space",
-        ) from error
+        raise SourceError("synthetic: the corpus is generated on first use, but cannot be written here",
+                          where=str(folder), found=str(error),
+                          fix="set --source to a writable folder on a disk with enough space") from error  # fmt: skip
 
 
 def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:

@@ -121,10 +121,8 @@ class SampleLog:
         """
         missing = [key for key in ("id", "clip", "start", "length") if key not in batch]
         if missing:
-            raise UsageError(
-                "this batch is not of a reader of the dataset", found=f"no key {missing[0]!r}",
-                allowed="batches of WindowDataset, or of ClipDataset with pad_clips",
-            )  # fmt: skip
+            raise UsageError("this batch is not of a reader of the dataset", found=f"no key {missing[0]!r}",
+                             allowed="batches of WindowDataset, or of ClipDataset with pad_clips")  # fmt: skip
         field, music = self.evaluator.field, self.evaluator.music_field
         lengths = batch.get("lengths", {}).get(field)
         columns = as_numpy(motion)

@@ -179,10 +179,8 @@ def file_format(
         of_field = store.field(representation).grid if store is not None and stored else None
         rate = of_field or (None if plugin.rate is None else FrameGrid(plugin.rate)) or grid
     if rate is None:
-        raise UsageError(
-            f"the frame rate of columns of {representation} is unknown",
-            fix="give it with --fps, or with --like STORE",
-        )
+        raise UsageError(f"the frame rate of columns of {representation} is unknown",
+                         fix="give it with --fps, or with --like STORE")  # fmt: skip
     like = store if stored or normalized else None
     scaling = scaling_of(like, representation, plugin.columns.labels, normalized=normalized, scaler=scaler, clip=clip)
     return FileFormat(fps=str(rate), up=up, unit=unit, columns=ColumnsReader(plugin, rate, scaling))

@@ -242,12 +242,9 @@ class Figure:
         count = max(1, round(seconds * float(self.grid.rate)))
         frames = slice(first, first + count)
         if first >= self.n_frames:
-            raise DataError(
-                "the motion ends before this part",
-                reason="too_short",
-                found=f"{self.n_frames} frames at {self.grid} per second",
-                allowed=f"more than {first}",
-            )
+            raise DataError("the motion ends before this part", reason="too_short",
+                            found=f"{self.n_frames} frames at {self.grid} per second",
+                            allowed=f"more than {first}")  # fmt: skip
         facing = None if self.facing is None else self.facing[frames]
         turns = None if self.rotations is None else self.rotations[frames]
         measured = None if self.measured is None else self.measured.part(begin, seconds)
@@ -305,10 +302,8 @@ class Figure:
         """
         motion = self.motion
         if motion is None:
-            raise UsageError(
-                "positions of joints do not turn a body model", found=self.skeleton.name,
-                fix="choose a motion field with rotations, or leave out the body model",
-            )  # fmt: skip
+            raise UsageError("positions of joints do not turn a body model", found=self.skeleton.name,
+                             fix="choose a motion field with rotations, or leave out the body model")  # fmt: skip
         motion = mesh.on(motion)
         feet = tuple(mesh.skeleton.index(self.skeleton.joints[joint]) for joint in self.contact_joints)
         return replace(

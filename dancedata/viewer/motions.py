@@ -79,10 +79,9 @@ class MusicFiles:
         songs_of_clips = {clip: songs.get(named.get(clip, clip)) or _song_within(clip, songs) for clip in clips}
         files = {clip: file for clip, file in songs_of_clips.items() if file is not None}
         if not files:
-            raise UsageError(
-                "no file of this music is named as a clip", where=path, found=listed(sorted(songs), 5),
-                allowed=listed(clips, 5), fix="name one file, or a CSV file with the columns clip,song",
-            )  # fmt: skip
+            raise UsageError("no file of this music is named as a clip", where=path, found=listed(sorted(songs), 5),
+                             allowed=listed(clips, 5),
+                             fix="name one file, or a CSV file with the columns clip,song")  # fmt: skip
         return cls(files, _begins(files, named, like))
 
     def signal(self, clip: str, n_seconds: Fraction) -> AudioSignal | None:

@@ -270,10 +270,8 @@ class Shown:
         """
         notice = self.notice(allowed_by_caller=allowed_by_caller)
         if self.sounds is None:
-            raise UsageError(
-                "--audio embed needs the music",
-                fix="name it: --source DIR for a dataset, --music PATH for motion files",
-            )
+            raise UsageError("--audio embed needs the music",
+                             fix="name it: --source DIR for a dataset, --music PATH for motion files")  # fmt: skip
         sound = self.sounds.sound(self.item)
         if sound is None:
             where = self.request.source or self.request.music

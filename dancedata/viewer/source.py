@@ -111,9 +111,8 @@ class ClipSource:
         reader = dataset_of(self.store)
         if figure is None or ref is None or reader is None:
             origin = ": it is a copy of another clip" if item.clip.source else ""
-            raise DataError(
-                f"the source has no motion of this clip{origin}", reason="missing_file", where=self.folder,
-            )  # fmt: skip
+            raise DataError(f"the source has no motion of this clip{origin}", reason="missing_file",
+                            where=self.folder)  # fmt: skip
         motion = reader.load(ref).resampled(figure.grid)
         if has_body(motion.skeleton) and has_body(figure.skeleton):
             motion = carried_over(motion, figure.skeleton)

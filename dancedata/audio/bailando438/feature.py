@@ -98,12 +98,10 @@ class Bailando438(AudioFeature):
         rate = self._feature_rate(grid)
         available = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         if available < DELTA_WIDTH:
-            raise DataError(
-                f"{self.name}: the audio is too short for the derivative of its MFCC",
-                reason="short_audio",
-                found=f"{signal.n_samples} samples at {signal.sample_rate} Hz: rows {available}",
-                allowed=f"audio for at least {DELTA_WIDTH} rows at {grid.rate} per second",
-            )
+            raise DataError(f"{self.name}: the audio is too short for the derivative of its MFCC",
+                            reason="short_audio",
+                            found=f"{signal.n_samples} samples at {signal.sample_rate} Hz: rows {available}",
+                            allowed=f"audio for at least {DELTA_WIDTH} rows at {grid.rate} per second")  # fmt: skip
         fmax = ERA_FMAX if self.onset_fmax == "era" else rate / 2
         compile_kernels()
         return self._rows(resample(signal.samples, signal.sample_rate, rate), rate, fmax)

@@ -86,12 +86,9 @@ def network_beats(signal: AudioSignal, network: BeatNetwork, device: torch.devic
     """
     samples = resample(signal.samples, signal.sample_rate, SAMPLE_RATE)
     if len(samples) < MIN_SAMPLES:
-        raise DataError(
-            "beats: the audio is too short for a spectrum",
-            reason="short_audio",
-            found=f"{signal.n_samples} samples at {signal.sample_rate} Hz",
-            allowed=f"at least {MIN_SAMPLES} samples at {SAMPLE_RATE} Hz",
-        )
+        raise DataError("beats: the audio is too short for a spectrum", reason="short_audio",
+                        found=f"{signal.n_samples} samples at {signal.sample_rate} Hz",
+                        allowed=f"at least {MIN_SAMPLES} samples at {SAMPLE_RATE} Hz")  # fmt: skip
     with torch.inference_mode():
         logits = song_logits(network, log_mel(torch.from_numpy(samples.copy()).to(device))).cpu().numpy()
     if not np.isfinite(logits).all():

@@ -71,10 +71,8 @@ class Beats(NetworkFeature):
         if self.source not in _SOURCES:
             raise UsageError("beats: unknown source", found=self.source, allowed=", ".join(_SOURCES))
         if self.source == "librosa" and (self.weights is not None or self.weights_sha256):
-            raise UsageError(
-                "beats: the source librosa has no weights", found=self.weights or self.weights_sha256,
-                fix="set source: beat_this, or leave weights out",
-            )  # fmt: skip
+            raise UsageError("beats: the source librosa has no weights", found=self.weights or self.weights_sha256,
+                             fix="set source: beat_this, or leave weights out")  # fmt: skip
 
     @property
     @override

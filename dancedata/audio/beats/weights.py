@@ -58,13 +58,10 @@ def load_network(path: Path) -> BeatNetwork:
 
 def _read_checkpoint(path: Path) -> tuple[dict[str, torch.Tensor], bool]:
     if Version(torch.__version__) < _SAFE_TORCH:
-        raise UsageError(
-            "beats: this version of torch cannot read a checkpoint safely",
-            where=path,
-            found=f"torch {torch.__version__}",
-            allowed=f"torch {_SAFE_TORCH} or later, or weights as .safetensors",
-            fix=install("beats"),
-        )
+        raise UsageError("beats: this version of torch cannot read a checkpoint safely", where=path,
+                         found=f"torch {torch.__version__}",
+                         allowed=f"torch {_SAFE_TORCH} or later, or weights as .safetensors",
+                         fix=install("beats"))  # fmt: skip
     try:
         with open_regular(path) as file:
             checkpoint: Any = torch.load(file, map_location="cpu", weights_only=True)

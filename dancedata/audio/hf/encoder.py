@@ -156,12 +156,9 @@ class HuggingFaceEncoder:
     def _chunks(self, n_samples: int) -> list[Chunk]:
         settings = self.settings
         if n_samples < settings.family.min_samples:
-            raise DataError(
-                "hf: the signal is shorter than a frame of the encoder",
-                reason="short_audio",
-                found=f"{n_samples} samples at {settings.family.sample_rate} Hz",
-                allowed=f"at least {settings.family.min_samples}",
-            )
+            raise DataError("hf: the signal is shorter than a frame of the encoder", reason="short_audio",
+                            found=f"{n_samples} samples at {settings.family.sample_rate} Hz",
+                            allowed=f"at least {settings.family.min_samples}")  # fmt: skip
         return chunks_of(
             n_samples,
             length=settings.chunk_samples,

@@ -202,12 +202,9 @@ def _chosen(name: str, files: Sequence[str], pickles: bool) -> list[str]:
     safe = any(file.endswith(".safetensors") for file in usable)
     pickled = [file for file in usable if ".bin" in file]
     if "config.json" not in usable or not (safe or pickled):
-        raise UsageError(
-            "hf: the repository is not a model in transformers' layout",
-            where=name,
-            found=listed(files) or "no file",
-            allowed="config.json, and weights as model*.safetensors or pytorch_model*.bin",
-        )
+        raise UsageError("hf: the repository is not a model in transformers' layout", where=name,
+                         found=listed(files) or "no file",
+                         allowed="config.json, and weights as model*.safetensors or pytorch_model*.bin")  # fmt: skip
     if not safe and not pickles:
         raise UsageError(
             "hf: the model has pickled weights only, no safetensors",
@@ -220,12 +217,9 @@ def _chosen(name: str, files: Sequence[str], pickles: bool) -> list[str]:
 
 def _require_new(out: Path) -> None:
     if out.is_symlink() or (out.exists() and not (out.is_dir() and not any(out.iterdir()))):
-        raise UsageError(
-            "hf: the output folder exists",
-            where=out,
-            found=f"{PROVENANCE} of an earlier fetch" if (out / PROVENANCE).exists() else None,
-            fix="choose a new one, or remove it",
-        )
+        raise UsageError("hf: the output folder exists", where=out,
+                         found=f"{PROVENANCE} of an earlier fetch" if (out / PROVENANCE).exists() else None,
+                         fix="choose a new one, or remove it")  # fmt: skip
 
 
 def _require_only(part: Path, names: Sequence[str]) -> None:

@@ -125,12 +125,8 @@ def _require_whole(folder: ModelFolder, names: Iterable[str], allowed: Iterable[
     patterns = [re.compile(pattern) for pattern in allowed]
     wrong = [name for name in names if not any(pattern.fullmatch(name) for pattern in patterns)]
     if wrong:
-        raise SourceError(
-            f"hf: the files {problem}",
-            where=folder.path,
-            found=f"{len(wrong)}: {listed(wrong, 6)}",
-            fix="the weights and config.json must be of one model; fetch both again",
-        )
+        raise SourceError(f"hf: the files {problem}", where=folder.path, found=f"{len(wrong)}: {listed(wrong, 6)}",
+                          fix="the weights and config.json must be of one model; fetch both again")  # fmt: skip
 
 
 @contextmanager

@@ -89,23 +89,17 @@ class ModelFolder:
             There are none, an index names files that are missing or in other folders, or the folder holds an adapter.
         """
         if (self.path / "adapter_config.json").exists():
-            raise SourceError(
-                "hf: the folder holds an adapter, which changes the network when it is loaded",
-                where=self.path,
-                found="adapter_config.json",
-                fix="use the folder of a whole model",
-            )
+            raise SourceError("hf: the folder holds an adapter, which changes the network when it is loaded",
+                              where=self.path, found="adapter_config.json",
+                              fix="use the folder of a whole model")  # fmt: skip
         for name in ("model.safetensors", "pytorch_model.bin"):
             if (self.path / name).is_file():
                 return (self.path / name,)
             if (self.path / f"{name}.index.json").is_file():
                 return self._shards(self.path / f"{name}.index.json")
-        raise SourceError(
-            "hf: the folder has no weights",
-            where=self.path,
-            found=listed(sorted(p.name for p in self.path.iterdir())) or "an empty folder",
-            allowed="model.safetensors, pytorch_model.bin, or one of their indexes",
-        )
+        raise SourceError("hf: the folder has no weights", where=self.path,
+                          found=listed(sorted(p.name for p in self.path.iterdir())) or "an empty folder",
+                          allowed="model.safetensors, pytorch_model.bin, or one of their indexes")  # fmt: skip
 
     def _shards(self, index: Path) -> tuple[Path, ...]:
         weight_map = read_document(index).get("weight_map")
@@ -154,12 +148,9 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
     folder = Path(named).expanduser()
     if folder.is_dir():
         if revision:
-            raise UsageError(
-                "hf: a revision is a commit of a model on the hub, and this is a folder",
-                where=folder,
-                found=revision,
-                fix="omit revision; the weights are identified by their hash",
-            )
+            raise UsageError("hf: a revision is a commit of a model on the hub, and this is a folder", where=folder,
+                             found=revision,
+                             fix="omit revision; the weights are identified by their hash")  # fmt: skip
         provenance = provenance_of(folder)
         return _read(
             folder.absolute(), provenance.get("id") or folder.absolute().name, provenance.get("revision", "")
@@ -217,11 +208,8 @@ def provenance_of(folder: Path) -> dict[str, str]:
 
 def _read(folder: Path, source: str, revision: str) -> ModelFolder:
     if not (folder / "config.json").is_file():
-        raise SourceError(
-            "hf: the folder has no config.json, so it is not a model",
-            where=folder,
-            found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder",
-        )
+        raise SourceError("hf: the folder has no config.json, so it is not a model", where=folder,
+                          found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder")  # fmt: skip
     extractor: dict[str, Any] = {}
     if (folder / "preprocessor_config.json").is_file():
         extractor = read_document(folder / "preprocessor_config.json")

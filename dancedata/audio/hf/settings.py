@@ -179,11 +179,8 @@ def _chunks(family: Family, chunk_s: float | None, overlap_s: float | None) -> t
     rate, unit, fixed, most = family.sample_rate, family.unit, family.fixed_chunk, family.max_chunk
     if fixed is not None:
         if chunk_s is not None and round(chunk_s * rate) != fixed:
-            raise UsageError(
-                f"hf: {family.name} models take windows of one length",
-                found=f"chunk_s {chunk_s:g}",
-                fix=f"omit chunk_s: it is {fixed / rate:g}",
-            )
+            raise UsageError(f"hf: {family.name} models take windows of one length", found=f"chunk_s {chunk_s:g}",
+                             fix=f"omit chunk_s: it is {fixed / rate:g}")  # fmt: skip
         length = fixed
     else:
         limit = family.chunk_s if most is None else min(family.chunk_s, most / rate)
@@ -198,9 +195,7 @@ def _chunks(family: Family, chunk_s: float | None, overlap_s: float | None) -> t
     default = min(family.overlap_s, length / rate / 5)
     overlap = -(-round((default if overlap_s is None else overlap_s) * rate) // unit) * unit
     if not 0 <= overlap < length:
-        raise UsageError(
-            "hf: invalid value for overlap_s",
-            found=f"{overlap_s:g}" if overlap_s is not None else f"{default:g}",
-            allowed=f"0 or more, below {length / rate:g} s, the length of a chunk",
-        )
+        raise UsageError("hf: invalid value for overlap_s",
+                         found=f"{overlap_s:g}" if overlap_s is not None else f"{default:g}",
+                         allowed=f"0 or more, below {length / rate:g} s, the length of a chunk")  # fmt: skip
     return length, overlap

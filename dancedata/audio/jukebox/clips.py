@@ -42,11 +42,8 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
     signal = np.asarray(samples)
     shaped = signal.ndim == 1 or (signal.ndim == 2 and 1 <= len(signal) <= _MAX_CHANNELS)
     if not (shaped and np.issubdtype(signal.dtype, np.floating)):
-        raise UsageError(
-            "jukebox: invalid samples",
-            found=f"{signal.dtype} of shape {signal.shape}",
-            allowed="floating-point samples, (m,) or (channels, m)",
-        )
+        raise UsageError("jukebox: invalid samples", found=f"{signal.dtype} of shape {signal.shape}",
+                         allowed="floating-point samples, (m,) or (channels, m)")  # fmt: skip
     if sample_rate < 1:
         raise UsageError("jukebox: a sample rate must be above 0", found=sample_rate)
     mono = signal.astype(np.float32, copy=False)
@@ -56,12 +53,9 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
         raise DataError("jukebox: the clip has no samples", reason="empty_audio", found="0 samples")
     bad = np.flatnonzero(~np.isfinite(mono))
     if bad.size:
-        raise DataError(
-            "jukebox: the clip has samples that are not finite",
-            reason="nan",
-            found=f"{bad.size} samples, the first at {bad[0] / sample_rate:.3f} s",
-            allowed="finite samples",
-        )
+        raise DataError("jukebox: the clip has samples that are not finite", reason="nan",
+                        found=f"{bad.size} samples, the first at {bad[0] / sample_rate:.3f} s",
+                        allowed="finite samples")  # fmt: skip
     audio = resample(np.ascontiguousarray(mono), sample_rate, config.sample_rate)
     require_audio(len(audio), config)
     peak = np.max(np.abs(audio))
@@ -71,12 +65,9 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
 def require_audio(n_samples: int, config: JukeboxConfig) -> None:
     """Raise DataError "short_audio" for fewer samples than one code."""
     if n_samples < config.hop:
-        raise DataError(
-            "jukebox: the clip is too short",
-            reason="short_audio",
-            found=f"{n_samples} samples at {config.sample_rate} Hz",
-            allowed=f"at least {config.hop} (one code)",
-        )
+        raise DataError("jukebox: the clip is too short", reason="short_audio",
+                        found=f"{n_samples} samples at {config.sample_rate} Hz",
+                        allowed=f"at least {config.hop} (one code)")  # fmt: skip
 
 
 def require_length(n_codes: int, max_codes: int, config: JukeboxConfig) -> None:
@@ -106,11 +97,8 @@ def fitted(audio: NDArray[np.float32], max_codes: int, config: JukeboxConfig, to
         `too_long` has another value.
     """
     if too_long not in ("error", "truncate"):
-        raise UsageError(
-            "jukebox: invalid value for too_long",
-            found=too_long,
-            fix=did_you_mean(too_long, ("error", "truncate")),
-        )
+        raise UsageError("jukebox: invalid value for too_long", found=too_long,
+                         fix=did_you_mean(too_long, ("error", "truncate")))  # fmt: skip
     if too_long == "error":
         require_length(len(audio) // config.hop, max_codes, config)
     return audio[: max_codes * config.hop + _MARGIN_S * config.sample_rate]
@@ -134,11 +122,8 @@ def require_codes(codes: ArrayLike, config: JukeboxConfig) -> NDArray[np.int64]:
     if not array.size:
         raise DataError("jukebox: the clip has no codes", reason="short_audio", found="0 codes")
     if array.min() < 0 or array.max() >= config.codebook_size:
-        raise UsageError(
-            "jukebox: codes out of range",
-            found=f"{array.min()} to {array.max()}",
-            allowed=f"0 to {config.codebook_size - 1}",
-        )
+        raise UsageError("jukebox: codes out of range", found=f"{array.min()} to {array.max()}",
+                         allowed=f"0 to {config.codebook_size - 1}")  # fmt: skip
     return array.astype(np.int64, copy=False)
 
 

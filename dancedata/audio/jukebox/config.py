@@ -76,10 +76,8 @@ class JukeboxConfig:
                 )
         for whole, part in (("attn_width", "heads"), ("n_ctx", "n_rows")):
             if getattr(self, whole) % getattr(self, part):
-                raise UsageError(
-                    f"JukeboxConfig: {whole} must be a multiple of {part}",
-                    found=f"{getattr(self, whole)} and {getattr(self, part)}",
-                )
+                raise UsageError(f"JukeboxConfig: {whole} must be a multiple of {part}",
+                                 found=f"{getattr(self, whole)} and {getattr(self, part)}")  # fmt: skip
         if not self.min_duration_s <= TOTAL_LENGTH_S < self.max_duration_s:
             raise UsageError(
                 "JukeboxConfig: the label of the song's length is out of range",
@@ -222,11 +220,8 @@ def require_layers(layers: Iterable[int], highest: int) -> tuple[int, ...]:
     chosen = tuple(layers)
     valid = all(isinstance(layer, int) and 1 <= layer <= highest for layer in chosen)
     if not chosen or not valid or len(set(chosen)) < len(chosen):
-        raise UsageError(
-            "jukebox: invalid value for layers",
-            found=chosen,
-            allowed=f"one or more of 1 to {highest}, each once, in any order",
-        )
+        raise UsageError("jukebox: invalid value for layers", found=chosen,
+                         allowed=f"one or more of 1 to {highest}, each once, in any order")  # fmt: skip
     return chosen
 
 
@@ -234,19 +229,13 @@ def _part(hparams: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Return one of the two parts; UsageError for missing names or another kind of network."""
     part = hparams.get(name)
     if not isinstance(part, Mapping):
-        raise UsageError(
-            f"Jukebox hyperparameters: the part {name!r} is missing",
-            found=sorted(map(str, hparams)),
-            allowed="a mapping with the parts 'vqvae' and 'prior'",
-        )
+        raise UsageError(f"Jukebox hyperparameters: the part {name!r} is missing", found=sorted(map(str, hparams)),
+                         allowed="a mapping with the parts 'vqvae' and 'prior'")  # fmt: skip
     missing = [key for key in _REQUIRED[name] if key not in part]
     if missing:
         raise UsageError(f"Jukebox hyperparameters: {name} lacks {', '.join(missing)}", found=sorted(map(str, part)))
     for key, value in _FIXED[name].items():
         if part.get(key, value) != value:
-            raise UsageError(
-                f"Jukebox hyperparameters: {name}.{key} belongs to another kind of network",
-                found=part[key],
-                allowed=f"{value} (as in the 5b model without lyrics)",
-            )
+            raise UsageError(f"Jukebox hyperparameters: {name}.{key} belongs to another kind of network",
+                             found=part[key], allowed=f"{value} (as in the 5b model without lyrics)")  # fmt: skip
     return part

@@ -171,11 +171,8 @@ def open_converted(folder: Path, description: Description, layer: int, *, verify
                 fix="copy the folder again, or convert again",
             )
         if verify and sha256_file(path) != digest:
-            raise SourceError(
-                "a file of the converted checkpoint is damaged: its SHA-256 differs from jukebox.json",
-                where=path,
-                fix="copy the folder again, or convert again",
-            )
+            raise SourceError("a file of the converted checkpoint is damaged: its SHA-256 differs from jukebox.json",
+                              where=path, fix="copy the folder again, or convert again")  # fmt: skip
     source = SafetensorsSource(folder, files)
     return Checkpoint(source, source, trimmed=True)
 
@@ -218,11 +215,8 @@ def _writable(path: Path) -> AbstractContextManager[None]:
 def _finished(out: Path, config: JukeboxConfig, layer: int, source: Mapping[str, str]) -> Description:
     description = read_description(out)
     if (description.config, description.layer, dict(description.source)) != (config, layer, dict(source)):
-        raise UsageError(
-            "jukebox: the output folder has another conversion",
-            where=out,
-            found=f"layer {description.layer}, of files {dict(description.source)}",
-            allowed=f"layer {layer}, of files {dict(source)}",
-            fix="choose another folder, or remove this one",
-        )
+        raise UsageError("jukebox: the output folder has another conversion", where=out,
+                         found=f"layer {description.layer}, of files {dict(description.source)}",
+                         allowed=f"layer {layer}, of files {dict(source)}",
+                         fix="choose another folder, or remove this one")  # fmt: skip
     return description

@@ -79,11 +79,9 @@ class Jukebox(NetworkFeature):
 
     def __post_init__(self) -> None:
         if self.layer < 1 or self.batch_size < 0:
-            raise UsageError(
-                "jukebox: invalid value for layer or batch_size",
-                found=f"layer {self.layer}, batch_size {self.batch_size}",
-                allowed="layer from 1, batch_size from 0",
-            )
+            raise UsageError("jukebox: invalid value for layer or batch_size",
+                             found=f"layer {self.layer}, batch_size {self.batch_size}",
+                             allowed="layer from 1, batch_size from 0")  # fmt: skip
 
     @override
     def with_weights(self, folder: Path) -> Jukebox:
@@ -116,11 +114,9 @@ class Jukebox(NetworkFeature):
     def weights_path(self) -> Path:
         folder = self.weights or _named_folder()
         if folder is None:
-            raise UsageError(
-                "jukebox: the folder of the weights is unknown (they are not part of this package)",
-                fix=f"set {ENVIRONMENT}, or audio.jukebox.weights in the recipe, to the folder that "
-                "`dancedata jukebox fetch` or `convert` wrote",
-            )
+            raise UsageError("jukebox: the folder of the weights is unknown (they are not part of this package)",
+                             fix=f"set {ENVIRONMENT}, or audio.jukebox.weights in the recipe, to the folder that "
+                             "`dancedata jukebox fetch` or `convert` wrote")  # fmt: skip
         if not folder.is_dir():
             raise SourceError("the folder of Jukebox's weights does not exist", where=folder)
         return folder.absolute()
@@ -266,13 +262,11 @@ def contexts_of(
             allowed=f"rates at which they coincide within {n_ctx} codes, such as 30, 60, 25 or 24",
         )
     if overlap >= per_context or overlap * rows <= tail:
-        raise UsageError(
-            "jukebox: invalid value for overlap_s",
-            found=f"{float(overlap_s):g} s at {fps} rows per second",
-            allowed=f"above {float(grid.seconds(tail)):.2f} s and below "
-            f"{float(grid.seconds((per_context - 1) * rows)):.2f} s, in a context of "
-            f"{float(grid.seconds(per_context * rows)):.2f} s",
-        )
+        raise UsageError("jukebox: invalid value for overlap_s",
+                         found=f"{float(overlap_s):g} s at {fps} rows per second",
+                         allowed=f"above {float(grid.seconds(tail)):.2f} s and below "
+                         f"{float(grid.seconds((per_context - 1) * rows)):.2f} s, in a context of "
+                         f"{float(grid.seconds(per_context * rows)):.2f} s")  # fmt: skip
     contexts = []
     step = per_context - overlap
     first = 0

@@ -191,8 +191,5 @@ def _feature_rate(grid: FrameGrid) -> int:
 
 def _require_bpm(start_bpm: float | None) -> None:
     if start_bpm is not None and not (math.isfinite(start_bpm) and start_bpm > 0):
-        raise UsageError(
-            "librosa35: invalid value for start_bpm",
-            found=str(start_bpm),
-            allowed="beats per minute above 0, or None for an estimate",
-        )
+        raise UsageError("librosa35: invalid value for start_bpm", found=str(start_bpm),
+                         allowed="beats per minute above 0, or None for an estimate")  # fmt: skip

@@ -40,11 +40,8 @@ def require_device(device: str | torch.device | None) -> torch.device:
     if target.type not in ("cpu", "cuda"):
         raise UsageError("unsupported device", found=device, allowed="cpu, cuda, cuda:1, ...")
     if target.type == "cuda" and (target.index or 0) >= torch.cuda.device_count():
-        raise UsageError(
-            "the device does not exist",
-            found=str(device),
-            allowed=f"cpu, or {torch.cuda.device_count()} cards",
-        )
+        raise UsageError("the device does not exist", found=str(device),
+                         allowed=f"cpu, or {torch.cuda.device_count()} cards")  # fmt: skip
     return target
 
 
@@ -135,11 +132,8 @@ class Batches:
             if len(part) > 1:
                 self.limit = len(part) // 2
                 return None
-            raise DanceDataError(
-                "the device has too little free memory for a single clip",
-                found=str(error).split(". ")[0],
-                fix=self.fix,
-            ) from error
+            raise DanceDataError("the device has too little free memory for a single clip",
+                                 found=str(error).split(". ")[0], fix=self.fix) from error  # fmt: skip
 
 
 def _is_out_of_memory(error: RuntimeError) -> bool:

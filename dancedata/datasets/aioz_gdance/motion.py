@@ -108,24 +108,14 @@ def _sizes(arrays: ArrayFile) -> Sizes:
     if not valid:
         hint = " (the 63 columns are the body without its root)" if width == 63 else ""
         allowed = f"(P, T, n) with n at most {_BODY} and a multiple of 3" if has_orients else f"(P, T, {_ALL})"
-        raise DataError(
-            f"{POSES} has the wrong shape{' for a file without ' + ORIENTS if hint else ''}",
-            reason="bad_shape",
-            where=str(path),
-            found=f"{shape}{hint}",
-            allowed=allowed,
-            fix=DOWNLOAD_AGAIN,
-        )
+        raise DataError(f"{POSES} has the wrong shape{' for a file without ' + ORIENTS if hint else ''}",
+                        reason="bad_shape", where=str(path), found=f"{shape}{hint}", allowed=allowed,
+                        fix=DOWNLOAD_AGAIN)  # fmt: skip
     for key in (TRANS, *([ORIENTS] if has_orients else [])):
         if arrays.shape(key) != (*shape[:2], 3):
-            raise DataError(
-                f"{key} and {POSES} do not agree",
-                reason="length_mismatch",
-                where=str(path),
-                found=f"{key} {arrays.shape(key)}, {POSES} {shape}",
-                allowed=f"{key} {(*shape[:2], 3)}: dancers, frames, 3",
-                fix=DOWNLOAD_AGAIN,
-            )
+            raise DataError(f"{key} and {POSES} do not agree", reason="length_mismatch", where=str(path),
+                            found=f"{key} {arrays.shape(key)}, {POSES} {shape}",
+                            allowed=f"{key} {(*shape[:2], 3)}: dancers, frames, 3", fix=DOWNLOAD_AGAIN)  # fmt: skip
     if not (shape[0] and shape[1]):
         raise no_frames(path)
     return Sizes(shape[0], shape[1], width, has_orients)

@@ -286,12 +286,9 @@ class AiozGdance(Dataset):
 def _require_lists(folders: Folders, lists: _Lists) -> None:
     missing = [f"{split}_split_sequence_names.txt" for split in SPLITS if split not in lists.official]
     if missing:
-        raise SourceError(
-            "aioz-gdance: official lists are missing",
-            where=str(folders.root),
-            found=f"no {listed(missing)}",
-            fix="copy the lists of the dataset into the source, or set split: by-video",
-        )
+        raise SourceError("aioz-gdance: official lists are missing", where=str(folders.root),
+                          found=f"no {listed(missing)}",
+                          fix="copy the lists of the dataset into the source, or set split: by-video")  # fmt: skip
     counts = Counter(name for names in lists.official.values() for name in names)
     both = sorted(name for name, n in counts.items() if n > 1)
     if both:
@@ -315,13 +312,9 @@ def _table(path: Path) -> list[list[str]]:
         problem = "no header"
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         problem = str(error)
-    raise SourceError(
-        "aioz-gdance: the labels cannot be read",
-        where=str(path),
-        found=problem,
-        allowed="a table with a header; the sequence in its first column",
-        fix="download the file again, or remove it",
-    )
+    raise SourceError("aioz-gdance: the labels cannot be read", where=str(path), found=problem,
+                      allowed="a table with a header; the sequence in its first column",
+                      fix="download the file again, or remove it")  # fmt: skip
 
 
 def _column(path: Path, header: Sequence[str], key: str, title: str, part: str) -> int | None:
@@ -330,12 +323,9 @@ def _column(path: Path, header: Sequence[str], key: str, title: str, part: str) 
     columns = [k for k, name in enumerate(titles) if k and (name == title if title else part in name.lower())]
     if len(columns) == 1 or not (columns or title):
         return columns[0] if columns else None
-    raise UsageError(
-        f"aioz-gdance: {'no column' if title else 'several columns'} of the labels may be the {part}",
-        where=str(path),
-        found=listed(titles, 20, quoted),
-        fix=f"set dataset.aioz-gdance.{key} to one of the titles",
-    )
+    raise UsageError(f"aioz-gdance: {'no column' if title else 'several columns'} of the labels may be the {part}",
+                     where=str(path), found=listed(titles, 20, quoted),
+                     fix=f"set dataset.aioz-gdance.{key} to one of the titles")  # fmt: skip
 
 
 def _group_notes(clips: Iterable[ClipRef]) -> list[str]:

@@ -183,12 +183,9 @@ def _split_places(folders: Folders, split_dir: str | None) -> list[Path]:
     custom = [place / Path(split_dir).expanduser() for place in reversed(folders.places)]
     existing = [place for place in custom if place.is_dir()]
     if not existing:
-        raise SourceError(
-            "aist++: the folder of the split files does not exist",
-            where=str(custom[0]),
-            allowed="a folder with NAME_train.txt, NAME_val.txt, NAME_test.txt",
-            fix="correct split_dir, a folder relative to the source or an absolute path",
-        )
+        raise SourceError("aist++: the folder of the split files does not exist", where=str(custom[0]),
+                          allowed="a folder with NAME_train.txt, NAME_val.txt, NAME_test.txt",
+                          fix="correct split_dir, a folder relative to the source or an absolute path")  # fmt: skip
     return existing
 
 
@@ -204,13 +201,11 @@ def _no_such_split(name: str, places: list[Path], split_dir: str | None) -> None
     expected = ", ".join(f"{name}_{split}.txt" for split in SPLITS)
     where = ", ".join(str(place) for place in places)
     allowed = sorted(available | ({RULE} if split_dir is None else set())) + ([ALL] if split_dir is None else [])
-    raise SourceError(
-        f"aist++: there is no split {name!r}; expected {expected}",
-        where=where or "no folder splits/ in the source",
-        found=", ".join(describe(place) for place in places) or "no split files",
-        allowed=listed(allowed, 20) or "a split with files",
-        fix="correct split in the recipe, or split_dir",
-    )
+    raise SourceError(f"aist++: there is no split {name!r}; expected {expected}",
+                      where=where or "no folder splits/ in the source",
+                      found=", ".join(describe(place) for place in places) or "no split files",
+                      allowed=listed(allowed, 20) or "a split with files",
+                      fix="correct split in the recipe, or split_dir")  # fmt: skip
 
 
 def _from_files(folders: Folders, name: str, paths: Mapping[str, Path]) -> Splits:
@@ -224,11 +219,9 @@ def _from_files(folders: Folders, name: str, paths: Mapping[str, Path]) -> Split
         names = read_names(paths[split])
         for sequence in dict.fromkeys(names):
             if sequence in of:
-                raise SourceError(
-                    f"aist++: sequence {shown(sequence)} is in two splits",
-                    where=f"{paths[of[sequence]]} and {paths[split]}",
-                    fix="remove it from one of the files",
-                )
+                raise SourceError(f"aist++: sequence {shown(sequence)} is in two splits",
+                                  where=f"{paths[of[sequence]]} and {paths[split]}",
+                                  fix="remove it from one of the files")  # fmt: skip
             of[sequence] = split
         parts.append(f"{relative(paths[split], folders.source)} ({counted(len(set(names)), 'name')})")
         if len(set(names)) < len(names):

@@ -67,24 +67,15 @@ def _read(path: Path) -> ValueArrays:
     """Return the arrays of the pickle, a dict with the three keys."""
     content = load_pickle(path)
     if not isinstance(content, Mapping):
-        raise DataError(
-            "the pickle does not hold a dict",
-            reason="broken_file",
-            where=str(path),
-            found=f"{type(content).__name__}",
-            allowed=f"a dict with {', '.join(KEYS)}",
-            fix=_CONVERT,
-        )
+        raise DataError("the pickle does not hold a dict", reason="broken_file", where=str(path),
+                        found=f"{type(content).__name__}", allowed=f"a dict with {', '.join(KEYS)}",
+                        fix=_CONVERT)  # fmt: skip
     missing = [key for key in KEYS if key not in content]
     if missing:
-        raise DataError(
-            f"the motion file has no {' and no '.join(missing)}",
-            reason="missing_key",
-            where=str(path),
-            found=f"keys {listed(content, show=quoted)}" if content else "no keys",
-            allowed=f"keys {', '.join(KEYS)}",
-            fix="download the file again; data in metres needs smpl_scaling = [1.0]",
-        )
+        raise DataError(f"the motion file has no {' and no '.join(missing)}", reason="missing_key", where=str(path),
+                        found=f"keys {listed(content, show=quoted)}" if content else "no keys",
+                        allowed=f"keys {', '.join(KEYS)}",
+                        fix="download the file again; data in metres needs smpl_scaling = [1.0]")  # fmt: skip
     return ValueArrays(path, content)
 
 
@@ -99,11 +90,7 @@ def _in_metres(arrays: ValueArrays, trans: Floats) -> Floats:
             translation: Floats = trans / scaling
         if np.isfinite(translation).all():
             return translation
-    raise DataError(
-        "smpl_scaling cannot turn smpl_trans into metres",
-        reason="bad_scaling",
-        where=str(arrays.path),
-        found=repr(scaling),
-        allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-        fix=DOWNLOAD_AGAIN,
-    )
+    raise DataError("smpl_scaling cannot turn smpl_trans into metres", reason="bad_scaling", where=str(arrays.path),
+                    found=repr(scaling),
+                    allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
+                    fix=DOWNLOAD_AGAIN)  # fmt: skip

@@ -127,18 +127,12 @@ class AistPP(Dataset):
     def __post_init__(self) -> None:
         require_choices(self)
         if not self.split or Path(self.split).name != self.split:
-            raise UsageError(
-                "aist++: split must be a name, not a path",
-                found=repr(self.split),
-                allowed="crossmodal, all, or NAME of files NAME_train.txt",
-                fix="set split_dir to the folder of the files",
-            )
+            raise UsageError("aist++: split must be a name, not a path", found=repr(self.split),
+                             allowed="crossmodal, all, or NAME of files NAME_train.txt",
+                             fix="set split_dir to the folder of the files")  # fmt: skip
         if self.split == ALL and self.split_dir is not None:
-            raise UsageError(
-                "aist++: split 'all' takes no split_dir",
-                found=f"split_dir {self.split_dir!r}",
-                fix="remove split_dir, or set split to a name",
-            )
+            raise UsageError("aist++: split 'all' takes no split_dir", found=f"split_dir {self.split_dir!r}",
+                             fix="remove split_dir, or set split to a name")  # fmt: skip
 
     @property
     @override

@@ -117,13 +117,9 @@ class DD100(Dataset):
             [files_by_stem(source / _MOTION / p, source, ".npy", _dancer_problem) for p in _PARTS], source
         )
         if not motions.files:
-            raise SourceError(
-                "dd100: no motion found",
-                where=str(source),
-                found=describe(source),
-                allowed=_LOOKED_FOR,
-                fix="set --source to the folder that contains motion/ and music/",
-            )
+            raise SourceError("dd100: no motion found", where=str(source), found=describe(source),
+                              allowed=_LOOKED_FOR,
+                              fix="set --source to the folder that contains motion/ and music/")  # fmt: skip
         own = _merged([list_audio([source / _MUSIC / p], source, _pair_problem) for p in _PARTS], source)
         music = with_music_dir(own, self.music_dir, source, _pair_problem)
         clips: list[ClipRef] = []

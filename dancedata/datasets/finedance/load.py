@@ -79,13 +79,9 @@ def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int
     rows = array[:, 3:].reshape(len(array), JOINTS, 6)
     check_rows(path, rows)
     if trim_start >= len(array):
-        raise DataError(
-            "no frame of the motion is left after the trim",
-            reason="too_short",
-            where=str(path),
-            found=f"{len(array)} frames, the first {trim_start} of them to be trimmed",
-            fix="check that this is the file of that id, or set trim: false",
-        )
+        raise DataError("no frame of the motion is left after the trim", reason="too_short", where=str(path),
+                        found=f"{len(array)} frames, the first {trim_start} of them to be trimmed",
+                        fix="check that this is the file of that id, or set trim: false")  # fmt: skip
     return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(frame_rate), skeleton, trim_start)
 
 
@@ -102,14 +98,10 @@ def _length(arrays: ArrayFile) -> int:
     """Check the shape in the header, (T, 315), and return T."""
     shape = arrays.shape("")
     if len(shape) != 2 or shape[1] != COLUMNS:
-        raise DataError(
-            "the motion file has the wrong shape",
-            reason="bad_shape",
-            where=str(arrays.path),
-            found=str(shape),
-            allowed=f"(T, {COLUMNS}) of floats: translation 3, then {JOINTS} joints x 6D",
-            fix=_shape_advice(shape),
-        )
+        raise DataError("the motion file has the wrong shape", reason="bad_shape", where=str(arrays.path),
+                        found=str(shape),
+                        allowed=f"(T, {COLUMNS}) of floats: translation 3, then {JOINTS} joints x 6D",
+                        fix=_shape_advice(shape))  # fmt: skip
     if shape[0] == 0:
         raise no_frames(arrays.path)
     return shape[0]

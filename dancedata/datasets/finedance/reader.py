@@ -174,12 +174,10 @@ class FineDance(Dataset):
         listed_ids = sorted(clip for listed in facts().ignore_lists.values() for clip in listed.ids)
         unknown = [] if self.keep == ALL else [clip for clip in self.keep if clip not in listed_ids]
         if unknown:
-            raise UsageError(
-                "finedance: keep contains ids that are on no ignore list",
-                found=", ".join(map(repr, unknown)),
-                allowed=f"all, or a list of {', '.join(listed_ids)}",
-                fix="write ids as text, in quotes: ['120']",
-            )
+            raise UsageError("finedance: keep contains ids that are on no ignore list",
+                             found=", ".join(map(repr, unknown)),
+                             allowed=f"all, or a list of {', '.join(listed_ids)}",
+                             fix="write ids as text, in quotes: ['120']")  # fmt: skip
 
     @property
     @override

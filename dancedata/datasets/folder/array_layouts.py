@@ -174,14 +174,9 @@ def _keyed(arrays: ArrayFile, keys: Mapping[str, str]) -> Layout:
     """Return the layout of a file whose arrays the recipe names."""
     missing = [name for name in keys.values() if name not in arrays.names]
     if missing:
-        raise DataError(
-            "the file lacks an array that the recipe names",
-            reason="missing_key",
-            where=str(arrays.path),
-            found=f"arrays {arrays.listed}",
-            allowed=f"{', '.join(keys.values())} (dataset.folder.keys)",
-            fix="correct dataset.folder.keys",
-        )
+        raise DataError("the file lacks an array that the recipe names", reason="missing_key", where=str(arrays.path),
+                        found=f"arrays {arrays.listed}", allowed=f"{', '.join(keys.values())} (dataset.folder.keys)",
+                        fix="correct dataset.folder.keys")  # fmt: skip
     rotation, width = keys["rotation"], _width(arrays, keys["rotation"])
     body = _BY_WIDTH.get(width) or _BY_MATRICES.get(width)
     if body is None:
@@ -269,13 +264,9 @@ def _as_declared(arrays: ArrayFile, layout: Layout, declared: str) -> Layout:
     if declared == layout.body:
         # It has AMASS's rate key but is declared not to be AMASS, so its axes are unknown.
         return replace(layout, name=layout.body, up=None)
-    raise bad_declaration(
-        arrays.path,
-        f"the file does not have the layout {declared}",
-        f"{layout.name}: arrays {arrays.listed}",
-        f"layout {layout.name}, or auto",
-        "correct layout, or remove it",
-    )
+    raise bad_declaration(arrays.path, f"the file does not have the layout {declared}",
+                          f"{layout.name}: arrays {arrays.listed}", f"layout {layout.name}, or auto",
+                          "correct layout, or remove it")  # fmt: skip
 
 
 def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:

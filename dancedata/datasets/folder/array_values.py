@@ -32,14 +32,10 @@ def finite(arrays: ArrayFile, name: str) -> Floats:
     require_finite(arrays.path, name or "the array", array, "remove these frames, or the file")
     if np.abs(array).max() > MAX_VALUE:
         frame = int(np.abs(array).max(axis=1).argmax())
-        raise DataError(
-            f"{name or 'the array'} contains numbers outside the range of angles and lengths",
-            reason="out_of_range",
-            where=f"{arrays.path}, frame {frame}",
-            found=f"{np.abs(array[frame]).max():.3g}",
-            allowed=f"numbers within +-{MAX_VALUE:g}",
-            fix="save the file again",
-        )
+        raise DataError(f"{name or 'the array'} contains numbers outside the range of angles and lengths",
+                        reason="out_of_range", where=f"{arrays.path}, frame {frame}",
+                        found=f"{np.abs(array[frame]).max():.3g}", allowed=f"numbers within +-{MAX_VALUE:g}",
+                        fix="save the file again")  # fmt: skip
     return array
 
 
@@ -47,14 +43,10 @@ def scaling(arrays: ArrayFile, name: str) -> float:
     """Return AIST++'s number that turns the translation into metres; DataError (``bad_scaling``)."""
     value = arrays.read(name).reshape(-1)
     if len(value) != 1 or not 1e-3 <= value[0] <= 1e6:
-        raise DataError(
-            f"{name} cannot turn the translation into metres",
-            reason="bad_scaling",
-            where=str(arrays.path),
-            found=f"{value[:3].tolist()}",
-            allowed="one number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-            fix="save the file again",
-        )
+        raise DataError(f"{name} cannot turn the translation into metres", reason="bad_scaling",
+                        where=str(arrays.path), found=f"{value[:3].tolist()}",
+                        allowed="one number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
+                        fix="save the file again")  # fmt: skip
     return float(value[0])
 
 
@@ -107,15 +99,12 @@ def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:
         or values.ndim > 2
         or not ((columns >= 1e-6) & (columns <= 1e6)).all()
     ):
-        raise DataError(
-            f"{name or 'the array'} cannot scale the translation",
-            reason="bad_scaling",
-            where=str(arrays.path),
-            found=f"shape {values.shape}, from {columns.min(initial=np.inf):.3g} to "
-            f"{columns.max(initial=-np.inf):.3g}",
-            allowed=f"one number, ({n_frames},), or ({n_frames}, 3) with the scale first; above 0",
-            fix="correct the key scale of dataset.folder.keys, or remove it",
-        )
+        raise DataError(f"{name or 'the array'} cannot scale the translation", reason="bad_scaling",
+                        where=str(arrays.path),
+                        found=f"shape {values.shape}, from {columns.min(initial=np.inf):.3g} to "
+                        f"{columns.max(initial=-np.inf):.3g}",
+                        allowed=f"one number, ({n_frames},), or ({n_frames}, 3) with the scale first; above 0",
+                        fix="correct the key scale of dataset.folder.keys, or remove it")  # fmt: skip
     return columns
 
 

@@ -189,15 +189,10 @@ def decide(manifest: T | None, file: Fact[T] | None, recipe: T | None) -> Fact[T
 def undeclared(path: Path, key: str, what: str, allowed: str, found: str, also: Sequence[str] = ()) -> DataError:
     """Return the DataError for an unknown fact; `also`: keys of further unknown facts, to declare as well."""
     others = f". Declare {' and '.join(also)} as well, also unknown" if also else ""
-    return DataError(
-        f"the {what} of this file is unknown",
-        reason="undeclared",
-        where=str(path),
-        found=found,
-        allowed=allowed,
-        fix=f"declare {key}: in a column of the manifest, or for all files in the recipe "
-        f"(--set dataset.folder.{key}=...){others}",
-    )
+    return DataError(f"the {what} of this file is unknown", reason="undeclared", where=str(path), found=found,
+                     allowed=allowed,
+                     fix=f"declare {key}: in a column of the manifest, or for all files in the recipe "
+                     f"(--set dataset.folder.{key}=...){others}")  # fmt: skip
 
 
 def bad_declaration(path: Path, problem: str, found: str, allowed: str, fix: str) -> DataError:

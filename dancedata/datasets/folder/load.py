@@ -227,13 +227,9 @@ def _body(arrays: ArrayFile, layout: Layout, reading: Reading, model: Path) -> S
             )
         return body_model_skeleton(file, joints=layout.skeleton, betas=betas, gender=gender)
     except UsageError as error:
-        raise DataError(
-            "the body model does not match this file",
-            reason="bad_body_model",
-            where=str(arrays.path),
-            found=str(error),
-            fix="build files of one body model together, or remove body_model",
-        ) from error
+        raise DataError("the body model does not match this file", reason="bad_body_model", where=str(arrays.path),
+                        found=str(error),
+                        fix="build files of one body model together, or remove body_model") from error  # fmt: skip
 
 
 def _betas(arrays: ArrayFile) -> Floats:
@@ -243,14 +239,10 @@ def _betas(arrays: ArrayFile) -> Floats:
     if isinstance(arrays, PersonArrays) and arrays.tool and len(rows) and np.isfinite(rows).all():
         return np.asarray(rows.mean(axis=0))  # estimated separately in each frame
     if not len(rows) or not np.isfinite(rows).all() or np.ptp(rows, axis=0).max() > 1e-3:
-        raise DataError(
-            "the betas do not describe a single body",
-            reason="bad_shape",
-            where=str(arrays.path),
-            found=f"betas {betas.shape}, not finite or not the same in all rows",
-            allowed="(B,) or (T, B) with equal rows",
-            fix="save the file with the dancer's mean betas, or remove body_model",
-        )
+        raise DataError("the betas do not describe a single body", reason="bad_shape", where=str(arrays.path),
+                        found=f"betas {betas.shape}, not finite or not the same in all rows",
+                        allowed="(B,) or (T, B) with equal rows",
+                        fix="save the file with the dancer's mean betas, or remove body_model")  # fmt: skip
     return np.asarray(rows[0])
 
 
@@ -280,14 +272,9 @@ def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
     stated = None if rate is None else Fact(rate, f"Frame Time: {bvh.frame_time}")
     rate_fact = decide(reading.manifest.rate, stated, reading.recipe.rate)
     if rate_fact is None:
-        raise DataError(
-            "the frame time is outside the range of motion capture",
-            reason="bad_rate",
-            where=str(bvh.path),
-            found=f"Frame Time: {bvh.frame_time}",
-            allowed="0.0001 to 1 s",
-            fix="declare fps for this file in the manifest, or correct Frame Time",
-        )
+        raise DataError("the frame time is outside the range of motion capture", reason="bad_rate",
+                        where=str(bvh.path), found=f"Frame Time: {bvh.frame_time}", allowed="0.0001 to 1 s",
+                        fix="declare fps for this file in the manifest, or correct Frame Time")  # fmt: skip
     up = decide(reading.manifest.up, None, reading.recipe.up) or Fact("y", _CONVENTION)
     joints = map_joints(bvh.path, bvh.joints, reading.joint_map)
     rig = make_rig(bvh, joints, UPRIGHT[up.value].T @ np.array([0.0, 1.0, 0.0]))

@@ -88,13 +88,8 @@ def open_person(path: Path, person: str | None) -> Iterator[ArrayFile]:
 
 
 def _missing(path: Path, person: str | None, found: str) -> DataError:
-    return DataError(
-        f"the file has no person {quoted(person, 40)}",
-        reason="missing_person",
-        where=str(path),
-        found=found,
-        fix="correct the column person of the manifest, or leave it empty",
-    )
+    return DataError(f"the file has no person {quoted(person, 40)}", reason="missing_person", where=str(path),
+                     found=found, fix="correct the column person of the manifest, or leave it empty")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -165,13 +160,9 @@ def on_video_frames(arrays: ArrayFile, translation: Floats, rotations: Floats) -
         return translation, rotations, 0
     seen, frames = span
     if len(frames) != len(rotations):
-        raise DataError(
-            "the frames of the video do not match the motion",
-            reason="length_mismatch",
-            where=str(arrays.path),
-            found=f"{len(frames):,} frames, {len(rotations):,} rows of rotations",
-            fix="run the program again",
-        )
+        raise DataError("the frames of the video do not match the motion", reason="length_mismatch",
+                        where=str(arrays.path), found=f"{len(frames):,} frames, {len(rotations):,} rows of rotations",
+                        fix="run the program again")  # fmt: skip
     if seen.missing:
         row = np.interp(np.arange(seen.first, seen.stop), frames, np.arange(len(frames)))
         new = np.setdiff1d(np.arange(len(row)), frames - seen.first)

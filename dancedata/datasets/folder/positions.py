@@ -123,13 +123,10 @@ def joint_names(arrays: ArrayFile, name: str, declared: Sequence[str] | str | No
             )
         names, where = JOINT_SETS[by_count], "SMPL's order, by their number and the lengths of bones"
     if len(names) != count:
-        raise DataError(
-            "the number of names is not that of the joints",
-            reason="bad_declaration",
-            where=str(arrays.path),
-            found=f"{len(names)} names, {name or 'the array'} {arrays.shape(name)}",
-            fix="correct dataset.folder.joints, or the names in the file",
-        )
+        raise DataError("the number of names is not that of the joints", reason="bad_declaration",
+                        where=str(arrays.path),
+                        found=f"{len(names)} names, {name or 'the array'} {arrays.shape(name)}",
+                        fix="correct dataset.folder.joints, or the names in the file")  # fmt: skip
     return names, where
 
 
@@ -289,14 +286,10 @@ def fit_body(path: Path, at: Floats, unseen: Sequence[int], grid: FrameGrid) -> 
     short = [SMPL24.joints[j] for j in (1, 2, 4, 5, 7, 8, 18, 19, 20, 21) if not lengths[j] > _LEAST_BONE * size]
     short += ["neck"] * (not trunk > _LEAST_BONE * size)
     if short:
-        raise DataError(
-            "joints are at the position of the joint above them",
-            reason="bad_skeleton",
-            where=str(path),
-            found=f"{listed(short)}, in a body of {size:.4g} m",
-            allowed=f"bones longer than {_LEAST_BONE:.0%} of the body",
-            fix="correct the names of the joints, or save the positions again",
-        )
+        raise DataError("joints are at the position of the joint above them", reason="bad_skeleton", where=str(path),
+                        found=f"{listed(short)}, in a body of {size:.4g} m",
+                        allowed=f"bones longer than {_LEAST_BONE:.0%} of the body",
+                        fix="correct the names of the joints, or save the positions again")  # fmt: skip
     scale = size / float(np.ptp(SMPL_REST[:, 1]))
     places = np.where(np.isfinite(at), at, 0.0)
     for joint in (j for j in range(1, 24) if j not in unseen and not lengths[j] > 1e-6):

@@ -202,12 +202,8 @@ class Folder(Dataset):
             raise SourceError("folder: music_dir is not a folder", where=where, fix=fix)
         manifests = [source / name for name in MANIFESTS if (source / name).exists()]
         if len(manifests) > 1:
-            raise SourceError(
-                "folder: there are two manifests",
-                where=str(source),
-                found=" and ".join(MANIFESTS),
-                fix="remove one of them",
-            )
+            raise SourceError("folder: there are two manifests", where=str(source), found=" and ".join(MANIFESTS),
+                              fix="remove one of them")  # fmt: skip
         rows = read_manifest(manifests[0]) if manifests else []
         scanned = self._listed(source, manifests[0], rows) if manifests else self._matched(source)
         clips, rejects, notes, layout = scanned

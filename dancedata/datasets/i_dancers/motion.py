@@ -103,14 +103,9 @@ def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "
 
 def too_short(path: Path, frames: int, trim: int) -> DataError:
     """Return the error of a motion of which nothing is left."""
-    return DataError(
-        "the motion has no frames left after trim_frames",
-        reason="empty",
-        where=str(path),
-        found=f"{frames} frames",
-        allowed=f"more than {2 * trim}",
-        fix="set dataset.i-dancers.trim_frames to fewer frames",
-    )
+    return DataError("the motion has no frames left after trim_frames", reason="empty", where=str(path),
+                     found=f"{frames} frames", allowed=f"more than {2 * trim}",
+                     fix="set dataset.i-dancers.trim_frames to fewer frames")  # fmt: skip
 
 
 def _spine(motion: Motion) -> Floats:

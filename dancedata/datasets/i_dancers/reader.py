@@ -79,11 +79,8 @@ class IDancers(Dataset):
     def __post_init__(self) -> None:
         require_choices(self)
         if type(self.trim_frames) is not int or not 0 <= self.trim_frames <= MAX_TRIM:
-            raise UsageError(
-                "i-dancers: invalid value for trim_frames",
-                found=repr(self.trim_frames),
-                allowed=f"a number of frames from 0 to {MAX_TRIM}",
-            )
+            raise UsageError("i-dancers: invalid value for trim_frames", found=repr(self.trim_frames),
+                             allowed=f"a number of frames from 0 to {MAX_TRIM}")  # fmt: skip
         if self.fps != "auto":
             as_rate(self.fps)
 
@@ -201,14 +198,10 @@ class IDancers(Dataset):
         for rate in _RATES:
             if seconds and abs(Fraction(frames, rate) / seconds - 1) <= _NEAR:
                 return Fraction(rate)
-        raise DataError(
-            "the frame rate cannot be told from the lengths of motion and music",
-            reason="unknown_rate",
-            where=str(path),
-            found=f"{frames} frames, {float(seconds):.2f} s of music",
-            allowed=f"as long as the music, within 2 %, at {listed(_RATES)} frames per second",
-            fix="set dataset.i-dancers.fps",
-        )
+        raise DataError("the frame rate cannot be told from the lengths of motion and music", reason="unknown_rate",
+                        where=str(path), found=f"{frames} frames, {float(seconds):.2f} s of music",
+                        allowed=f"as long as the music, within 2 %, at {listed(_RATES)} frames per second",
+                        fix="set dataset.i-dancers.fps")  # fmt: skip
 
 
 def _find_lists(folders: Folders) -> dict[str, tuple[str, ...]]:
@@ -217,12 +210,9 @@ def _find_lists(folders: Folders) -> dict[str, tuple[str, ...]]:
     for split in ("train", "test"):
         file = next((root / f"{split}.txt" for root in folders.places if (root / f"{split}.txt").is_file()), None)
         if file is None:
-            raise SourceError(
-                f"i-dancers: the list {split}.txt is missing",
-                where=str(folders.root),
-                found="no such file beside motion/",
-                allowed="train.txt and test.txt, with a name per line",
-            )
+            raise SourceError(f"i-dancers: the list {split}.txt is missing", where=str(folders.root),
+                              found="no such file beside motion/",
+                              allowed="train.txt and test.txt, with a name per line")  # fmt: skip
         names = [name.removesuffix(".pkl").removesuffix(SUFFIX) for name in read_names(file, spaces=True)]
         lists[split] = tuple(dict.fromkeys(names))
     both = sorted({*lists["train"]} & {*lists["test"]})

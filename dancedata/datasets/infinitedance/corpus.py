@@ -113,11 +113,7 @@ def _style_map(path: Path) -> dict[str, str]:
         if not isinstance(document, dict) or not all(isinstance(style, str) for style in document.values()):
             raise ValueError("not an object of texts")
     except (OSError, ValueError) as error:
-        raise SourceError(
-            "infinitedance: the map of styles cannot be read",
-            where=str(path),
-            found=str(error),
-            allowed='{"NAME": "STYLE", ...}',
-            fix="download the file again, or remove it",
-        ) from error
+        raise SourceError("infinitedance: the map of styles cannot be read", where=str(path), found=str(error),
+                          allowed='{"NAME": "STYLE", ...}',
+                          fix="download the file again, or remove it") from error  # fmt: skip
     return {name: style for name, style in document.items() if style}

@@ -184,13 +184,10 @@ class InfiniteDance(Dataset):
             return frozenset(), frozenset()
         missing = [name for name in LISTS[self.split] if name not in lists]
         if missing:
-            raise SourceError(
-                "infinitedance: lists are missing",
-                where=str(folders.root / "partition"),
-                found=listed(f"{name}.txt" for name in sorted(lists)) or "no list",
-                allowed=" and ".join(f"partition/{name}.txt" for name in LISTS[self.split]),
-                fix="download partition/, or set dataset.infinitedance.split: all",
-            )
+            raise SourceError("infinitedance: lists are missing", where=str(folders.root / "partition"),
+                              found=listed(f"{name}.txt" for name in sorted(lists)) or "no list",
+                              allowed=" and ".join(f"partition/{name}.txt" for name in LISTS[self.split]),
+                              fix="download partition/, or set dataset.infinitedance.split: all")  # fmt: skip
         train, test = (lists[name] for name in LISTS[self.split])
         if train & test:
             raise SourceError(

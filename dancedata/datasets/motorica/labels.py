@@ -73,13 +73,10 @@ def read_labels(folder: Path) -> Labels:
                 detail = "neither NAME_<i>.txt nor NAME_chunk<k>_label.json"
                 rejects.append(Reject("extra_file", file=relative(path, folder), detail=detail))
     if not texts and not chunks:
-        raise SourceError(
-            "motorica: there are no labels",
-            where=str(folder),
-            found=describe(folder) if folder.is_dir() else "no such folder",
-            allowed="label_segment/NAME_<i>.txt, or sliced_labels/NAME_chunk<k>_label.json",
-            fix="correct labels",
-        )
+        raise SourceError("motorica: there are no labels", where=str(folder),
+                          found=describe(folder) if folder.is_dir() else "no such folder",
+                          allowed="label_segment/NAME_<i>.txt, or sliced_labels/NAME_chunk<k>_label.json",
+                          fix="correct labels")  # fmt: skip
     segments: dict[str, tuple[Segment, ...]] = {}
     for name in sorted({*texts, *chunks}):
         try:

@@ -64,13 +64,9 @@ def load_motion(path: Path, *, fingers: bool, start: Fraction | None = None, end
     skeleton = _skeleton(bvh, kept)
     first, stop = (int((start or 0) * RATE), bvh.n_frames if end is None else int(end * RATE))
     if not 0 <= first < min(stop, bvh.n_frames):
-        raise DataError(
-            "no frame of the recording is left",
-            reason="too_short",
-            where=str(path),
-            found=f"{bvh.n_frames} frames, of which {first} to {stop} are asked for",
-            fix="set trim_s: 0, or leave the recording out",
-        )
+        raise DataError("no frame of the recording is left", reason="too_short", where=str(path),
+                        found=f"{bvh.n_frames} frames, of which {first} to {stop} are asked for",
+                        fix="set trim_s: 0, or leave the recording out")  # fmt: skip
     values = bvh.values[first:stop]
     columns = bvh.joints[kept[0]].position_columns
     root = values[:, [columns[axis] for axis in range(3)]] / 100
@@ -79,14 +75,9 @@ def load_motion(path: Path, *, fingers: bool, start: Fraction | None = None, end
 
 def _check_rate(bvh: Bvh) -> None:
     if abs(Fraction(bvh.frame_time) - Fraction(1, RATE)) >= _SNAP_S:
-        raise DataError(
-            "the frame time is not Motorica's",
-            reason="bad_rate",
-            where=str(bvh.path),
-            found=f"Frame Time: {bvh.frame_time}",
-            allowed=f"0.008333, which is read as 1/{RATE} s exactly",
-            fix=_PUBLISHED,
-        )
+        raise DataError("the frame time is not Motorica's", reason="bad_rate", where=str(bvh.path),
+                        found=f"Frame Time: {bvh.frame_time}",
+                        allowed=f"0.008333, which is read as 1/{RATE} s exactly", fix=_PUBLISHED)  # fmt: skip
 
 
 def _joints(bvh: Bvh, fingers: bool) -> list[int]:
@@ -105,14 +96,8 @@ def _joints(bvh: Bvh, fingers: bool) -> list[int]:
                     f"the parent of {name} is {names[above] if above >= 0 else 'none'}, not {expected or 'none'}"
                 )
     if problem:
-        raise DataError(
-            "the hierarchy is not Motorica's",
-            reason="bad_skeleton",
-            where=str(bvh.path),
-            found=problem,
-            allowed=f"{', '.join(MOTORICA21.joints[:6])}, ... and fingers",
-            fix=_PUBLISHED,
-        )
+        raise DataError("the hierarchy is not Motorica's", reason="bad_skeleton", where=str(bvh.path), found=problem,
+                        allowed=f"{', '.join(MOTORICA21.joints[:6])}, ... and fingers", fix=_PUBLISHED)  # fmt: skip
     root = bvh.joints[kept[0]]
     still = [bvh.joints[k].name for k in kept if len(bvh.joints[k].order) != 3]
     if len(root.position_columns) != 3 or still:
@@ -136,25 +121,16 @@ def _skeleton(bvh: Bvh, kept: list[int]) -> Skeleton:
     offsets[0] = 0  # replaced by the position channels
     leg = sum(float(np.linalg.norm(offsets[names.index(name)])) for name in ("LeftLeg", "LeftFoot"))
     if not _LEG_M[0] <= leg <= _LEG_M[1]:
-        raise DataError(
-            "the lengths of this file are not centimetres",
-            reason="bad_unit",
-            where=str(bvh.path),
-            found=f"a leg of {leg * 100:.4g} units",
-            allowed=f"{_LEG_M[0] * 100:g} to {_LEG_M[1] * 100:g} cm from hip to ankle",
-            fix=_PUBLISHED,
-        )
+        raise DataError("the lengths of this file are not centimetres", reason="bad_unit", where=str(bvh.path),
+                        found=f"a leg of {leg * 100:.4g} units",
+                        allowed=f"{_LEG_M[0] * 100:g} to {_LEG_M[1] * 100:g} cm from hip to ankle",
+                        fix=_PUBLISHED)  # fmt: skip
     limbs = [f"{side}{name}" for side in ("Left", "Right") for name in ("Leg", "Foot", "ForeArm", "Hand")]
     lost = [name for name in limbs if not float(np.linalg.norm(offsets[names.index(name)])) > leg / 50]
     if lost:
-        raise DataError(
-            "bones have no length",
-            reason="bad_skeleton",
-            where=str(bvh.path),
-            found=f"{listed(lost)} at their parents' places",
-            allowed=f"more than {leg * 2:.3g} cm",
-            fix=_PUBLISHED,
-        )
+        raise DataError("bones have no length", reason="bad_skeleton", where=str(bvh.path),
+                        found=f"{listed(lost)} at their parents' places", allowed=f"more than {leg * 2:.3g} cm",
+                        fix=_PUBLISHED)  # fmt: skip
     pairs = tuple((j, names.index(f"Right{n[4:]}")) for j, n in enumerate(names) if n.startswith("Left"))
     left, right, toe, other_toe = (names.index(MOTORICA21.joints[j]) for j in MOTORICA21.feet)
     digest = hashlib.sha256((np.round(offsets, 5) + 0.0).astype("<f8").tobytes()).hexdigest()[:8]

@@ -95,11 +95,8 @@ class Motorica(Dataset):
     def __post_init__(self) -> None:
         require_choices(self)
         if not isinstance(self.trim_s, int | float) or isinstance(self.trim_s, bool) or not 0 <= self.trim_s < 3600:
-            raise UsageError(
-                "motorica: invalid value for trim_s",
-                found=repr(self.trim_s),
-                allowed="seconds, 0 or more; LDA leaves out 10",
-            )
+            raise UsageError("motorica: invalid value for trim_s", found=repr(self.trim_s),
+                             allowed="seconds, 0 or more; LDA leaves out 10")  # fmt: skip
         for name in self.audio_start or {}:
             self._starts(name)
 
@@ -272,11 +269,9 @@ class Motorica(Dataset):
     def _require_known(self, known: set[str]) -> None:
         unknown = sorted(set(self.audio_start or {}) - known)
         if unknown:
-            raise SourceError(
-                "motorica: audio_start names neither a recording nor a song of the source",
-                found=listed(unknown),
-                fix="use the name of a file without .bvh, or the song in it",
-            )
+            raise SourceError("motorica: audio_start names neither a recording nor a song of the source",
+                              found=listed(unknown),
+                              fix="use the name of a file without .bvh, or the song in it")  # fmt: skip
 
     def _split_notes(self, motions: Files) -> list[str]:
         """Return the split in use, and what LDA's lists share."""

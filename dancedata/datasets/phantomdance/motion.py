@@ -66,14 +66,8 @@ def _content(path: Path) -> dict[str, Any]:
     try:
         content = read_json(path, MAX_BYTES)
     except (OSError, ValueError) as error:
-        raise DataError(
-            "the motion file cannot be read",
-            reason="broken_file",
-            where=str(path),
-            found=str(error),
-            allowed=f"JSON of at most {MAX_BYTES:,} bytes",
-            fix=DOWNLOAD_AGAIN,
-        ) from error
+        raise DataError("the motion file cannot be read", reason="broken_file", where=str(path), found=str(error),
+                        allowed=f"JSON of at most {MAX_BYTES:,} bytes", fix=DOWNLOAD_AGAIN) from error  # fmt: skip
     if isinstance(content, dict) and "name" in content:
         content.setdefault("bone_name", content["name"])  # of the first release
     keys = ("bone_name", "root_positions", "rotations")
@@ -95,14 +89,9 @@ def _order(path: Path, names: Any) -> list[int]:
     """Return the place of each of BONES in the file."""
     bones = [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
     if len(bones) != len(BONES) or set(bones) != set(BONES):
-        raise DataError(
-            "the bones are not those of SMPL",
-            reason="bad_skeleton",
-            where=str(path),
-            found=listed(bones, show=quoted) or type(names).__name__,
-            allowed=f"{len(BONES)} names: {', '.join(BONES[:4])}, ...",
-            fix=DOWNLOAD_AGAIN,
-        )
+        raise DataError("the bones are not those of SMPL", reason="bad_skeleton", where=str(path),
+                        found=listed(bones, show=quoted) or type(names).__name__,
+                        allowed=f"{len(BONES)} names: {', '.join(BONES[:4])}, ...", fix=DOWNLOAD_AGAIN)  # fmt: skip
     return [bones.index(name) for name in BONES]
 
 
@@ -129,14 +118,10 @@ def _local(path: Path, turns: Floats) -> Floats:
     off = np.abs(np.linalg.norm(turns, axis=-1) - 1)
     if off.max() > _TOLERANCE:
         frame, joint = (int(k) for k in np.argwhere(off > _TOLERANCE)[0])
-        raise DataError(
-            "not a quaternion of length 1",
-            reason="bad_rotation",
-            where=f"{path}, frame {frame}, {BONES[joint]}",
-            found=f"({', '.join(f'{x:.4g}' for x in turns[frame, joint])})",
-            allowed=f"x y z w, of length 1 within {_TOLERANCE:g}",
-            fix=DOWNLOAD_AGAIN,
-        )
+        raise DataError("not a quaternion of length 1", reason="bad_rotation",
+                        where=f"{path}, frame {frame}, {BONES[joint]}",
+                        found=f"({', '.join(f'{x:.4g}' for x in turns[frame, joint])})",
+                        allowed=f"x y z w, of length 1 within {_TOLERANCE:g}", fix=DOWNLOAD_AGAIN)  # fmt: skip
     world = Rotation.from_quat((turns * _MIRROR_TURN).reshape(-1, 4)).as_matrix().reshape(*turns.shape[:2], 3, 3)
     local = world.copy()
     for joint in range(1, len(BONES)):
@@ -148,14 +133,10 @@ def _check_axes(path: Path, motion: Motion) -> None:
     """Reject a file in which the body certainly does not stand upright."""
     wrong = wrong_up(motion.joints())
     if wrong is not None and wrong[1]:
-        raise DataError(
-            "the body does not stand upright",
-            reason="bad_axes",
-            where=str(path),
-            found=f"from feet to head {np.array2string(wrong[0], precision=2)} on average",
-            allowed="Unity's axes: +X right, +Y up, +Z forward; rotations in the world",
-            fix="use the published file",
-        )
+        raise DataError("the body does not stand upright", reason="bad_axes", where=str(path),
+                        found=f"from feet to head {np.array2string(wrong[0], precision=2)} on average",
+                        allowed="Unity's axes: +X right, +Y up, +Z forward; rotations in the world",
+                        fix="use the published file")  # fmt: skip
 
 
 # The synthetic source.

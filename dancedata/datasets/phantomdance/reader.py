@@ -134,19 +134,13 @@ class PhantomDance(Dataset):
         if len(folders) == 1:
             return folders[0]
         if folders:
-            raise SourceError(
-                "phantomdance: several folders have JSON files",
-                where=str(source),
-                found=listed(relative(folder, source) for folder in folders),
-                fix="set dataset.phantomdance.motions to the folder of the motions",
-            )
-        raise SourceError(
-            "phantomdance: no motion found",
-            where=str(source if self.motions is None else source / self.motions),
-            found=describe(source),
-            allowed=_LOOKED_FOR,
-            fix="set --source to the folder of the unpacked archive",
-        )
+            raise SourceError("phantomdance: several folders have JSON files", where=str(source),
+                              found=listed(relative(folder, source) for folder in folders),
+                              fix="set dataset.phantomdance.motions to the folder of the motions")  # fmt: skip
+        raise SourceError("phantomdance: no motion found",
+                          where=str(source if self.motions is None else source / self.motions),
+                          found=describe(source), allowed=_LOOKED_FOR,
+                          fix="set --source to the folder of the unpacked archive")  # fmt: skip
 
 
 def _has_motions(folder: Path) -> bool:

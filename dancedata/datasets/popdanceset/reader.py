@@ -176,21 +176,14 @@ class PopDanceSet(Dataset):
 
     def _require_lists(self, folders: Folders, lists: _Lists) -> None:
         if not lists.split:
-            raise SourceError(
-                "popdanceset: the official lists are missing",
-                where=str(folders.root),
-                found="no folder with train.txt and test.txt",
-                allowed="splits/train.txt and splits/test.txt",
-                fix=_GET_LISTS,
-            )
+            raise SourceError("popdanceset: the official lists are missing", where=str(folders.root),
+                              found="no folder with train.txt and test.txt",
+                              allowed="splits/train.txt and splits/test.txt", fix=_GET_LISTS)  # fmt: skip
         both = sorted(set(lists.split["train"]) & set(lists.split["test"]))
         if both:
-            raise SourceError(
-                "popdanceset: train.txt and test.txt name the same clips",
-                where=str(folders.source / lists.where),
-                found=listed(both),
-                fix=_GET_LISTS,
-            )
+            raise SourceError("popdanceset: train.txt and test.txt name the same clips",
+                              where=str(folders.source / lists.where), found=listed(both),
+                              fix=_GET_LISTS)  # fmt: skip
 
     def _clips(
         self, folders: Folders, motions: Files, music: Files, lists: _Lists

@@ -165,11 +165,9 @@ class FileClip(ClipInput):
             n = _n_dancers(arrays)
             present = arrays.read(PERSON_MASK).ravel() if PERSON_MASK in arrays.names else np.ones(n)
             if len(present) != n:
-                raise DataError(
-                    f"{PERSON_MASK} is not of the dancers of the file", reason="bad_shape", where=str(self.path),
-                    found=f"{len(present)} entries", allowed=f"{n}",
-                    fix="save a file for each group, with an entry for each of its dancers",
-                )  # fmt: skip
+                raise DataError(f"{PERSON_MASK} is not of the dancers of the file", reason="bad_shape",
+                                where=str(self.path), found=f"{len(present)} entries", allowed=f"{n}",
+                                fix="save a file for each group, with an entry for each of its dancers")  # fmt: skip
             for number in np.flatnonzero(present):
                 dancer = _One(arrays, int(number))
                 pose = self._columns(dancer) or self._positions(dancer)
@@ -201,19 +199,16 @@ class FileClip(ClipInput):
         width = reader.representation.columns.width
         name = next((n for n in _COLUMNS if n in arrays.names and _shape(arrays, n)[-1:] == (width,)), None)
         if name is not None and len(arrays.shape(name)) == 3:
-            raise DataError(
-                "the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
-                found=str(arrays.shape(name)), allowed=f"(T, {width})",
-                fix="save one file for each, or give the batch to dancedata.Evaluator",
-            )  # fmt: skip
+            raise DataError("the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
+                            found=str(arrays.shape(name)), allowed=f"(T, {width})",
+                            fix="save one file for each, or give the batch to dancedata.Evaluator")  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
         stored = stated_grid(arrays)
         if not same_rate(stored, reader.grid):
-            raise DataError(
-                "the frame rate of this file is not that of its columns", reason="bad_rate", where=str(self.path),
-                found=f"{stored} frames per second", allowed=f"{reader.grid}, as --fps or --like states",
-            )  # fmt: skip
+            raise DataError("the frame rate of this file is not that of its columns", reason="bad_rate",
+                            where=str(self.path), found=f"{stored} frames per second",
+                            allowed=f"{reader.grid}, as --fps or --like states")  # fmt: skip
         return reader.pose(arrays.read(name), file=stated_in(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
@@ -300,11 +295,9 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
     """List the motion files of a folder by name, a clip each; UsageError for none, or for two of one name."""
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
     if not paths:
-        raise UsageError(
-            "no motion to evaluate", where=folder,
-            found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder",
-            allowed=f"files {', '.join(MOTION_SUFFIXES)}",
-        )  # fmt: skip
+        raise UsageError("no motion to evaluate", where=folder,
+                         found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder",
+                         allowed=f"files {', '.join(MOTION_SUFFIXES)}")  # fmt: skip
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
@@ -325,17 +318,15 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
             groups += [FileClip(id=path.stem, path=path, format=form) for path in files]
             continue
         if whole:
-            raise UsageError(
-                f"files named as the dancers of {name} are groups themselves", where=files[0].parent,
-                found=listed([path.name for path in whole]), allowed="a group a file, or a dancer a file",
-                fix="rename the files of groups",
-            )  # fmt: skip
+            raise UsageError(f"files named as the dancers of {name} are groups themselves", where=files[0].parent,
+                             found=listed([path.name for path in whole]),
+                             allowed="a group a file, or a dancer a file",
+                             fix="rename the files of groups")  # fmt: skip
         numbers = [path.stem.rpartition("_")[2] for path in files]
         if numbers != [f"{k:02}" for k in range(len(files))]:
-            raise UsageError(
-                "a dancer of a group is missing, or has two files", where=files[0].parent,
-                found=listed([path.name for path in files]), allowed=f"{name}_00, {name}_01 and so on",
-            )  # fmt: skip
+            raise UsageError("a dancer of a group is missing, or has two files", where=files[0].parent,
+                             found=listed([path.name for path in files]),
+                             allowed=f"{name}_00, {name}_01 and so on")  # fmt: skip
         groups.append(FileClip(id=name, path=files[0], format=form, partners=tuple(files[1:])))
     return tuple(groups)
 

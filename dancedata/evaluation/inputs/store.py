@@ -119,10 +119,8 @@ def store_clips(
         if record.group and record.group not in lacking:
             groups.setdefault(record.group, []).append((record.role == "leader", record.member, clip))
     if not groups:
-        raise UsageError(
-            f"{protocol.name} measures groups, and the dataset has none", where=str(store.path),
-            fix="take a protocol of single dancers, such as dancedata",
-        )  # fmt: skip
+        raise UsageError(f"{protocol.name} measures groups, and the dataset has none", where=str(store.path),
+                         fix="take a protocol of single dancers, such as dancedata")  # fmt: skip
     return tuple(_group_of(group, groups[group]) for group in sorted(groups))
 
 

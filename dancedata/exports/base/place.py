@@ -90,20 +90,13 @@ def _check(out: Path, overwrite: bool) -> None:
     if about is not None:
         what, foreign = "were added or changed since it was exported", foreign_files(out, about["files"])
     if foreign:
-        raise publish.foreign_files(
-            out,
-            foreign,
-            problem=f"the output folder contains files that {what}",
-            allowed="an empty folder, a new one, or with --overwrite an export made before",
-            choose="another --out",
-        )
+        raise publish.foreign_files(out, foreign, problem=f"the output folder contains files that {what}",
+                                    allowed="an empty folder, a new one, or with --overwrite an export made before",
+                                    choose="another --out")  # fmt: skip
     if about is not None and not overwrite:
-        raise StoreError(
-            "the folder holds an export already",
-            where=out,
-            found=f"{about.get('target')} of {about.get('name')}",
-            fix="choose another --out, or replace it with --overwrite; nothing was written",
-        )
+        raise StoreError("the folder holds an export already", where=out,
+                         found=f"{about.get('target')} of {about.get('name')}",
+                         fix="choose another --out, or replace it with --overwrite; nothing was written")  # fmt: skip
 
 
 def foreign_files(folder: Path, files: Mapping[str, Any]) -> list[str]:

@@ -231,10 +231,9 @@ def _check_place(job: ExportJob) -> None:
             raise UsageError(f"an export does not go into its {kind}", where=job.out, fix="choose another --out")
     for folder in (job.out.resolve(), *job.out.resolve().parents):
         if is_source(job.store, folder):
-            raise UsageError(
-                "an export does not go into its source", where=job.out,
-                found=f"motion files of the dataset in {folder}", fix="choose another --out",
-            )  # fmt: skip
+            raise UsageError("an export does not go into its source", where=job.out,
+                             found=f"motion files of the dataset in {folder}",
+                             fix="choose another --out")  # fmt: skip
 
 
 def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:

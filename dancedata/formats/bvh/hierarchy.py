@@ -167,12 +167,8 @@ class _Hierarchy:
     def _declare(self, kind: str, name: str) -> None:
         parent = self._open[-1] if self._open else None
         if kind == "ROOT" and self.joints:
-            raise self._bad(
-                "a second skeleton begins",
-                f"ROOT {shown(name)}",
-                "one skeleton per file",
-                "write one file per person",
-            )
+            raise self._bad("a second skeleton begins", f"ROOT {shown(name)}", "one skeleton per file",
+                            "write one file per person")  # fmt: skip
         if kind != "ROOT" and (parent is None or parent.is_end):
             raise self._bad(
                 f"{kind[:40]} {shown(name)} is outside of a joint", allowed="ROOT first, joints within it"
@@ -203,11 +199,9 @@ class _Hierarchy:
         if done.offset is None:
             raise self._bad(f"{done.name} (line {done.line}) has no OFFSET", allowed="OFFSET x y z")
         if done.channels is None and not done.is_end:
-            raise self._bad(
-                f"joint {done.name} (line {done.line}) has no CHANNELS",
-                allowed="for example CHANNELS 3 Zrotation Xrotation Yrotation, or CHANNELS 0",
-                reason="missing_channels",
-            )
+            raise self._bad(f"joint {done.name} (line {done.line}) has no CHANNELS",
+                            allowed="for example CHANNELS 3 Zrotation Xrotation Yrotation, or CHANNELS 0",
+                            reason="missing_channels")  # fmt: skip
 
     def _current(self, what: str) -> _Draft:
         if not self._open:
@@ -238,12 +232,9 @@ class _Hierarchy:
             raise self._bad(f"{joint.name} has two lines of CHANNELS")
         if not words or not words[0].isdecimal() or words[0] != str(len(words) - 1):
             n, names = (words[0][:20] if words else "nothing"), len(words) - 1
-            raise self._bad(
-                "the number in CHANNELS differs from the number of names",
-                f"{n}, but {max(names, 0)} names",
-                "the number of channels, then their names",
-                reason="missing_channels",
-            )
+            raise self._bad("the number in CHANNELS differs from the number of names",
+                            f"{n}, but {max(names, 0)} names", "the number of channels, then their names",
+                            reason="missing_channels")  # fmt: skip
         channels_by_name = {name.lower(): name for name in (*POSITIONS, *ROTATIONS)}
         channels = tuple(channels_by_name.get(word.lower(), "") for word in words[1:])
         if "" in channels:

@@ -130,12 +130,8 @@ def _check_tree(path: Path, joints: Sequence[BvhJoint], of: Mapping[int, int]) -
         if above != -1 and of[above] not in ancestors(joints, bvh):
             pair = f"{joints[of[above]].name} ({SMPL24.joints[above]})"
             found = f"{name} ({SMPL24.joints[smpl]}), which is not below {pair}"
-            raise _bad_map(
-                path,
-                "the joints do not form a human body",
-                found,
-                "a tree like SMPL's, with further joints in between",
-            )
+            raise _bad_map(path, "the joints do not form a human body", found,
+                           "a tree like SMPL's, with further joints in between")  # fmt: skip
 
 
 def _check_channels(path: Path, joints: Sequence[BvhJoint], pelvis: int) -> None:
@@ -169,11 +165,6 @@ def _unknown(
     for joint in missing[:4]:
         usual = table.get(joint, (joint,))[0]
         hints.append(f"{joint} is {usual} there, {did_you_mean(usual, free[:40])}")
-    return DataError(
-        f"required joints are missing: {', '.join(missing)}",
-        reason="unknown_joints",
-        where=str(path),
-        found=f"{len(names)} joints; closest producer {detected if table else 'none'}",
-        allowed="; ".join(hints),
-        fix="map the joints: joint_map {left_hip: NAME, ...}",
-    )
+    return DataError(f"required joints are missing: {', '.join(missing)}", reason="unknown_joints", where=str(path),
+                     found=f"{len(names)} joints; closest producer {detected if table else 'none'}",
+                     allowed="; ".join(hints), fix="map the joints: joint_map {left_hip: NAME, ...}")  # fmt: skip

@@ -113,14 +113,8 @@ def _read(path: Path, limit: int, part: int = -1) -> bytes:
         raise DataError(
             "the BVH file cannot be read", reason="broken_file", where=str(path), found=error.strerror or str(error)
         ) from error
-    raise DataError(
-        "the BVH file is too large",
-        reason="broken_file",
-        where=str(path),
-        found=f"{size:,} bytes",
-        allowed=f"a file of at most {limit:,} bytes",
-        fix="split it into several files",
-    )
+    raise DataError("the BVH file is too large", reason="broken_file", where=str(path), found=f"{size:,} bytes",
+                    allowed=f"a file of at most {limit:,} bytes", fix="split it into several files")  # fmt: skip
 
 
 def _lines(path: Path, data: bytes) -> list[bytes]:
@@ -141,14 +135,10 @@ def _check_rows(header: Bvh, rows: Sequence[tuple[int, bytes]]) -> None:
         if n != width:
             found = f"a frame of {n} numbers"
             last = line == rows[-1][0] and n < width
-            raise bvh_error(
-                path,
-                line,
-                "a frame is truncated" if last else "a frame has the wrong number of channels",
-                found,
-                f"{width}, one for each channel of the hierarchy",
-                reason="truncated" if last else "broken_file",
-            )
+            raise bvh_error(path, line,
+                            "a frame is truncated" if last else "a frame has the wrong number of channels", found,
+                            f"{width}, one for each channel of the hierarchy",
+                            reason="truncated" if last else "broken_file")  # fmt: skip
     if len(rows) != announced:
         short = len(rows) < announced
         raise bvh_error(
@@ -180,14 +170,10 @@ def _values(header: Bvh, rows: Sequence[tuple[int, bytes]]) -> Floats:
     if not usable.all():
         frame, column = (int(k) for k in np.argwhere(~usable)[0])
         joint = next(j for j in header.joints if j.first <= column < j.first + len(j.channels))
-        raise bvh_error(
-            header.path,
-            rows[frame][0],
-            f"{joint.name} {joint.channels[column - joint.first]} of frame {frame} is out of range",
-            repr(float(values[frame, column])),
-            f"finite numbers within +-{MAX_VALUE:g}",
-            reason="out_of_range" if np.isfinite(values[frame, column]) else "nan",
-        )
+        raise bvh_error(header.path, rows[frame][0],
+                        f"{joint.name} {joint.channels[column - joint.first]} of frame {frame} is out of range",
+                        repr(float(values[frame, column])), f"finite numbers within +-{MAX_VALUE:g}",
+                        reason="out_of_range" if np.isfinite(values[frame, column]) else "nan")  # fmt: skip
     return values
 
 
@@ -206,13 +192,8 @@ def _header(path: Path, lines: Sequence[bytes]) -> tuple[Bvh, int]:
                 frame_time = _seconds(path, index + 1, value.strip())
                 return Bvh(path, joints, n_frames, frame_time, np.empty((0, width))), index + 1
             else:
-                raise bvh_error(
-                    path,
-                    index + 1,
-                    "unexpected line after MOTION",
-                    repr(text[:40]),
-                    "Frames: N, then Frame Time: seconds",
-                )
+                raise bvh_error(path, index + 1, "unexpected line after MOTION", repr(text[:40]),
+                                "Frames: N, then Frame Time: seconds")  # fmt: skip
     raise bvh_error(path, max(len(lines), 1), "the file ends before its Frame Time", reason="truncated")
 
 
@@ -228,13 +209,7 @@ def _seconds(path: Path, line: int, text: str) -> str:
     # Short enough that no exponent can describe a number of a million digits.
     valid = len(text) <= 40 and re.fullmatch(r"\+?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?", text)
     if not valid or not 0 < float(text) < math.inf:
-        raise bvh_error(
-            path,
-            line,
-            "invalid frame time",
-            repr(text[:40]),
-            "seconds above 0, such as 0.0333333 for 30 FPS",
-            reason="bad_rate",
-            fix="correct Frame Time:, or export the file again",
-        )
+        raise bvh_error(path, line, "invalid frame time", repr(text[:40]),
+                        "seconds above 0, such as 0.0333333 for 30 FPS", reason="bad_rate",
+                        fix="correct Frame Time:, or export the file again")  # fmt: skip
     return text

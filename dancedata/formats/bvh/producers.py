@@ -136,13 +136,9 @@ def detect(path: Path, names: Sequence[str], declared: Mapping[str, str], chosen
     """
     known = producers()
     if chosen and chosen not in known:
-        raise DataError(
-            f"joint_map: unknown producer {chosen!r}",
-            reason="bad_declaration",
-            where=str(path),
-            allowed=did_you_mean(chosen, tuple(known)),
-            fix="name a producer, or map the joints: joint_map {left_hip: NAME, ...}",
-        )
+        raise DataError(f"joint_map: unknown producer {chosen!r}", reason="bad_declaration", where=str(path),
+                        allowed=did_you_mean(chosen, tuple(known)),
+                        fix="name a producer, or map the joints: joint_map {left_hip: NAME, ...}")  # fmt: skip
     considered = [known[chosen]] if chosen else list(known.values())
     need = [joint for joint in REQUIRED if joint not in declared]
     taken = {names.index(name) for name in declared.values() if name}

@@ -209,14 +209,11 @@ def _check_bones(bvh: Bvh, joints: JointMap, places: Mapping[int, Floats], size:
         if columns and len(bvh.values) and joints.of[PELVIS] in ancestors(bvh.joints, k):
             moved = np.ptp(bvh.values[:, columns], axis=0).max()
             if moved > _STRETCH * size:
-                raise DataError(
-                    f"the bone of {joint.name} changes its length, but SMPL's bones are rigid",
-                    reason="bad_skeleton",
-                    where=where,
-                    found=f"its position channels move by {moved:.4g} in a body of {size:.4g}",
-                    allowed=f"at most {_STRETCH:.0%} of the body",
-                    fix="export with fixed bone lengths (rotations only)",
-                )
+                raise DataError(f"the bone of {joint.name} changes its length, but SMPL's bones are rigid",
+                                reason="bad_skeleton", where=where,
+                                found=f"its position channels move by {moved:.4g} in a body of {size:.4g}",
+                                allowed=f"at most {_STRETCH:.0%} of the body",
+                                fix="export with fixed bone lengths (rotations only)")  # fmt: skip
 
 
 def _bones(places: Mapping[int, Floats], align: Floats, joints: JointMap) -> Floats:

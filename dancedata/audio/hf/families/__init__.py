@@ -49,12 +49,8 @@ def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: ob
     # Those that no family reads: transformers would build as many.
     for key, value in config.items():
         if key.endswith("_layers") and isinstance(value, int) and value > MAX_BLOCKS:
-            raise SourceError(
-                f"hf: the config of a {kind} model has no valid {key}",
-                where=where,
-                found=quoted(value),
-                allowed=f"at most {MAX_BLOCKS:,}",
-            )
+            raise SourceError(f"hf: the config of a {kind} model has no valid {key}", where=where,
+                              found=quoted(value), allowed=f"at most {MAX_BLOCKS:,}")  # fmt: skip
     try:
         return _BY_TYPE[kind](config, extractor)
     except SourceError as error:

@@ -329,11 +329,8 @@ class Family(ABC):
         """Return a whole number from 1 to `most` of the config; SourceError if it has another value."""
         value = (self.config if of is None else of).get(key, default)
         if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= most:
-            raise SourceError(
-                f"hf: the config of a {self.name} model has no valid {key}",
-                found=quoted(value),
-                allowed=f"a whole number from 1 to {most:,}",
-            )
+            raise SourceError(f"hf: the config of a {self.name} model has no valid {key}", found=quoted(value),
+                              allowed=f"a whole number from 1 to {most:,}")  # fmt: skip
         return value
 
     def sizes(self, key: str, default: tuple[int, ...]) -> tuple[int, ...]:
@@ -341,11 +338,8 @@ class Family(ABC):
         value = self.config.get(key, default)
         plain = isinstance(value, list | tuple) and 0 < len(value) <= MAX_BLOCKS
         if not plain or not all(type(v) is int and v > 0 for v in value) or math.prod(value) > MAX_SIZE:
-            raise SourceError(
-                f"hf: the config of a {self.name} model has no valid {key}",
-                found=quoted(value),
-                allowed=f"whole numbers above 0, whose product is at most {MAX_SIZE:,}",
-            )
+            raise SourceError(f"hf: the config of a {self.name} model has no valid {key}", found=quoted(value),
+                              allowed=f"whole numbers above 0, whose product is at most {MAX_SIZE:,}")  # fmt: skip
         return tuple(value)
 
 

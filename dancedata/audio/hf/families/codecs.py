@@ -181,11 +181,8 @@ class Mimi(_Codec):
         stride = 2 * math.prod(self.sizes("upsampling_ratios", (8, 6, 5, 4)))
         rate = self.config.get("frame_rate") or self.config.get("_frame_rate")
         if isinstance(rate, int | float) and rate * stride != self.sample_rate:
-            raise SourceError(
-                "hf: the config of a mimi model has a frame_rate that differs from its strides",
-                found=quoted(rate),
-                allowed=f"{self.sample_rate / stride:g}",
-            )
+            raise SourceError("hf: the config of a mimi model has a frame_rate that differs from its strides",
+                              found=quoted(rate), allowed=f"{self.sample_rate / stride:g}")  # fmt: skip
         return stride
 
     @override

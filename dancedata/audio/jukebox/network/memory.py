@@ -92,12 +92,10 @@ def place(
         return Placement((True,) * n_blocks, fixed + n_blocks * block)
     n_resident = (budget - fixed - one_clip) // block - N_SLOTS
     if n_resident < 0:
-        raise UsageError(
-            "jukebox: too little device memory, even with all blocks on the host",
-            found=f"{budget / 1e9:.2f} GB",
-            allowed=f"at least {(fixed + one_clip + N_SLOTS * block) / 1e9:.2f} GB",
-            fix="lower max_codes (a 5-s clip has 1722 codes), or compute on the CPU",
-        )
+        raise UsageError("jukebox: too little device memory, even with all blocks on the host",
+                         found=f"{budget / 1e9:.2f} GB",
+                         allowed=f"at least {(fixed + one_clip + N_SLOTS * block) / 1e9:.2f} GB",
+                         fix="lower max_codes (a 5-s clip has 1722 codes), or compute on the CPU")  # fmt: skip
     # Spread evenly: the next of the other blocks is copied while resident blocks compute.
     n_away = n_blocks - n_resident
     away = {(2 * i + 1) * n_blocks // (2 * n_away) for i in range(n_away)}

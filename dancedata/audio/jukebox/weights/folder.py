@@ -62,12 +62,8 @@ def read_description(folder: Path) -> Description:
     try:
         data: Any = read_json(path, MAX_JSON_BYTES)
         if data["format"] != FORMAT:
-            raise SourceError(
-                "the converted checkpoint has another format version",
-                where=path,
-                found=data["format"],
-                allowed=FORMAT,
-            )
+            raise SourceError("the converted checkpoint has another format version", where=path, found=data["format"],
+                              allowed=FORMAT)  # fmt: skip
         files = {name: (int(entry["bytes"]), str(entry["sha256"])) for name, entry in data["files"].items()}
         config = JukeboxConfig.from_json(data["config"])
         return Description(config, int(data["layer"]), files, {str(k): str(v) for k, v in data["source"].items()})
@@ -79,12 +75,8 @@ def read_description(folder: Path) -> Description:
             fix=f"convert with `dancedata jukebox convert`; it writes {DESCRIPTION_FILE} last",
         ) from error
     except (ValueError, KeyError, TypeError, AttributeError, UsageError) as error:
-        raise SourceError(
-            "the description of a converted checkpoint is damaged",
-            where=path,
-            found=shown(error),
-            fix="convert again",
-        ) from error
+        raise SourceError("the description of a converted checkpoint is damaged", where=path, found=shown(error),
+                          fix="convert again") from error  # fmt: skip
 
 
 @lru_cache(maxsize=8)
@@ -127,12 +119,9 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
     refuse_hugging_face(folder)
     missing = [name for name in (VQVAE_FILE, PRIOR_FILE) if not (folder / name).is_file()]
     if missing:
-        raise SourceError(
-            "a file of Jukebox's weights is missing",
-            where=folder,
-            found=", ".join(missing) + " not there",
-            fix="get both with `dancedata jukebox fetch`",
-        )
+        raise SourceError("a file of Jukebox's weights is missing", where=folder,
+                          found=", ".join(missing) + " not there",
+                          fix="get both with `dancedata jukebox fetch`")  # fmt: skip
     found = {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
     others = [name for name in found if found[name] != SHA256[name]]
     if others and not (folder / HPARAMS_FILE).exists():

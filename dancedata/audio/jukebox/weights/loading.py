@@ -200,10 +200,6 @@ def fill_block(block: Block, source: TensorSource, device: torch.device, *, pinn
 def _refuse_unknown(source: TensorSource, names: Iterable[str], expected: Iterable[str]) -> None:
     unknown = sorted(set(names) - set(expected))
     if unknown:
-        raise SourceError(
-            "the checkpoint has unknown tensors: it belongs to another network",
-            where=source.path,
-            found=listed(unknown),
-            allowed="the 5b model without lyrics (or that of the JukeboxConfig)",
-            fix="get the right files with `dancedata jukebox fetch`",
-        )
+        raise SourceError("the checkpoint has unknown tensors: it belongs to another network", where=source.path,
+                          found=listed(unknown), allowed="the 5b model without lyrics (or that of the JukeboxConfig)",
+                          fix="get the right files with `dancedata jukebox fetch`")  # fmt: skip

@@ -209,12 +209,9 @@ class SafetensorsSource(_Closing):
             try:
                 self._open_file = safe_open(self.path / file, framework="pt", device="cpu")
             except (OSError, SafetensorError) as error:
-                raise SourceError(
-                    "a file of the converted checkpoint cannot be read",
-                    where=self.path / file,
-                    found=shown(error),
-                    fix="copy the folder again, or convert again",
-                ) from error
+                raise SourceError("a file of the converted checkpoint cannot be read", where=self.path / file,
+                                  found=shown(error),
+                                  fix="copy the folder again, or convert again") from error  # fmt: skip
             self._open_name = file
         return self._open_file
 
@@ -238,12 +235,9 @@ def _model(loaded: Any, path: Path) -> Mapping[str, Any]:
     """Return the dictionary of tensors, without the prefix that distributed training adds to their names."""
     model = loaded.get("model") if isinstance(loaded, dict) else None
     if not isinstance(model, dict):
-        raise SourceError(
-            "the torch file is not a Jukebox checkpoint",
-            where=path,
-            found=f"keys {shown(list(loaded))}" if isinstance(loaded, dict) else type(loaded).__name__,
-            allowed="a dictionary with the key 'model'",
-        )
+        raise SourceError("the torch file is not a Jukebox checkpoint", where=path,
+                          found=f"keys {shown(list(loaded))}" if isinstance(loaded, dict) else type(loaded).__name__,
+                          allowed="a dictionary with the key 'model'")  # fmt: skip
     return {str(name).removeprefix("module."): tensor for name, tensor in model.items()}
 
 
