@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.motion import Motion
+from dancedata.core.rates import rate_factor, repeats
 from dancedata.core.rotations import Float64Array, angles_between
 from dancedata.core.sides import MIN_ELBOWS, MIN_STANCE, has_sides, sides_of, wrong_up
 from dancedata.core.skeleton import Skeleton
@@ -28,7 +29,7 @@ IMPLAUSIBLE = (
     "implausible_up",
 )
 #: Flags of a whole clip that may be as it should be.
-DOUBTFUL = ("crossed_legs", "stretched_bone", "fitted")
+DOUBTFUL = ("crossed_legs", "stretched_bone", "fitted", "repeated_frames", "doubtful_rate")
 #: Flags of a clip's music: it has no sound, or its file is not quite what it says.
 OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "cut_music")
 OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL, *OF_MUSIC)
@@ -63,7 +64,8 @@ class Flag:
         is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
         "_arms", "_elbows" and "_up": value is a cosine that should be above 0. "crossed_legs": value is the distance
         of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres. "fitted": twists
-        of bones are unknown; value is the mean distance of joints from the positions, metres.
+        of bones are unknown; value is the mean distance of joints from the positions, metres. "repeated_frames":
+        value is how often each frame comes. "doubtful_rate": value is how many times too high the rate is stated.
         "silent_music": value is a level, dBFS. "steady_music": value is the range of levels, dB.
         "decoded_by_ffmpeg", "late_music", "cut_music": value is the length of the music, of the delay that it keeps,
         of what its file lacks, seconds.
@@ -107,6 +109,10 @@ def implausible_flags(motion: Motion) -> list[Flag]:
         measured += [(kind, value, "1") for kind, value in implausible_sides(joints, motion)]
     measured.append(("stretched_bone", motion.stretch_m if motion.stretch_m > _RIGID_M else None, "m"))
     measured.append(("fitted", motion.fit_m, "m"))
+    measured.append(("repeated_frames", repeats(joints), "1"))
+    # A wrong unit changes accelerations as a wrong rate does.
+    if has_sides(motion.skeleton.joints) and measured[0][1] is measured[1][1] is None:
+        measured.append(("doubtful_rate", rate_factor(joints, float(motion.grid.rate)), "1"))
     return [
         Flag(kind, "", None, round(value, 6 if unit == "1" else 4), unit, str(motion.grid))
         for kind, value, unit in measured

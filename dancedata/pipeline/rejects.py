@@ -121,6 +121,8 @@ _CURES = {
     ),
     "cut_music": ("music whose file is cut", "copy it again"),
     "fitted": ("rotations fitted to positions", "take rotations of the capture where twists of bones matter"),
+    "repeated_frames": ("frames that come several times", "export the capture at its own rate"),
+    "doubtful_rate": ("a rate that gravity contradicts", "correct fps: in the manifest, or in the file"),
 }
 
 
@@ -158,6 +160,10 @@ def _detail(row: Mapping[str, Any]) -> str:
         "cut_music": f"the header of the music announces {value:.2f} s more than the file has",
         "fitted": "twist unknown: rotations are fitted to positions, from which the joints are "
         f"{100 * value:.2g} cm off on average",
+        "repeated_frames": f"nearly all frames come {value:g} times, so that the motion moves in jerks",
+        "doubtful_rate": f"the body falls and sinks {value * value:.2g} times as fast as gravity (9.81 m/s2) makes a "
+        f"body fall; the rate of {row.get('rate', 'the file')} frames per second is probably stated "
+        + (f"{value:.2g} times too high" if value > 1 else f"{1 / value:.2g} times too low"),
     }[row["kind"]]
 
 
