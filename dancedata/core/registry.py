@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import os
 import pkgutil
-import threading
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
-from importlib.util import find_spec
 from typing import Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.plugin_files import is_local, note_registered, unknown_plugin, without_file_key
+from dancedata.core.plugin_files import note_registered, plugin_file, unknown_plugin, without_file_key
 from dancedata.core.plugins import (
     AudioFeature,
     Augmentation,
@@ -28,11 +25,6 @@ from dancedata.core.plugins import (
 
 P = TypeVar("P", bound=Plugin)
 C = TypeVar("C", bound=type[Plugin])
-
-#: Held while plug-ins are loaded. One lock for all kinds: no two threads wait for each other.
-_loading = threading.RLock()
-# A process that is forked during that time would wait for a thread that it does not have.
-os.register_at_fork(before=_loading.acquire, after_in_parent=_loading.release, after_in_child=_loading.release)
 
 
 class Registry(Generic[P]):
@@ -60,8 +52,6 @@ class Registry(Generic[P]):
         self.package = package
         self.base = base
         self._classes: dict[str, type[P]] = {}
-        self._begun: set[str] = set()
-        self._done: set[str] = set()
 
     def register(self, name: str) -> Callable[[C], C]:
         """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
@@ -77,14 +67,14 @@ class Registry(Generic[P]):
             checked = self._checked(name, cls)
             old = self._classes.get(name, cls)
             same = (old.__module__, old.__qualname__) == (cls.__module__, cls.__qualname__)
-            if not same and not (is_local(old) and is_local(cls) and old.__module__ != cls.__module__):
+            if not same and not (plugin_file(old) and plugin_file(cls) and old.__module__ != cls.__module__):
                 raise UsageError(
                     f"two plug-ins are registered as the {self.kind} {name!r}",
                     found=f"{old.__module__}.{old.__qualname__} and {cls.__module__}.{cls.__qualname__}",
                 )
+            note_registered(cls, self.kind, name)
             cls.name = name
             self._classes[name] = checked
-            note_registered(cls, self.kind, name, lambda: decorate(cls))
             return cls
 
         return decorate
@@ -106,7 +96,9 @@ class Registry(Generic[P]):
 
     def names(self) -> tuple[str, ...]:
         """Return all names, sorted."""
-        self._load()
+        self._load_installed()
+        for module in _modules(self.package):
+            importlib.import_module(module)
         return tuple(sorted(self._classes))
 
     def __contains__(self, name: object) -> bool:
@@ -155,45 +147,15 @@ class Registry(Generic[P]):
         if not isinstance(name, str):
             return None
         # Those of other distributions first, so that a name that is taken twice is an error in every case.
-        self._once("installed", self._import_installed)
-        module = name.replace("+", "p").replace("-", "_")
-        if module.isidentifier() and not module.startswith("_"):
-            self._once(f"module {module}", lambda: self._import_own(module))
+        self._load_installed()
+        own = f"{self.package}.{name.replace('+', 'p').replace('-', '_')}"
+        if own in _modules(self.package):
+            importlib.import_module(own)
         if name not in self._classes:
-            self._load()
+            self.names()
         return self._classes.get(name)
 
-    def _load(self) -> None:
-        self._once("package", self._import_package)
-        self._once("installed", self._import_installed)
-
-    def _once(self, step: str, run: Callable[[], None]) -> None:
-        if step in self._done:
-            return
-        with _loading:
-            # By another thread, or further up: a plug-in's module may request another plug-in.
-            if step in self._begun:
-                return
-            self._begun.add(step)
-            try:
-                run()
-            except BaseException:
-                self._begun.remove(step)  # the next caller gets the error too, not a part of the plug-ins
-                raise
-            self._done.add(step)
-
-    def _import_own(self, module: str) -> None:
-        """Import the module of this name, if the package has one."""
-        if find_spec(f"{self.package}.{module}") is not None:
-            importlib.import_module(f"{self.package}.{module}")
-
-    def _import_package(self) -> None:
-        package = importlib.import_module(self.package)
-        for module in pkgutil.iter_modules(package.__path__):
-            if not module.name.startswith("_"):
-                importlib.import_module(f"{self.package}.{module.name}")
-
-    def _import_installed(self) -> None:
+    def _load_installed(self) -> None:
         for entry in _installed().select(group=self.package):
             try:
                 entry.load()
@@ -204,6 +166,12 @@ class Registry(Generic[P]):
                 raise UsageError(f"the {self.kind} {entry.name!r}{of} cannot be loaded",
                                  found=f"{type(error).__name__}: {error}",
                                  fix="repair or uninstall that distribution") from error  # fmt: skip
+
+
+@lru_cache
+def _modules(package: str) -> tuple[str, ...]:
+    path = importlib.import_module(package).__path__
+    return tuple(f"{package}.{m.name}" for m in pkgutil.iter_modules(path) if not m.name.startswith("_"))
 
 
 @lru_cache(maxsize=1)

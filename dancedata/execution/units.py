@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from dancedata.core.errors import DanceDataError, UsageError
-from dancedata.core.plugin_files import with_known_files
 from dancedata.execution.arithmetic import on_one_thread
 from dancedata.execution.cache import Cache
 from dancedata.execution.executors import Call, Executor, OnResult, first_line
@@ -134,8 +133,7 @@ def run_units(
             results[index] = result
             advance(1)
 
-        # Local plug-ins among the arguments are unpickled after the function.
-        run = with_known_files(partial(on_one_thread, function))
+        run = partial(on_one_thread, function)
         executor = Executor(jobs) if isinstance(jobs, int) else jobs
         if executor.is_here(len(missing), exact):
             for index, call in missing.items():

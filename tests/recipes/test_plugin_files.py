@@ -1,6 +1,7 @@
 """Plug-ins of single files: `plugins` of a recipe, `--plugin`, their identity, worker processes and datasets."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -125,11 +126,16 @@ def test_a_dask_cluster_computes_with_a_file(corpus: Path, tmp_path: Path) -> No
     assert values(path).shape[1] == 1
 
 
-def test_a_file_that_changes_while_workers_use_it(corpus: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("change", ["removed", "changed"])
+def test_workers_use_the_file_that_was_loaded(corpus: Path, tmp_path: Path, change: str) -> None:
     recipe = local(tmp_path)
-    feature(tmp_path, "3.0")
-    with pytest.raises(dancedata.core.errors.DanceDataError, match="the plug-in file changed after it was loaded"):
-        built(recipe, corpus, tmp_path, jobs=2)
+    old = values(built(recipe, corpus, tmp_path, jobs=1))
+    shutil.rmtree(tmp_path / "cache")
+    path = tmp_path / "loudness.py"
+    path.write_text(path.read_text().replace("self.scale * peaks", "2 * self.scale * peaks"))
+    if change == "removed":
+        path.unlink()
+    assert np.array_equal(values(built(recipe, corpus, tmp_path, jobs=2, overwrite=True)), old)
 
 
 def test_reading_needs_the_file_that_the_dataset_was_built_with(
