@@ -16,8 +16,8 @@ _PIECES = 20
 _NOTHING = -200
 #: Music below this level is silent, dBFS; the last bit of 16 has -98.
 SILENT_DBFS = -80.0
-#: Music whose level changes by less between twentieths of a second has no onset, dB: a hum. Noise has 1, songs 12.
-STEADY_DB = 0.5
+#: Music whose level changes by less between twentieths of a second has no onset, dB: a hum. Noise has 0.4 and more.
+STEADY_DB = 0.2
 
 #: Level of a second, and of its quietest and its loudest piece, tenths of dBFS.
 Level = tuple[int, int, int]

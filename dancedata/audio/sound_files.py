@@ -327,7 +327,7 @@ def _flac(data: bytes, begin: int, end: int) -> Held:
             break
     head = data[at : at + 4]
     place, n_samples = end, 0
-    while (place := data.rfind(head[:2], at, place)) >= 0:
+    while len(head) == 4 and (place := data.rfind(head[:2], at, place)) >= 0:
         n_samples = _samples_up_to(data[place : place + 17].ljust(17, b"\0"), head, fixed)
         if n_samples:
             break
@@ -337,9 +337,8 @@ def _flac(data: bytes, begin: int, end: int) -> Held:
         return Held(f"{end - place - longest:,} bytes behind the last frame", refused=True)
     if not total:
         return Held("a header of unknown length", seconds=n_samples / rate)
-    if n_samples > total:
-        return Held(f"a header with {total:,} of {n_samples:,} samples", seconds=n_samples / rate)
-    return Held()
+    problem = f"a header with {total:,} of {n_samples:,} samples" if n_samples > total else ""
+    return Held(problem, seconds=max(n_samples, total) / rate)
 
 
 def _samples_up_to(header: bytes, like: bytes, fixed: int) -> int:
@@ -355,7 +354,7 @@ def _samples_up_to(header: bytes, like: bytes, fixed: int) -> int:
     if code in (6, 7):
         n_samples, at = int.from_bytes(header[at : at + code - 5], "big") + 1, at + code - 5
     else:
-        n_samples = {0: 0, 1: 192}.get(code, 576 << code - 2 if code < 6 else 256 << code - 8)
+        n_samples = 0 if not code else 192 if code == 1 else 576 << code - 2 if code < 6 else 256 << code - 8
     at += {12: 1, 13: 2, 14: 2}.get(header[2] & 0x0F, 0)
     if n_more == 0 or _crc8(header[:at]) != header[at]:
         return 0
