@@ -42,7 +42,14 @@ _NAMES: Names = {
     **{("torch", f"{kind}Storage"): ClassName(kind) for kind in _STORAGES},
     ("torch", "Size"): lambda sizes: sizes,
     ("torch", "device"): lambda *_: None,
-    **{("torch._utils", f"_rebuild_{what}"): lambda *_: None for what in ("tensor", "tensor_v2", "parameter")},
+    **{("torch", dtype): ClassName(dtype) for dtype in ("Tensor", "bool", "bfloat16", "uint8")},
+    **{("torch", f"{kind}{bits}"): ClassName(kind) for kind in ("float", "int") for bits in (8, 16, 32, 64)},
+    ("torch.nn.parameter", "Parameter"): ClassName("Parameter"),
+    ("torch._tensor", "_rebuild_from_type_v2"): lambda *_: None,
+    **{
+        ("torch._utils", f"_rebuild_{what}"): lambda *_: None
+        for what in ("tensor", "tensor_v2", "parameter", "parameter_with_state")
+    },
 }
 #: weights_only ran code before.
 _SAFE_TORCH = Version("2.6")
@@ -91,12 +98,10 @@ def load_torch(path: Path) -> Any:
     ------
     DataError
         "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is truncated, not
-        such a file, or larger than MAX_PICKLE_BYTES.
-    MissingPackageError
-        If torch is not installed, or older than 2.6.
+        such a file, or larger than MAX_PICKLE_BYTES, and without torch 2.6 or later.
     """
-    torch = torch_for(path)
     try:
+        torch = torch_for(path)
         data = read_regular(path, MAX_PICKLE_BYTES)
         _check(data, torch)
         with torch.serialization.safe_globals(_numpy_names()):
@@ -110,6 +115,10 @@ def load_torch(path: Path) -> Any:
             found=str(error),
             allowed="tensors and plain Python containers",
             fix="save its tensors alone: torch.save({name: tensor.cpu(), ...}, file)",
+        ) from None
+    except MissingPackageError as error:  # the other clips of a folder are read
+        raise DataError(
+            "a torch file is read by torch", reason="broken_file", where=path, found=str(error), fix=error.fix
         ) from None
     except Exception as error:  # zip, pickle: crafted files can raise anything
         raise DataError(

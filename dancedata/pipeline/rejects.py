@@ -163,7 +163,7 @@ def _detail(row: Mapping[str, Any]) -> str:
         "repeated_frames": f"nearly all frames come {value:g} times, so that the motion moves in jerks",
         "doubtful_rate": f"the body falls and sinks {value * value:.2g} times as fast as gravity (9.81 m/s2) makes a "
         f"body fall; the rate of {row.get('rate', 'the file')} frames per second is probably stated "
-        + (f"{value:.2g} times too high" if value > 1 else f"{1 / value:.2g} times too low"),
+        + (f"{value:.2g} times too high" if value > 1 else f"{1 / max(value, 1e-9):.2g} times too low"),
     }[row["kind"]]
 
 

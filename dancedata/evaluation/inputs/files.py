@@ -34,6 +34,7 @@ _LEAST_JOINTS = 22
 #: Fixes for files with rotations, by reason, as options of the command.
 _REMEDIES = {
     "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
+    "unknown_joints": "name the joints in the file: numpy.savez(file, positions=..., joint_names=[...])",
     "missing_key": "name its arrays so, or say what columns they are: --like STORE, --representation NAME",
 }
 
