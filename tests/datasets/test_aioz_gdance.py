@@ -14,7 +14,7 @@ from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.aioz_gdance import AiozGdance
 from dancedata.datasets.aioz_gdance.motion import load_dancers, read_sizes
-from dancedata.datasets.aioz_gdance.reader import frames_of, video_of
+from dancedata.datasets.aioz_gdance.reader import frames_of
 from dancedata.representations.gcd151 import Gcd151
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
@@ -43,7 +43,11 @@ def change(path: Path, **changes: Any) -> None:
 
 
 def test_names_are_split_from_the_right() -> None:
-    assert [video_of(name) for name in (DASH, BODY, PLAIN)] == ["-Ab_cdEf123", "Zz9_8-7_6Q1", "plainid0123"]
+    assert [AiozGdance.video_of(name) for name in (DASH, BODY, PLAIN)] == [
+        "-Ab_cdEf123",
+        "Zz9_8-7_6Q1",
+        "plainid0123",
+    ]
     assert frames_of("-abcDEF_123_01_187_1358") == 1171
 
 
@@ -58,7 +62,7 @@ def test_scan(source: Path) -> None:
     assert first.lists == ("train",)
     assert not scan.rejects
     assert "4 sequences (1 of 2, 1 of 3, 1 of 5, 1 of 7 dancers)" in notes(scan)
-    assert "Leak: 1 of 1 test sequences are of videos of train (-Ab_cdEf123)" in notes(scan)
+    assert "Leak: 1 of 1 test are of videos of train (-Ab_cdEf123)" in notes(scan)
 
 
 def test_by_video_keeps_videos_together_and_needs_no_lists(source: Path) -> None:
@@ -90,7 +94,7 @@ def test_lists_and_files_that_do_not_agree(source: Path) -> None:
     assert rejects(scan, "extra_file") == ["motions_smpl/notes.pkl"]
     assert BODY in {clip.group for clip in AiozGdance(music="optional").scan(source).clips}
     train.write_text(f"{DASH}\n{LEAK}\n")
-    with raises_message(SourceError, "sequences", where="мой dänce"):
+    with raises_message(SourceError, "same", where="мой dänce"):
         AiozGdance().scan(source)
 
 

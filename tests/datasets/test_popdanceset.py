@@ -47,7 +47,7 @@ def test_scan(source: Path) -> None:
     assert (first.music, first.dancer, first.keys) == ("BVaaaaaaaa1a", "BVaaaaaaaa1a", (("video", "BVaaaaaaaa1a"),))
     assert (first.lists, scan.clips[1].lists) == (("train", "high_quality"), ("train",))
     assert not scan.rejects
-    assert "3 train, 1 test (1,012 and 24 in POPDG's repository), no val; 1 on high_quality_dataset" in notes(scan)
+    assert "Splits: official: 3 train, 1 test, 1 high_quality." in notes(scan)
     assert "Leak" not in notes(scan)
     assert "Scale: none" in notes(scan)
     assert "Scale: translation x pred_camera" in notes(PopDanceSet(scale="multiply").scan(source))
@@ -57,7 +57,7 @@ def test_what_the_lists_share(source: Path) -> None:
     (source / "splits" / "test.txt").write_text(f"{SECOND}\n{TEST}")
     (source / "splits" / "train.txt").write_text(f"{FIRST}\n{MATRICES}\nBVcccccccc3c_Clip_8")
     scan = PopDanceSet().scan(source)
-    assert "Leak: 2 of 2 test clips are of videos of train (BVaaaaaaaa1a, BVcccccccc3c)" in notes(scan)
+    assert "Leak: 2 of 2 test are of videos of train (BVaaaaaaaa1a, BVcccccccc3c)" in notes(scan)
     assert rejects(scan, "missing_motion") == ["BVcccccccc3c_Clip_8"]
     by_video = PopDanceSet(split="by-video").scan(source)
     assert splits(by_video)[FIRST] == splits(by_video)[SECOND]
@@ -85,7 +85,7 @@ def test_lists_that_cannot_be_used(source: Path) -> None:
     with raises_message(SourceError, r"train\.txt", where="мой dänce/splits"):
         PopDanceSet().scan(source)
     (source / "splits" / "test.txt").unlink()
-    with raises_message(SourceError, "POPDG", where="мой dänce"):
+    with raises_message(SourceError, "POPDG", where="мой dänce/splits"):
         PopDanceSet().scan(source)
     assert len(PopDanceSet(split="by-video").scan(source).clips) == 4
 
