@@ -58,7 +58,7 @@ EXTRAS = {
     f"{PYTEST} tests/plot/test_figures.py",
     "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",
     "video": f"{HERE} && dancedata view data/demo gBR_sBM_cAll_d04_mBR4_ch03 --video clip.mp4 && test -s clip.mp4",
-    "remote": f"{PYTEST} tests/remote/test_push.py tests/remote/test_push_buckets.py",
+    "remote": f"{PYTEST} tests/remote/test_push.py tests/remote/test_faults.py",
     "docs": "python docs/site/build.py site",
 }
 

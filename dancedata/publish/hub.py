@@ -24,7 +24,7 @@ from dancedata.publish.contents import PICTURES, Upload, changed
 from dancedata.remote.address import Address
 from dancedata.remote.cached import check_names
 from dancedata.remote.fetch import DATASET_FILE, PUBLICATION_FILE, fetch_description, read_small
-from dancedata.remote.hub import HubSource
+from dancedata.remote.hub import HubClient, endpoint_of
 from dancedata.remote.source import NotThereError, public_line, refused
 from dancedata.store.schema import CARD_FILE
 
@@ -71,7 +71,7 @@ class HubUpload:
 
         if get_token() is None:
             raise UsageError("there is no token for the hub", where=str(self.address), fix=_LOGIN)
-        api = HfApi(endpoint=HubSource(self.address).endpoint, library_name="dancedata")
+        api = HfApi(endpoint=endpoint_of(self.address), library_name="dancedata")
         with self._client():
             head = self._prepared(api)
         before = self._published_before(head)
@@ -147,7 +147,7 @@ class HubUpload:
 
     def _published_before(self, head: str) -> set[str]:
         """Return the paths of an earlier publication and its card; empty if there are none."""
-        source, before = HubSource(self.address.at(head)), set()
+        source, before = HubClient(self.address.at(head)), set()
         with suppress(NotThereError):
             _, document = fetch_description(source, source.address, PUBLICATION_FILE)
             check_names(document, f"{source.address}/{PUBLICATION_FILE}")

@@ -25,8 +25,8 @@ from dancedata.execution.cache_files import DATASETS, mark
 from dancedata.execution.progress import Progress
 from dancedata.files.atomic import write_bytes, write_json
 from dancedata.files.strict_json import read_json
-from dancedata.remote.address import BUCKETS, Address, is_address, parse_address
-from dancedata.remote.bucket import crossed_a_fork
+from dancedata.remote.address import Address, is_address, parse_address
+from dancedata.remote.client import crossed_a_fork
 from dancedata.remote.fetch import (
     DATASET_FILE,
     MAX_DESCRIPTION,
@@ -226,7 +226,7 @@ def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None
         found = f"HF_HUB_OFFLINE is set; {names} missing"
         raise not_cached("a file of the dataset is not in the cache", origin.address, origin.requested, found)
     address = parse_address(origin.address)
-    if address.scheme in BUCKETS and crossed_a_fork():
+    if crossed_a_fork():
         _fetch_in_new_process(folder, files)
         return sum(file.size for file in files)
     source, total = source_of(address), sum(file.size for file in files)
@@ -252,7 +252,7 @@ def fetch_listed() -> None:
 
 
 def _fetch_in_new_process(folder: Path, files: list[RemoteFile]) -> None:
-    """Fetch files of a bucket from a forked child, such as a worker of a loader: obstore would hang in it."""
+    """Fetch files from a forked child, such as a worker of a loader: obstore would hang in it."""
     paths = "\n".join(str(folder / file.name) for file in files)
     command = python_command(f"from {__name__} import fetch_listed; fetch_listed()")
     done = subprocess.run(command, input=paths, capture_output=True, text=True)  # noqa: S603

@@ -20,10 +20,9 @@ from dancedata.execution.cache_files import DATASETS, LOCKS, locked_file, mark_i
 from dancedata.execution.progress import Progress
 from dancedata.files.strict_json import parse_json
 from dancedata.remote.address import Address
-from dancedata.remote.bucket import BucketSource
-from dancedata.remote.http import HttpSource
-from dancedata.remote.hub import HubSource
-from dancedata.remote.source import Interrupted, OutOfRange, Source, read_within, refused, steady, wrong_bytes
+from dancedata.remote.client import Client
+from dancedata.remote.hub import HubClient
+from dancedata.remote.source import Interrupted, OutOfRange, read_within, refused, steady, wrong_bytes
 
 #: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
 #: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
@@ -48,11 +47,9 @@ class RemoteFile:
     sha256: str
 
 
-def source_of(address: Address) -> Source:
+def source_of(address: Address) -> Client:
     """Return the client for an address; made by the process that uses it."""
-    if address.scheme == "hf":
-        return HubSource(address)
-    return HttpSource(address) if address.scheme in ("https", "http") else BucketSource(address)
+    return HubClient(address) if address.scheme == "hf" else Client(address)
 
 
 def resolved(address: Address) -> Address:
@@ -60,7 +57,7 @@ def resolved(address: Address) -> Address:
     return persist(lambda: source_of(address).resolve(), str(address))
 
 
-def fetch_description(source: Source, address: Address, name: str = DATASET_FILE) -> tuple[bytes, Mapping[str, Any]]:
+def fetch_description(source: Client, address: Address, name: str = DATASET_FILE) -> tuple[bytes, Mapping[str, Any]]:
     """Return dataset.json or publication.json as bytes and parsed; StoreError unless its self_sha256 is right."""
     where = f"{address}/{name}"
     problem = ""
@@ -80,14 +77,14 @@ def fetch_description(source: Source, address: Address, name: str = DATASET_FILE
     )
 
 
-def read_small(source: Source, name: str, where: str) -> bytes:
+def read_small(source: Client, name: str, where: str) -> bytes:
     """Return the bytes of a file; StoreError if there are more than MAX_DESCRIPTION."""
     too_large = refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
     # It is small: no ranges.
     return persist(lambda: read_within(source.open(name, 0).chunks, MAX_DESCRIPTION, lambda _: too_large), where)
 
 
-def fetch_file(source: Source, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:
+def fetch_file(source: Client, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:
     """Bring a file into `folder`, unless it is there; processes that ask for the same file wait for the first.
 
     What arrives goes to ``FOLDER.parts/NAME.part`` and is kept if the process is killed, so that the next one asks
@@ -165,7 +162,7 @@ class _Part:
         return self._digest.hexdigest()
 
 
-def _fetch(source: Source, where: str, file: RemoteFile, path: Path, target: Path, report: Report) -> None:
+def _fetch(source: Client, where: str, file: RemoteFile, path: Path, target: Path, report: Report) -> None:
     part = _Part(path, file.size)
     if file.size - part.have > _free(path):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -186,7 +183,7 @@ def _fetch(source: Source, where: str, file: RemoteFile, path: Path, target: Pat
     raise wrong_bytes(where, f"sha256 {found[:12]}..., in dataset.json {file.sha256[:12]}...")
 
 
-def _append(source: Source, where: str, file: RemoteFile, part: _Part, report: Report) -> None:
+def _append(source: Client, where: str, file: RemoteFile, part: _Part, report: Report) -> None:
     """Append to the part what the server sends, up to the size of the file."""
     if part.have == file.size:
         return

@@ -5,12 +5,9 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing
 from dataclasses import dataclass
-from typing import Protocol
 
 from dancedata.core.errors import StoreError
-from dancedata.remote.address import Address
 
 #: A connection that brings fewer bytes than this within these seconds is replaced by another.
 STALL_BYTES, STALL_S = 1024, 60.0
@@ -47,24 +44,6 @@ class Answer:
     chunks: Generator[bytes, None, None]
 
 
-class Source(Protocol):
-    """A folder on a server."""
-
-    def open(self, name: str, begin: int) -> Answer:
-        """Ask for a file from a byte on.
-
-        Raises
-        ------
-        Interrupted, OutOfRange
-            See there.
-        StoreError
-            For failures that stay: no such file, no permission.
-        """
-
-    def resolve(self) -> Address:
-        """Return the address whose content does not change: that of the commit, where there are commits."""
-
-
 def steady(chunks: Iterator[bytes]) -> Iterator[bytes]:
     """Yield chunks of a server; Interrupted if it sends too little for too long."""
     since, arrived = time.monotonic(), 0
@@ -85,14 +64,13 @@ def public_line(text: str) -> str:
     return _SECRETS.sub("", text.split("\n")[0])
 
 
-def read_within(chunks: Generator[bytes, None, None], limit: int, too_large: Callable[[int], StoreError]) -> bytes:
+def read_within(chunks: Iterator[bytes], limit: int, too_large: Callable[[int], StoreError]) -> bytes:
     """Return all bytes of a server; raise the error that `too_large` gives for more than `limit`."""
     data = bytearray()
-    with closing(chunks):
-        for chunk in steady(chunks):
-            data += chunk
-            if len(data) > limit:
-                raise too_large(len(data))
+    for chunk in steady(chunks):
+        data += chunk
+        if len(data) > limit:
+            raise too_large(len(data))
     return bytes(data)
 
 

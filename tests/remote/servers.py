@@ -26,6 +26,8 @@ class Server(ThreadingHTTPServer):
         self.sent: Counter[str] = Counter()
         self.headers: list[tuple[str, dict[str, str]]] = []
         self.ranges = True
+        #: Status and headers of the last answer without a body.
+        self.last: tuple[int, dict[str, str]] = 200, {}
         self.answering = 0
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -67,7 +69,7 @@ class Handler(BaseHTTPRequestHandler):
         path = unquote(urlsplit(self.path).path)
         name = path.rsplit("/", 1)[-1]
         self.server.requests[name] += 1
-        self.server.headers.append((path, dict(self.headers)))
+        self.server.headers.append((path, {name.title(): value for name, value in self.headers.items()}))
         if self.server.answer(self, path):
             return
         file = self.server.file_of(path)
@@ -80,7 +82,13 @@ class Handler(BaseHTTPRequestHandler):
             return
         self.give(data)
 
+    def do_HEAD(self) -> None:
+        """Answer as the last time."""
+        code, headers = self.server.last
+        self.status(code, **headers)
+
     def status(self, code: int, **headers: str) -> None:
+        self.server.last = code, headers
         self.send_response(code)
         for key, value in headers.items():
             self.send_header(key.replace("_", "-"), value)

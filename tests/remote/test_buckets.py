@@ -26,7 +26,7 @@ from dancedata.core.errors import StoreError
 from dancedata.readers import WindowDataset
 from dancedata.remote import pull
 from dancedata.remote.address import parse_address
-from dancedata.remote.bucket import BucketSource
+from dancedata.remote.client import Client
 from tests.messages import raises_message
 from tests.remote.servers import Server
 
@@ -107,7 +107,7 @@ def test_forked_workers_execute_nothing_of_the_working_folder(
 
 
 def test_a_source_that_crossed_a_fork_is_an_error_at_once(bucket: str) -> None:
-    source = BucketSource(parse_address(bucket))
+    source = Client(parse_address(bucket))
     child = os.fork()
     if child == 0:
         signal.alarm(20)  # a hang fails
@@ -120,13 +120,13 @@ def test_a_source_that_crossed_a_fork_is_an_error_at_once(bucket: str) -> None:
 
 
 def test_a_client_that_crossed_a_fork(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.remote.bucket._first_used_in", 1)
+    monkeypatch.setattr("dancedata.remote.client._first_used_in", 1)
     with raises_message(StoreError, "obstore", where="s3://dances/some/set"):
         dancedata.open(bucket)
 
 
 def test_what_is_not_there(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(StoreError, match=r"s3://dances/other/dataset.json: there is no such object"):
+    with pytest.raises(StoreError, match=r"s3://dances/other/dataset.json: there is no such file"):
         dancedata.open("s3://dances/other")
     with pytest.raises(StoreError) as caught:
         dancedata.open("s3://nosuchbucket/other")
@@ -135,7 +135,6 @@ def test_what_is_not_there(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_a_server_that_is_gone(monkeypatch: pytest.MonkeyPatch, bucket: str) -> None:
     monkeypatch.setenv("AWS_ENDPOINT", "http://127.0.0.1:9")
-    monkeypatch.setattr("dancedata.remote.bucket._RETRY", {"max_retries": 0})
     with pytest.raises(StoreError, match="the server failed 6 times") as caught:
         dancedata.open(bucket)
     assert "s3cr3t" not in str(caught.value)
@@ -154,7 +153,7 @@ def test_google(server: Server, published: Path, monkeypatch: pytest.MonkeyPatch
     key = {"gcs_base_url": server.url, "disable_oauth": True, "client_email": "", "private_key": ""}
     monkeypatch.setenv("GOOGLE_SERVICE_ACCOUNT_KEY", json.dumps({**key, "private_key_id": ""}))
     _same_rows("gs://store/", published)
-    with pytest.raises(StoreError, match=r"gs://other/dataset\.json: there is no such object"):
+    with pytest.raises(StoreError, match=r"gs://other/dataset\.json: there is no such file"):
         dancedata.open("gs://other")
 
 
@@ -175,7 +174,7 @@ def test_azure(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         for path in published.iterdir():
             obstore.put(store, path.name, path.read_bytes())
         _same_rows("az://dances/some", published)
-        with pytest.raises(StoreError, match="there is no such object"):
+        with pytest.raises(StoreError, match="there is no such file"):
             dancedata.open("az://dances/other")
     finally:
         process.kill()

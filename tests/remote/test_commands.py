@@ -14,7 +14,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import StoreError
 from tests.commands import as_json, run
-from tests.remote.servers import Hub, Server, serving
+from tests.remote.servers import Hub, Server, serving, status
 
 cryptography = pytest.importorskip("cryptography")
 moto = pytest.importorskip("moto.server")
@@ -52,9 +52,20 @@ def _certificate(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def addresses(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    """Return the built dataset's address on a hub, in a bucket of moto, and on an https server."""
+def secure(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """Return an https server of the built dataset; SSL_CERT_FILE names its certificate."""
+    server, context = Server(built.parent), ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     pem = _certificate(tmp_path_factory.mktemp("tls"))
+    context.load_cert_chain(pem)
+    server.socket = context.wrap_socket(server.socket, server_side=True)
+    with pytest.MonkeyPatch.context() as patch, serving(server):
+        patch.setenv("SSL_CERT_FILE", str(pem))
+        yield server
+
+
+@pytest.fixture(scope="module")
+def addresses(built: Path, secure: Server) -> Iterator[dict[str, str]]:
+    """Return the built dataset's address on a hub, in a bucket of moto, and on an https server."""
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     bucket = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     bucket.start()
@@ -64,15 +75,11 @@ def addresses(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         headers = {"Content-Type": "binary/octet-stream"}
         request = urllib.request.Request(f"http://{host}:{port}/dances{name}", data, headers, method="PUT")
         urllib.request.urlopen(request, timeout=9).close()
-    secure = Server(built.parent)
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(pem)
-    secure.socket = context.wrap_socket(secure.socket, server_side=True)
     environment = {
         "AWS_ENDPOINT": f"http://{host}:{port}", "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "key",
-        "AWS_SECRET_ACCESS_KEY": "secret", "AWS_REGION": "us-east-1", "SSL_CERT_FILE": str(pem),
+        "AWS_SECRET_ACCESS_KEY": "secret", "AWS_REGION": "us-east-1",
     }  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch, serving(Hub(built)) as hub, serving(secure):
+    with pytest.MonkeyPatch.context() as patch, serving(Hub(built)) as hub:
         patch.delenv("HF_TOKEN", raising=False)
         for name, value in {**environment, "HF_ENDPOINT": hub.url}.items():
             patch.setenv(name, value)
@@ -108,5 +115,14 @@ def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme
 
 def test_a_certificate_that_nobody_signed(addresses: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SSL_CERT_FILE")
-    with pytest.raises(StoreError, match="the server's certificate is not valid; found self-signed certificate"):
+    with pytest.raises(StoreError, match="the server's certificate is not valid; found UnknownIssuer"):
         dancedata.open(addresses["https"])
+
+
+def test_https_is_not_left(addresses: dict[str, str], secure: Server, built: Path) -> None:
+    with serving(Server(built.parent)) as plain:
+        place = f"{plain.url}/{built.name}/dataset.json"
+        secure.fault("dataset.json", status(302, Location=place))
+        with pytest.raises(StoreError, match="the server redirects to an address that is not https"):
+            dancedata.open(addresses["https"])
+        assert not plain.requests

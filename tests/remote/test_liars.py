@@ -14,7 +14,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
-from dancedata.remote import fetch, http, pull, source
+from dancedata.remote import client, fetch, pull, source
 from dancedata.remote.cached import local_folder
 from tests.remote.servers import Fault, Handler, Hub, Server, cut, other, serving, status
 
@@ -32,9 +32,8 @@ WAYS: dict[str, Way] = {
 }
 
 
-def _wait_for(monkeypatch: pytest.MonkeyPatch, silence: float, head: float, stall: float, attempts: int) -> None:
-    monkeypatch.setattr(http, "TIMEOUT_S", silence)
-    monkeypatch.setattr(http, "HEAD_S", head)
+def _wait_for(monkeypatch: pytest.MonkeyPatch, silence: float, stall: float, attempts: int) -> None:
+    monkeypatch.setattr(client, "TIMEOUT_S", silence)
     monkeypatch.setattr(source, "STALL_S", stall)
     monkeypatch.setattr(fetch, "ATTEMPTS", attempts)
 
@@ -42,7 +41,7 @@ def _wait_for(monkeypatch: pytest.MonkeyPatch, silence: float, head: float, stal
 @pytest.fixture(autouse=True)
 def no_hang(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Wait shortly, and fail instead of hanging."""
-    _wait_for(monkeypatch, 2.0, 0.6, 0.4, 3)
+    _wait_for(monkeypatch, 0.7, 0.4, 2)
 
     def hangs(*_: object) -> None:
         raise TimeoutError("it hangs")
@@ -179,7 +178,7 @@ def test_lies_about_a_shard(
         assert name in str(caught.value) or "redirects" in str(caught.value)
         assert "root:" not in str(caught.value)
     server.faults.clear()
-    _wait_for(monkeypatch, 30.0, 60.0, 60.0, 6)
+    _wait_for(monkeypatch, 30.0, 60.0, 6)
     folder = pull(address, progress=False).path  # what was fetched before is right, or was not kept
     assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir() if p.name != "README.md")
 
@@ -315,8 +314,8 @@ def test_a_bucket_that_lies(published: Path, monkeypatch: pytest.MonkeyPatch) ->
             return True
 
         wrong = _with(lambda data: bytes(len(data)), **fixed)
-        for lies, problem in [([cut(1000), elsewhere], "the server failed"), ([wrong], "other bytes")]:
-            server.fault(shard, *lies * 99)
+        for lies, problem in [([cut(1000), *[elsewhere] * 99], "the server failed"), ([wrong] * 9, "other bytes")]:
+            server.fault(shard, *lies)
             with pytest.raises(StoreError, match=problem) as caught:
                 store.read(window, "pose")
             assert "secret" not in str(caught.value)
