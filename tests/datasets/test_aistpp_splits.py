@@ -108,16 +108,6 @@ def test_ignore_none(official: Any) -> None:
     assert "Ignore list: not applied, as requested." in scan.notes
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"ignore": "maybe"},
-        {"music": "no"},
-        {"split": "../mine"},
-        {"split": ""},
-        {"split": "all", "split_dir": "x"},
-    ],
-)
-def test_wrong_fields(fields: dict[str, Any]) -> None:
-    with raises_message(UsageError, "aist"):
-        AistPP(**fields)
+def test_a_folder_of_lists_without_lists() -> None:
+    with raises_message(UsageError, "split_dir"):
+        AistPP(split="all", split_dir="x")

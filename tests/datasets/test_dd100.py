@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.dd100 import DD100
 from dancedata.datasets.dd100.motion import load_dancer
@@ -96,8 +96,6 @@ def test_what_is_not_a_copy(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
     with raises_message(SourceError, r"_01\.npy"):
         DD100().scan(tmp_path)
-    with raises_message(UsageError, "known"):
-        DD100(up="x")  # type: ignore[arg-type]
 
 
 def test_both_in_one_world_with_y_up(source: Path) -> None:
@@ -126,20 +124,17 @@ def test_both_in_one_world_with_y_up(source: Path) -> None:
 def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str, Any]) -> None:
     path = file_of(source, "Ballet_9_0_00")
     change(path, **changes)
-    with raises_message(DataError, "poses|transl") as caught:
+    with raises_message(DataError, "poses|transl", reason=reason):
         load_dancer(path)
-    assert caught.value.reason == reason
 
 
 def test_another_axis_is_refused_and_other_arrays(source: Path) -> None:
     path = file_of(source, "Ballet_9_0_00")
-    with raises_message(DataError, "pelvises", where="Ballet_9_0_00.npy") as caught:
+    with raises_message(DataError, "pelvises", where="Ballet_9_0_00.npy", reason="bad_axes"):
         load_dancer(path, "y")
-    assert caught.value.reason == "bad_axes"
     np.save(path, np.zeros((246, SMPL24.n_joints)))
-    with raises_message(DataError, r"numpy\.save", where="Ballet_9_0_00.npy") as caught:
+    with raises_message(DataError, r"numpy\.save", where="Ballet_9_0_00.npy", reason="bad_shape"):
         load_dancer(path)
-    assert caught.value.reason == "bad_shape"
 
 
 def test_joints_of_duolando(shared: Path) -> None:

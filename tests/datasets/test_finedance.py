@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.clip import ClipRef, Scan
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import SourceError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.files import SPLITS
 from dancedata.datasets.finedance import FineDance
@@ -125,21 +125,6 @@ def test_some_of_several_in_two_lists_are_kept(finedance: Any) -> None:
     scan = FineDance(split="cross_dancer", keep=("117", "130")).scan(finedance.root)
     assert "117 kept, as requested; for the others the ignore list takes precedence" in notes(scan)
     assert rejects(scan, "missing_motion").count("117") == 1
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"split": "crossgenre"},
-        {"labels": "no"},
-        {"keep": ("001",)},
-        {"keep": (120,)},
-        {"keep": "120"},
-    ],
-)
-def test_wrong_parameters(fields: dict[str, Any]) -> None:
-    with raises_message(UsageError, "finedance"):
-        FineDance(**fields)
 
 
 def test_ids_that_finedance_does_not_have(finedance: Any) -> None:

@@ -356,9 +356,8 @@ def test_unusable_files_are_reported_once_and_named_by_load(tmp_path: Path) -> N
     assert "1 file: not usable (undeclared)" in notes
     assert "1 file: not usable (broken_file), see the rejects (b.bvh)." in notes
     for clip, reason in (("a", "undeclared"), ("b", "broken_file")):
-        with raises_message(DataError, "unexpected|well") as error:
+        with raises_message(DataError, "unexpected|well", reason=reason):
             Folder(music="optional").load(by_id(scan)[clip])
-        assert error.value.reason == reason
 
 
 # --- parameters -------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import soundfile
 from scipy.spatial.transform import Rotation
 
 import dancedata
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
@@ -102,14 +102,6 @@ def test_a_broken_pickle_is_left_out_by_name(source: Path) -> None:
     assert {clip.group for clip in scan.clips} == {"seq_002", "seq 010"}
 
 
-@pytest.mark.parametrize(
-    "bad", [{"up": "x"}, {"music": "no"}, {"fps": "fast"}, {"trim_frames": -1}, {"trim_frames": 1.5}]
-)
-def test_invalid_parameters(bad: dict[str, Any]) -> None:
-    with raises_message(UsageError, "fraction|i-dancers"):
-        IDancers(**bad)
-
-
 # ---- motion
 
 
@@ -133,18 +125,16 @@ def test_a_file_with_z_up_is_turned_about_the_world(tmp_path: Path) -> None:
     for up in ("auto", "z"):
         turned = load_motions(path, BOTH, RATE, up)
         np.testing.assert_allclose(turned[1].joints(), DANCE.joints() + np.array([1.2, 0.0, 0.3]), atol=2e-6)
-    with raises_message(DataError, "pelvises", where="a_smpl.pkl") as caught:
+    with raises_message(DataError, "pelvises", where="a_smpl.pkl", reason="bad_axes"):
         load_motions(path, BOTH, RATE, "y")
-    assert caught.value.reason == "bad_axes"
 
 
 def test_who_lies_has_no_axis(tmp_path: Path) -> None:
     lying = DANCE.rotations.copy()
     lying[:, 0] = (0.0, 0.0, np.pi / 4)
     path = write(tmp_path / "a_smpl.pkl", content_of(Motion(DANCE.translation, lying, DANCE.grid, SMPL24), 2))
-    with raises_message(DataError, "clear", where="a_smpl.pkl") as caught:
+    with raises_message(DataError, "clear", where="a_smpl.pkl", reason="bad_axes"):
         load_motions(path, BOTH, RATE)
-    assert caught.value.reason == "bad_axes"
     np.testing.assert_allclose(load_motions(path, BOTH, RATE, "y")[0].translation, DANCE.translation, atol=1e-6)
 
 
@@ -153,9 +143,8 @@ def test_trimmed_frames_are_those_of_the_whole(tmp_path: Path) -> None:
     whole, part = load_motions(path, BOTH, RATE)[1], load_motions(path, BOTH, RATE, trim=15)[1]
     np.testing.assert_array_equal(part.rotations, whole.rotations[15:-15])
     np.testing.assert_array_equal(part.translation, whole.translation[15:-15])
-    with raises_message(DataError, "trim_frames", where="a_smpl.pkl") as caught:
+    with raises_message(DataError, "trim_frames", where="a_smpl.pkl", reason="empty"):
         load_motions(path, BOTH, RATE, trim=31)
-    assert caught.value.reason == "empty"
 
 
 def test_one_dancer_with_nan_leaves_the_others(tmp_path: Path) -> None:
@@ -201,9 +190,8 @@ BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
 def test_bad_files(tmp_path: Path, name: str) -> None:
     reason, change = BAD[name]
     path = write(tmp_path / "a_smpl.pkl", change(content_of(DANCE, 2)))
-    with raises_message(DataError, "frames|matrix|smpl_poses|smpl_trans") as caught:
+    with raises_message(DataError, "frames|matrix|smpl_poses|smpl_trans", reason=reason):
         load_motions(path, BOTH, RATE)
-    assert caught.value.reason == reason
 
 
 def test_determinants_within_the_tolerance_are_read(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import dancedata
 from dancedata.core.bodies import SMPLX22
-from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
+from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.datasets.infinitedance import InfiniteDance
 from dancedata.datasets.infinitedance.corpus import (
     COLUMNS_FOLDER,
@@ -181,12 +181,6 @@ def test_archives_that_were_not_unpacked(source: Path) -> None:
         InfiniteDance().scan(source)
 
 
-@pytest.mark.parametrize("bad", [{"motion": "tokens"}, {"split": "by-video"}, {"clips": "others"}, {"up": "x"}])
-def test_invalid_parameters(bad: dict[str, Any]) -> None:
-    with raises_message(UsageError, "infinitedance"):
-        InfiniteDance(**bad)
-
-
 # ---- fits
 
 
@@ -255,9 +249,8 @@ def test_bad_fits(source: Path, case: str) -> None:
     reason, make = BAD[case]
     path = source / FITS_FOLDER / f"{OWN}.pkl"
     change(path, **make(fit_of(source)))
-    with raises_message(DataError, "body_pose|frames|global_orient|transl") as caught:
+    with raises_message(DataError, "body_pose|frames|global_orient|transl", reason=reason):
         load_fit(path)
-    assert caught.value.reason == reason
 
 
 def test_files_that_run_code_are_refused(source: Path, unpickled_marker: Any) -> None:
@@ -265,14 +258,12 @@ def test_files_that_run_code_are_refused(source: Path, unpickled_marker: Any) ->
     content = fit_of(source)
     path = source / FITS_FOLDER / f"{OWN}.pkl"
     path.write_bytes(attack())
-    with pytest.raises(DataError) as caught:
+    with raises_message(DataError, "", reason="unsafe_pickle"):
         load_fit(path)
-    assert caught.value.reason == "unsafe_pickle"
     assert not marker.exists()
     path.write_bytes(joblib_bytes({**content, "transl": Rotation.identity()}))
-    with pytest.raises(DataError) as caught:
+    with raises_message(DataError, "", reason="unsafe_pickle"):
         load_fit(path)
-    assert caught.value.reason == "unsafe_pickle"
 
 
 # ---- columns
@@ -297,9 +288,8 @@ def test_bad_columns(source: Path) -> None:
     with raises_message(DataError, "frames", where="video_0001.npy"):
         load_columns(path)
     np.save(path, np.array([{}], dtype=object), allow_pickle=True)
-    with pytest.raises(DataError) as caught:
+    with raises_message(DataError, "", reason="bad_shape"):
         load_columns(path)
-    assert caught.value.reason == "bad_shape"
 
 
 def test_columns_are_the_dance_of_the_fit(source: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.phantomdance import PhantomDance
@@ -70,12 +70,6 @@ def test_several_folders(source: Path) -> None:
     assert len(PhantomDance(motions="motion").scan(source).clips) == 3
     with raises_message(SourceError, "unpacked", where="мой dänce/music"):
         PhantomDance(motions="music").scan(source)
-
-
-@pytest.mark.parametrize("bad", [{"split": "official"}, {"music": "no"}])
-def test_invalid_parameters(bad: dict[str, Any]) -> None:
-    with raises_message(UsageError, "phantomdance"):
-        PhantomDance(**bad)
 
 
 # ---- motion
@@ -142,14 +136,12 @@ BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
 def test_bad_files(tmp_path: Path, name: str) -> None:
     reason, change = BAD[name]
     path = write(tmp_path / "a.json", change(content_of(DANCE)))
-    with raises_message(DataError, "R_Hip|download|root_positions|upright") as caught:
+    with raises_message(DataError, "R_Hip|download|root_positions|upright", reason=reason):
         load_motion(path)
-    assert caught.value.reason == reason
 
 
 @pytest.mark.parametrize("text", ["{", '{"a": NaN}', "[" * 100])
 def test_broken_json(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.json").write_text(text, encoding="utf-8")
-    with raises_message(DataError, "JSON", where="a.json") as caught:
+    with raises_message(DataError, "JSON", where="a.json", reason="broken_file"):
         load_motion(tmp_path / "a.json")
-    assert caught.value.reason == "broken_file"

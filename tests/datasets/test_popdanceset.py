@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dancedata.contacts.velocity import Velocity
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.datasets.popdanceset.motion import load_motion, write_example
@@ -104,12 +104,6 @@ def test_what_is_left_out(source: Path) -> None:
     assert splits(PopDanceSet(music="optional").scan(source))[SECOND] == "train"
 
 
-@pytest.mark.parametrize("bad", [{"split": "video"}, {"scale": "divide"}, {"music": "no"}])
-def test_invalid_parameters(bad: dict[str, Any]) -> None:
-    with raises_message(UsageError, "popdanceset"):
-        PopDanceSet(**bad)
-
-
 # ---- motion
 
 
@@ -160,9 +154,8 @@ def bad(key: str, array: Any) -> Any:
 def test_bad_files(source: Path, reason: str, make: Any) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
     change(path, **make(pickle.loads(path.read_bytes())))
-    with raises_message(DataError, "frames|matrix|pred_camera|pred_thetas|transl") as caught:
+    with raises_message(DataError, "frames|matrix|pred_camera|pred_thetas|transl", reason=reason):
         load_motion(path, "multiply")
-    assert caught.value.reason == reason
 
 
 def test_pred_camera_is_not_read_without_scale(source: Path) -> None:
@@ -175,9 +168,8 @@ def test_pickles_that_run_code_are_refused(source: Path, unpickled_marker: Any) 
     marker, attack = unpickled_marker
     path = source / "motions" / f"{FIRST}.pkl"
     path.write_bytes(attack())
-    with pytest.raises(DataError) as caught:
+    with raises_message(DataError, "", reason="unsafe_pickle"):
         load_motion(path, "multiply")
-    assert caught.value.reason == "unsafe_pickle"
     assert not marker.exists()
 
 

@@ -161,9 +161,8 @@ def test_silence_is_finite_and_a_blink_is_too_short(kind: str, feature: Callable
     assert np.isfinite(rows).all()
     # 10 ms; EnCodec's frames at 48 kHz are shorter.
     short = AudioSignal(np.zeros(220 if kind != "encodec48" else 140, np.float32), 22_050)
-    with raises_message(DataError, "signal") as caught:
+    with raises_message(DataError, "signal", reason="short_audio"):
         made.extract(short, FPS)
-    assert caught.value.reason == "short_audio"
 
 
 def test_values_beyond_float16_are_never_stored(feature: Callable[..., HuggingFace]) -> None:

@@ -106,17 +106,15 @@ def test_another_family_is_refused() -> None:
 def test_columns_that_are_not_rotations(dance, columns) -> None:
     window = columns(dance(60))
     scaled = window * 0.5
-    with raises_message(DataError, "rotation", where="primitives, frame 0, pelvis") as caught:
+    with raises_message(DataError, "rotation", where="primitives, frame 0, pelvis", reason="bad_rotation"):
         joints_of(scaled)
-    assert caught.value.reason == "bad_rotation"
     parallel = window.copy()
     parallel[7, 10:13] = parallel[7, 7:10]
     with raises_message(DataError, "rotation", where="primitives, frame 7, pelvis"):
         joints_of(parallel)
     window[5, 30] = np.nan
-    with raises_message(DataError, "infinity", where="primitives") as caught:
+    with raises_message(DataError, "infinity", where="primitives", reason="nan"):
         joints_of(window)
-    assert caught.value.reason == "nan"
 
 
 @pytest.mark.parametrize("shape", [(60, 151), (60, 138), (139,)])

@@ -126,9 +126,8 @@ def test_decoding_invalid_rotations(made: Any) -> None:
     ):
         broken = array.copy()
         broken[3, columns] = value
-        with raises_message(DataError, "columns") as error:
+        with raises_message(DataError, "columns", reason=reason) as error:
             made.decode(broken, THIRTY)
-        assert error.value.reason == reason
         if reason == "bad_rotation":
             assert f"{made.name}, frame 3, left_knee" in str(error.value)
 
