@@ -93,7 +93,8 @@ def test_a_worker_that_encodes_motion_loads_no_feature(corpus: Path, tmp_path: P
     assert "dancedata.representations.edge151" in names
     heavy = HEAVY | {"pydantic", "h5py", "typer", "joblib", "importlib.metadata"}
     assert names & heavy == set()
-    assert [name for name in names if name.startswith("dancedata.audio")] == []
+    levels = {"dancedata.audio", "dancedata.audio.silence"}  # needs numpy alone
+    assert {name for name in names if name.startswith("dancedata.audio")} <= levels
     (made,) = recipe.motion
     assert cache.array("motion", unit[1][4].fields[made.name]) is not None
 

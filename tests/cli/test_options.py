@@ -16,7 +16,7 @@ from dancedata.pipeline.commands import build_part
 OUTPUT = {"as_json", "quiet", "plugins"}
 OTHER = {"build": {"part"}, "evaluate": {"per_clip", "table", "list_protocols", "self_test"}, "export": set()}
 #: Options with another name in Python, where several values are one argument there.
-RENAMED = {"evaluate": {"metric": "metrics"}, "decode": {"file": "path"}, "check": {"paths": "path"}}
+RENAMED = {"evaluate": {"metric": "metrics"}, "decode": {"files": "path"}, "check": {"paths": "path"}}
 #: Keys of export targets, which Python takes as `parameters`.
 PARAMETERS = {"export": {"feature", "scaler", "keep_ignored", "overrides"}}
 #: Options whose default differs, with those of the command line and of Python; every other one has the same.
