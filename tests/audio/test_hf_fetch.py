@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from tests.messages import raises_message
 
-pytest.importorskip("huggingface_hub")
+pytest.importorskip("huggingface_hub", minversion="1.1")
 
 from huggingface_hub import constants
 
