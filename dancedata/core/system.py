@@ -70,12 +70,6 @@ def umask() -> int:
         return mask
 
 
-def n_cores() -> int:
-    """Return the number of cores that this process may use; on macOS those of the machine."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
-
-
 def processor_flags() -> set[str]:
     """Return the features of the processor by Linux's names; none where Linux does not list them."""
     return set(_cpuinfo("flags").split())

@@ -17,9 +17,6 @@ Floats = NDArray[np.float64]
 # A writable copy: scipy 1.17 does not accept read-only arrays in `apply`.
 OFFSETS: Floats = np.array(SMPL24.offsets)
 
-#: Joints of the contact columns, in their order (toes are called foot in SMPL).
-FOOT_JOINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")
-
 #: A foot joint that moves farther than this in 1/30 s counts as moving: twice EDGE's contact threshold.
 MOVING_M = 0.02
 

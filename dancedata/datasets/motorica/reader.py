@@ -21,7 +21,6 @@ from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_aud
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
 
-SPLIT_NAMES = ("official", "official-clean", "by-song")
 #: Seconds from the first frame of LDA's first take to that of its second.
 SECOND_TAKE = Fraction(1, 60)
 BY_SONG = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)
