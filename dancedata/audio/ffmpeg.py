@@ -26,7 +26,17 @@ _ERROR = re.compile(r"^(?:\[[^]]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTI
 
 
 class NotDecodedError(Exception):
-    """ffmpeg is not installed, or cannot decode the sound; the text says why."""
+    """ffmpeg is not installed, or cannot decode the sound; the text says why.
+
+    Attributes
+    ----------
+    options
+        Options with which an ffmpeg could write the sound as wav; None where it cannot.
+    """
+
+    def __init__(self, problem: str, options: str | None = None) -> None:
+        super().__init__(problem)
+        self.options = options
 
 
 def find_ffmpeg() -> str:
@@ -87,7 +97,7 @@ def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str]:
     try:
         program = find_ffmpeg()
     except UsageError as error:
-        raise NotDecodedError("ffmpeg, which may read it, is not installed") from error
+        raise NotDecodedError("ffmpeg, which may read it, is not installed", "") from error
     command = [program, "-nostdin", "-hide_banner", "-nostats", "-loglevel", "level+info", "-threads", "1",
                "-protocol_whitelist", "file", "-format_whitelist", _FORMATS, "-i", f"file:{path.absolute()}",
                "-map", "0:a:0", "-c:a", "pcm_f32be", "-bitexact", "-f", "au", "-"]  # fmt: skip
@@ -109,9 +119,7 @@ def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str]:
     n_streams = len(_STREAM.findall(text.partition("Output #0")[0]))
     errors = "; ".join(dict.fromkeys(line.strip() for line in _ERROR.findall(text)))
     if n_streams > 1:
-        raise NotDecodedError(
-            f"{n_streams} streams of sound, to choose from: ffmpeg's option -map 0:a:0 is the first, 0:a:1 the second"
-        )
+        raise NotDecodedError(f"{n_streams} streams of sound, to choose from", " -map 0:a:0")
     if n_streams == 0 and "Input #0" in text:
         raise NotDecodedError("ffmpeg: no stream of sound")
     first, rate, channels = (int.from_bytes(sound[k : k + 4], "big") for k in (4, 16, 20))

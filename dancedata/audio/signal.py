@@ -348,10 +348,11 @@ def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.f
     try:
         samples, rate, errors = decode(path, _most_bytes(size))
     except NotDecodedError as error:
-        name = shlex.quote(path.name)
-        command = f"ffmpeg -n -i {name} {shlex.quote(path.stem + '.wav')}"
-        fix = f"{command}; or install ffmpeg, which is then used by itself: {install('video')}"
-        raise _broken(path, f"{problem}; {error}", fix="" if "ffmpeg:" in str(error) else fix) from error
+        fix = ""
+        if error.options is not None:
+            fix = f"ffmpeg -n -i {shlex.quote(path.name)}{error.options} {shlex.quote(path.stem + '.wav')}"
+            fix += "" if error.options else f"; or install ffmpeg, which is then used by itself: {install('video')}"
+        raise _broken(path, f"{problem}; {error}", fix=fix) from error
     _require_rate(path, rate)
     if 4 * len(samples) * FEATURE_RATE // rate > _most_bytes(size):
         raise _broken(path, f"{len(samples):,} samples at {rate:,} Hz in a file of {size:,} bytes")

@@ -37,6 +37,9 @@ _PART_S = 10
 _MP3_IN_WAV = 0x55
 #: What no chunk within a file is called, but a file behind it.
 _HEADS = (b"RIFF", b"RIFX", b"RF64", b"BW64", b"FORM", b"riff", b"caff", b"fLaC", b"OggS")
+#: Samples by which AAC is late: a frame, of most encoders two; sample rates by their number in ADTS (ISO 13818-7).
+_AAC_DELAY = 1024
+_AAC_RATES = (96_000, 88_200, 64_000, 48_000, 44_100, 32_000, 24_000, 22_050, 16_000, 12_000, 11_025, 8_000, 7_350)
 #: Signature, header of a block, STREAMINFO.
 _FLAC_HEAD = 42
 
@@ -131,6 +134,9 @@ def _without_tags(data: bytes) -> tuple[int, int]:
 
 
 def _mpeg(data: bytes, begin: int, end: int) -> Held:
+    header = data[begin : begin + 4]
+    if len(header) == 4 and header[0] == 0xFF and header[1] & 0xF6 == 0xF0:  # ADTS, which has no tag of a delay
+        return Held(delay_s=_AAC_DELAY / _AAC_RATES[min(header[2] >> 2 & 0xF, len(_AAC_RATES) - 1)])
     audio = mpeg_audio(data, begin, end)
     if audio is None:
         return Held()

@@ -156,7 +156,7 @@ def _detail(row: Mapping[str, Any]) -> str:
         "silent_music": f"the music has a level of {value:.0f} dBFS here, which is silence: below {SILENT_DBFS:.0f}",
         "steady_music": f"the level of the music changes by {value:.1f} dB here, so it has no onset and no beat",
         "decoded_by_ffmpeg": f"ffmpeg decoded {value:.2f} s of music, which libsndfile does not read to its end",
-        "late_music": f"the mp3 has no tag of its encoder's delay: its music may be up to {1000 * value:.0f} ms late",
+        "late_music": f"the file has no tag of its encoder's delay: its music may be {1000 * value:.0f} ms late",
         "cut_music": f"the header of the music announces {value:.2f} s more than the file has",
         "fitted": "twist unknown: rotations are fitted to positions, from which the joints are "
         f"{100 * value:.2g} cm off on average",
