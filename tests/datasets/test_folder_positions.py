@@ -19,7 +19,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.aistpp import load as aistpp
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.positions import JOINT_SETS
-from dancedata.evaluation.inputs.files import FileClip, FileFormat
+from dancedata.evaluation.inputs.files import FileClip, FileFormat, clips_of
 from dancedata.formats.motion_files import motion_file
 from dancedata.representations.humanml263 import Humanml263
 from dancedata.synthetic import synthesise_motion
@@ -307,3 +307,10 @@ def test_the_keypoints_that_aistpp_publishes(shared: Path) -> None:
         bones = [at[:, b] - at[:, a] for at in (motion.joints(), expected.joints())]
         cosine = np.sum(bones[0] * bones[1], axis=-1) / np.prod([np.linalg.norm(x, axis=-1) for x in bones], axis=0)
         assert np.degrees(np.arccos(cosine)).mean() < 3
+
+
+def test_each_sample_of_mdm_is_shown(tmp_path: Path, dance: Motion) -> None:
+    mdm(tmp_path / "results.npy", dance, [120, 60])
+    clips = clips_of(tmp_path / "results.npy", FileFormat())
+    assert [clip.id for clip in clips] == ["results-person0", "results-person1"]
+    assert [len(clip.pose().joints) for clip in clips] == [120, 60]

@@ -34,6 +34,7 @@ from dancedata.datasets.folder.array_layouts import RATE_KEYS, same_rate, stated
 from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
 from dancedata.datasets.folder.layout import MOTION_FOLDERS, MUSIC_FOLDERS
 from dancedata.datasets.folder.manifest import MANIFESTS
+from dancedata.datasets.folder.people import people_of
 from dancedata.datasets.folder.positions import JOINT_NAMES
 from dancedata.datasets.folder.reader import Folder
 
@@ -47,6 +48,7 @@ __all__ = [
     "UPRIGHT",
     "Folder",
     "metres",
+    "people_of",
     "same_rate",
     "stated_grid",
 ]

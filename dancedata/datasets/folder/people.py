@@ -46,13 +46,18 @@ def split_people(clips: Sequence[ClipRef], rejects: Sequence[Reject]) -> tuple[l
 
 def _people_of(clip: ClipRef) -> tuple[str, ...]:
     """Return the names of the people of a clip's file; ("",) for one person without a name."""
-    if any(name == "person" for name, _ in clip.declared) or not holds_values(clip.motion_path):
+    if any(name == "person" for name, _ in clip.declared):
         return ("",)
     try:
-        people = joined(open_people(clip.motion_path))
-        return ("",) if len(people) == 1 and people[0].tracks else tuple(person.person for person in people)
+        return people_of(clip.motion_path)
     except DataError:
         return ("",)
+
+
+def people_of(path: Path) -> tuple[str, ...]:
+    """Return the names of the people of a file; ("",) for one person without a name. DataError as `open_arrays`."""
+    people = joined(open_people(path)) if holds_values(path) else ()
+    return tuple(person.person for person in people if not person.tracks or len(people) > 1) or ("",)
 
 
 @contextmanager

@@ -384,7 +384,8 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
         span = seen_in(arrays)
         tracks = arrays.tracks if isinstance(arrays, PersonArrays) else ()
         fit = fitting_note(arrays, layout, reading) if layout.body == "positions" else ()
-    joints = f" on {layout.body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
+    body = "smpl" if layout.body == "positions" else layout.body
+    joints = f" on {body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
     text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
     video = (f"Video: {span[0]}",) if span is not None and str(span[0]) else ()
     if tracks:

@@ -16,7 +16,17 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
-from dancedata.datasets.folder import JOINT_NAMES, RATE_KEYS, UNITS, UPRIGHT, Folder, metres, same_rate, stated_grid
+from dancedata.datasets.folder import (
+    JOINT_NAMES,
+    RATE_KEYS,
+    UNITS,
+    UPRIGHT,
+    Folder,
+    metres,
+    people_of,
+    same_rate,
+    stated_grid,
+)
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
@@ -92,6 +102,8 @@ class FileClip(ClipInput):
     ----------
     sample
         Number of the motion in the batch; None: the file is one clip.
+    person
+        The file's own name for one of its people; "" for the only one.
     partners
         Files of the other dancers of a group, where each dancer has a file.
     """
@@ -99,6 +111,7 @@ class FileClip(ClipInput):
     path: Path
     format: FileFormat
     sample: int | None = None
+    person: str = ""
     partners: tuple[Path, ...] = ()
 
     @property
@@ -116,7 +129,7 @@ class FileClip(ClipInput):
         declared = [self.format.identity(), folder.version, document_of(folder, loading=True)]
         if self.path.suffix.lower() != ".bvh":
             declared.append(RATE_KEYS)
-        declared += [] if self.sample is None else [self.sample]
+        declared += [self.person] if self.person else [] if self.sample is None else [self.sample]
         partners = [[path.suffix.lower(), cache.file_sha256(path)] for path in self.partners]
         return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path), *partners]
 
@@ -128,7 +141,7 @@ class FileClip(ClipInput):
 
     def pose(self) -> Pose:
         """Load a file of one dancer."""
-        if self.path.suffix.lower() != ".bvh":
+        if self.path.suffix.lower() != ".bvh" and not self.person:
             with open_arrays(self.path) as arrays:
                 if self.sample is None:
                     self._require_single(arrays)
@@ -137,7 +150,9 @@ class FileClip(ClipInput):
             if pose is not None:
                 return pose
         try:
-            return Pose.of_motion(self.format.folder.load(ClipRef(self.id, self.path, None, "test")))
+            person = (("person", self.person),) if self.person else ()
+            ref = ClipRef(self.id, self.path, None, "test", declared=person)
+            return Pose.of_motion(self.format.folder.load(ref))
         except DataError as error:  # the folder's remedies are keys of a recipe
             error.fix = _REMEDIES.get(error.reason, error.fix)
             if self.format.columns is not None and error.reason == "bad_shape" and error.allowed is not None:
@@ -342,7 +357,7 @@ def _is_group(path: Path) -> bool:
 
 
 def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
-    """Return the clips of a motion file: one, or one for each motion of a batch of columns or positions.
+    """Return the clips of a motion file: one, or one for each person, or motion of a batch of columns or positions.
 
     A file with an entry `person_mask` is a group, or a batch of groups. One that cannot be opened is a clip, whose
     `load` gives the reason.
@@ -351,6 +366,9 @@ def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
     if path.suffix.lower() == ".bvh":
         return (replace(one[0], format=replace(form, unit=form.unit or "guess")),)
     try:
+        people = people_of(path)
+        if len(people) > 1:
+            return tuple(replace(one[0], id=f"{path.stem}-person{person}", person=person) for person in people)
         with open_arrays(path) as arrays:
             if PERSON_MASK in arrays.names:
                 group, mask = replace(one[0], format=replace(form, groups=True)), _shape(arrays, PERSON_MASK)
