@@ -21,9 +21,10 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
-from dancedata.execution.arithmetic import REFERENCE, as_in_builds, expected, has_reference
+from dancedata.execution.arithmetic import REFERENCE, expected, has_reference
 from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
+from dancedata.execution.units import as_in_builds
 from dancedata.pipeline.audio import (
     FeatureKeys,
     SignalId,

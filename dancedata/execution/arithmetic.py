@@ -118,29 +118,11 @@ def expected() -> str:
 
 @lru_cache(maxsize=1)
 def _of_workers() -> str:
-    from dancedata.execution.executors import Executor
+    from joblib.externals.loky import ProcessPoolExecutor
 
-    found: dict[int, str] = {}
-    Executor().run(here, {0: ()}, "", found.__setitem__)
-    return found.get(0, here())
-
-
-def exactly(function: Callable[..., T], *args: Any) -> T:
-    """Return ``function(*args)`` as a build computes it: on one thread, with the instructions of `expected`.
-
-    DanceDataError if the worker dies that computes it.
-    """
-    if here() == expected():
-        return on_one_thread(function, *args)
-    from dancedata.execution.progress import Progress
-    from dancedata.execution.units import run_units
-
-    return run_units(function, [args], jobs=1, label="one unit", progress=Progress(quiet=True))[0]
-
-
-def as_in_builds(exact: bool) -> Callable[..., Any]:
-    """Return the wrapper in which builds run units: `exactly` or `on_one_thread`."""
-    return exactly if exact else on_one_thread
+    with ProcessPoolExecutor(1, env=variables()) as pool:
+        found: str = pool.submit(here).result()
+    return found
 
 
 def on_one_thread(function: Callable[..., T], *args: Any) -> T:

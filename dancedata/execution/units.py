@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from dancedata.core.errors import DanceDataError, UsageError
-from dancedata.execution.arithmetic import on_one_thread
+from dancedata.execution import arithmetic
 from dancedata.execution.cache import Cache
 from dancedata.execution.executors import Call, Executor, OnResult, first_line
 from dancedata.execution.progress import Progress
@@ -133,7 +133,7 @@ def run_units(
             results[index] = result
             advance(1)
 
-        run = partial(on_one_thread, function)
+        run = partial(arithmetic.on_one_thread, function)
         executor = Executor(jobs) if isinstance(jobs, int) else jobs
         if executor.is_here(len(missing), exact):
             for index, call in missing.items():
@@ -207,3 +207,18 @@ def unit_name(call: Call) -> str:
         if isinstance(path, Path):
             return str(path)
     return "unit"
+
+
+def exactly(function: Callable[..., R], *args: Any) -> R:
+    """Return ``function(*args)`` as a build computes it: on one thread, with the instructions of `expected`.
+
+    DanceDataError if the worker dies that computes it.
+    """
+    if arithmetic.here() == arithmetic.expected():
+        return arithmetic.on_one_thread(function, *args)
+    return run_units(function, [args], jobs=1, label="one unit", progress=Progress(quiet=True))[0]
+
+
+def as_in_builds(exact: bool) -> Callable[..., Any]:
+    """Return the wrapper in which builds run units: `exactly` or `on_one_thread`."""
+    return exactly if exact else arithmetic.on_one_thread

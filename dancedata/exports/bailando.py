@@ -18,7 +18,6 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
 from dancedata.datasets.aistpp.facts import facts
-from dancedata.execution.arithmetic import as_in_builds
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import (
     needs_feature,
@@ -195,6 +194,8 @@ class Bailando(Export):
                     f"{counted(len(short), 'sequence')} of {part} shorter than {_LEAST} frames, which give no "
                     f"training window: {listed(short)}"
                 )
+        from dancedata.execution.units import as_in_builds  # `list` loads exports, but no engine
+
         songs, _ = find_songs(job, [clip for part in PARTS for clip in self._clips(job, part)])
         feature = _feature_of(job, self.feature)
         compute = as_in_builds(feature.exact)

@@ -13,7 +13,7 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.core.text import shown
-from dancedata.execution.arithmetic import as_in_builds
+from dancedata.execution.units import as_in_builds
 from dancedata.files.regular_file import sha256_file
 from dancedata.recipes.plugins import make_named, one_of
 

@@ -24,8 +24,8 @@ from dancedata.core.quality import music_flags
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, shown
 from dancedata.datasets.files import AUDIO_SUFFIXES, named_files
-from dancedata.execution.arithmetic import as_in_builds
 from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.units import as_in_builds
 from dancedata.files.atomic import atomic_file, write_json
 from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file

@@ -13,10 +13,9 @@ from dancedata.core.errors import SourceError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.quality import music_flags
 from dancedata.core.text import counted, is_unicode, listed, quoted
-from dancedata.execution.arithmetic import exactly
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import Jobs, run_units
+from dancedata.execution.units import Jobs, exactly, run_units
 from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
 from dancedata.pipeline.feature_files import FeatureFile, identify_files, with_feature_paths
 from dancedata.pipeline.motion_keys import content_hashes

@@ -6,7 +6,6 @@ import ast
 import graphlib
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,24 +22,10 @@ def module_files(root: Path) -> dict[str, Path]:
     return found
 
 
-def statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """Yield the statements that run when a module is imported; not those of `if TYPE_CHECKING`."""
-    for statement in body:
-        if isinstance(statement, ast.If) and "TYPE_CHECKING" in ast.unparse(statement.test):
-            yield from statements(statement.orelse)
-            continue
-        yield statement
-        if not isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
-            for block in ("body", "orelse", "finalbody"):
-                yield from statements(getattr(statement, block, []))
-            for handler in getattr(statement, "handlers", []):
-                yield from statements(handler.body)
-
-
 def imports(path: Path, modules: dict[str, Path]) -> set[str]:
-    """Return the modules of the package that a file imports when it is imported."""
+    """Return the modules of the package that a file imports, also in functions and for type checkers."""
     found = set()
-    for statement in statements(ast.parse(path.read_text(encoding="utf-8")).body):
+    for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(statement, ast.Import):
             found |= {alias.name for alias in statement.names}
         elif isinstance(statement, ast.ImportFrom):
@@ -78,8 +63,9 @@ def test_only_the_registry_imports_by_name() -> None:
         ("from house import a", True),
         ("import house.a", True),
         ("try:\n    from house.a import x\nexcept ImportError:\n    x = None", True),
-        ("def f():\n    from house import a", False),
-        ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from house import a", False),
+        ("def f():\n    from house import a", True),
+        ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from house import a", True),
+        ("import json", False),
     ],
 )
 def test_circles_are_found(tmp_path: Path, text: str, found: bool) -> None:

@@ -19,7 +19,7 @@ import soundfile
 from dancedata.cache import FeatureCache
 from dancedata.core import system
 from dancedata.core.errors import DanceDataError, DataError
-from dancedata.execution import arithmetic
+from dancedata.execution import arithmetic, units
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.synthetic import synthesise_song
@@ -250,16 +250,16 @@ def test_a_worker_computes_with_the_reference_and_survives_what_units_do() -> No
     for exact, other in ((True, False), (False, True)):
         (pid,) = run_units(os.getpid, [()], jobs=1, label="x", progress=quiet, exact=exact)
         assert (pid == os.getpid()) is other
-    assert arithmetic.exactly(lambda: arithmetic.here()) == arithmetic.REFERENCE  # travels with the call
+    assert units.exactly(lambda: arithmetic.here()) == arithmetic.REFERENCE  # travels with the call
     with pytest.raises(DataError) as caught:
-        arithmetic.exactly(fail)
+        units.exactly(fail)
     assert (caught.value.reason, caught.value.where) == ("nan", "song.wav")
     with pytest.raises(TypeError, match="pickle"):
-        arithmetic.exactly(print, threading.Lock())
+        units.exactly(print, threading.Lock())
     with pytest.raises(DanceDataError, match="kills its worker") as died:
         run_units(die, [(Path("song.wav"),)], jobs=1, label="features", progress=quiet)
     assert str(died.value.where) == "song.wav"
-    assert arithmetic.exactly(abs, -2) == 2
+    assert units.exactly(abs, -2) == 2
 
 
 @needs_reference
@@ -267,7 +267,7 @@ def test_a_worker_computes_with_the_reference_and_survives_what_units_do() -> No
 @pytest.mark.parametrize("daemon", [True, False])
 def test_a_fork_computes_by_a_worker_of_its_own_or_under_its_own_key(daemon: bool) -> None:
     """Forked workers of a DataLoader are daemons, to which multiprocessing gives no children."""
-    mine = arithmetic.exactly(os.getpid)
+    mine = units.exactly(os.getpid)
     context = multiprocessing.get_context("fork")
     queue: Any = context.Queue()
     child = context.Process(target=_ask, args=(queue,), daemon=daemon)
@@ -279,12 +279,12 @@ def test_a_fork_computes_by_a_worker_of_its_own_or_under_its_own_key(daemon: boo
     else:
         assert pid not in (mine, os.getpid(), child.pid)
         assert expected == arithmetic.REFERENCE
-    assert arithmetic.exactly(os.getpid) == mine
+    assert units.exactly(os.getpid) == mine
 
 
 def _ask(queue: Any) -> None:
     arithmetic.here = lambda: "in the fork"
-    queue.put((arithmetic.exactly(os.getpid), arithmetic.expected()))
+    queue.put((units.exactly(os.getpid), arithmetic.expected()))
 
 
 @needs_reference
@@ -326,8 +326,7 @@ def test_modules_of_the_working_folder_do_not_replace_others(tmp_path: Path) -> 
     script.write_text(
         "import os, sys\n"
         "from dancedata.execution.progress import Progress\n"
-        "from dancedata.execution.units import run_units\n"
-        "from dancedata.execution.arithmetic import exactly\n"
+        "from dancedata.execution.units import exactly, run_units\n"
         "sys.path.append(3)\n"  # Python ignores what is no text
         "assert exactly(abs, -2) == 2\n"
         "calls = [(n,) for n in (-2, -3)]\n"
@@ -348,7 +347,7 @@ def test_machines_without_the_level_keep_results_of_their_own(monkeypatch: pytes
     assert own.endswith("OPENBLAS_CORETYPE=Nehalem")
     assert arithmetic.expected() == own
     assert "OPENBLAS_CORETYPE" not in arithmetic.variables()
-    assert arithmetic.exactly(os.getpid) == os.getpid()
+    assert units.exactly(os.getpid) == os.getpid()
 
 
 @needs_reference
