@@ -288,13 +288,10 @@ def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
     if rule.pelvis == "translation" and placed.true_pelvis:
         placed = replace(placed, joints=placed.joints - placed.rest, true_pelvis=False, motion=None)
     if rule.pelvis == "body" and not placed.true_pelvis:
-        raise DataError(
-            "the protocol needs the true position of the pelvis",
-            reason="other_pelvis",
-            found="joints whose pelvis may lie at the translation, as in EDGE's kinematics",
-            allowed="rotations and translation, or joints with the pelvis of the body",
-            fix="declare the body if the pelvis is right: --body smpl24",
-        )
+        raise DataError("the protocol needs the true position of the pelvis", reason="other_pelvis",
+                        found="joints whose pelvis may lie at the translation, as in EDGE's kinematics",
+                        allowed="rotations and translation, or joints with the pelvis of the body",
+                        fix="declare the body if the pelvis is right: --body smpl24")  # fmt: skip
     grid = rule.grid
     if grid is None or grid == placed.grid:
         return placed, notes

@@ -51,12 +51,9 @@ def dask(address: str, required: Requirements) -> Iterator[Executor]:
     try:
         client = Client(address, timeout=TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TimeoutError) as error:
-        raise DanceDataError(
-            "no Dask scheduler answers at this address",
-            where=address,
-            found=str(error) or type(error).__name__,
-            fix="check that it runs and that this machine can reach it",
-        ) from error
+        raise DanceDataError("no Dask scheduler answers at this address", where=address,
+                             found=str(error) or type(error).__name__,
+                             fix="check that it runs and that this machine can reach it") from error  # fmt: skip
 
     @contextmanager
     def starting(label: str) -> Iterator[Start]:

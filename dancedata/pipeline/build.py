@@ -282,12 +282,9 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
     ]
     if meta.get("recipe_sha256") != recipe.sha256:
         listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
-        raise StoreError(
-            "this folder holds a dataset built from a different recipe",
-            where=out,
-            found=f"these differences:\n{listed}\n",
-            fix="choose another --out, or --overwrite to replace it",
-        )
+        raise StoreError("this folder holds a dataset built from a different recipe", where=out,
+                         found=f"these differences:\n{listed}\n",
+                         fix="choose another --out, or --overwrite to replace it")  # fmt: skip
     if meta.get("source_sha256") != source_sha256:
         changed = source_differences(SourceRecord.of_store(store), record, "there", "now")
         listed = "\n".join(f"  - {difference}" for difference in changed) or "  - (another version of dancedata)"

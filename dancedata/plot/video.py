@@ -290,10 +290,8 @@ def export_video(
     mesh = request.mesh()
     opened = Shown.of(replace(request, wall=request.wall or bool(request.compare)))
     if not request.clip and len(opened.scenes.items) > 1:
-        raise UsageError(
-            "a video shows one clip, group or wall",
-            fix="give its name after the dataset: dancedata view OUT CLIP --video FILE.mp4",
-        )
+        raise UsageError("a video shows one clip, group or wall",
+                         fix="give its name after the dataset: dancedata view OUT CLIP --video FILE.mp4")  # fmt: skip
     sound, credit = None, opened.credit
     if audio:
         signal, notice = opened.shared_music(allowed_by_caller=shared)
@@ -331,12 +329,9 @@ def _times(scene: Scene, figure: Figure, start_s: float, length_s: float | None)
     first = round(start_s * rate) if finite else -1
     last = figure.n_frames if length_s is None or not finite else min(figure.n_frames, first + round(length_s * rate))
     if not 0 <= first < last:
-        raise UsageError(
-            "this part of the clip has no frames",
-            where=f"clip {shown(scene.item.id)}",
-            found=f"from {start_s:g} s" + ("" if length_s is None else f", {length_s:g} s long"),
-            allowed=f"within 0 to {figure.n_frames / rate:.2f} s",
-        )
+        raise UsageError("this part of the clip has no frames", where=f"clip {shown(scene.item.id)}",
+                         found=f"from {start_s:g} s" + ("" if length_s is None else f", {length_s:g} s long"),
+                         allowed=f"within 0 to {figure.n_frames / rate:.2f} s")  # fmt: skip
     return np.arange(first, last) / rate
 
 

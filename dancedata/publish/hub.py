@@ -112,10 +112,8 @@ class HubUpload:
         head = branches[self.address.revision]
         tagged = next((ref.target_commit for ref in refs.tags if ref.name == self.tag), head)
         if tagged != head:
-            raise UsageError(
-                f"the repository has the tag {self.tag} for another upload", where=str(self.address),
-                fix="name another one with --tag",
-            )  # fmt: skip
+            raise UsageError(f"the repository has the tag {self.tag} for another upload", where=str(self.address),
+                             fix="name another one with --tag")  # fmt: skip
         return head
 
     def _files(self, api: HfApi, commit: str, paths: Sequence[str]) -> dict[str, Any]:
@@ -205,10 +203,8 @@ class HubUpload:
         if self.tag not in tags:
             api.create_tag(repo, tag=self.tag, revision=commit, repo_type="dataset")
         elif tags[self.tag] != commit:
-            raise refused(
-                f"the files are published, but the tag {self.tag} was given to another commit meanwhile",
-                str(self.address.at(commit)), tags[self.tag], "name another one with --tag",
-            )  # fmt: skip
+            raise refused(f"the files are published, but the tag {self.tag} was given to another commit meanwhile",
+                          str(self.address.at(commit)), tags[self.tag], "name another one with --tag")  # fmt: skip
 
     @contextmanager
     def _client(self) -> Iterator[None]:

@@ -158,8 +158,5 @@ def _seconds(text: str) -> float | None:
 def _require_no_fork(address: Address) -> None:
     """Raise StoreError in a process that was forked after obstore was used: a call would never return."""
     if crossed_a_fork():
-        raise refused(
-            "obstore was used before this process was forked, and would hang here",
-            str(address),
-            fix="open the address before the fork, or start workers with spawn",
-        )
+        raise refused("obstore was used before this process was forked, and would hang here", str(address),
+                      fix="open the address before the fork, or start workers with spawn")  # fmt: skip

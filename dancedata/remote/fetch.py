@@ -204,12 +204,9 @@ def _append(source: Client, where: str, file: RemoteFile, part: _Part, report: R
             if part.have + len(chunk) > file.size:
                 out.close()
                 part.path.unlink()
-                raise refused(
-                    "the server sends more bytes than the file has",
-                    where,
-                    f"more than {file.size:,} bytes",
-                    "the dataset may have been replaced there; open the address again",
-                )
+                raise refused("the server sends more bytes than the file has", where,
+                              f"more than {file.size:,} bytes",
+                              "the dataset may have been replaced there; open the address again")  # fmt: skip
             part.append(out, chunk)
             report(len(chunk))
     if part.have < file.size:

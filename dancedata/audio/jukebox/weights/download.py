@@ -128,12 +128,9 @@ def fetch(
                 else:
                     _copy(Path(url) / file.name, path, file, report)
         except OSError as error:
-            raise DanceDataError(
-                "jukebox: the file cannot be written",
-                where=path,
-                found=f"{error}; {shutil.disk_usage(out).free / 1e9:.1f} GB are free",
-                fix="free 10.3 GB of disk space for the two files",
-            ) from error
+            raise DanceDataError("jukebox: the file cannot be written", where=path,
+                                 found=f"{error}; {shutil.disk_usage(out).free / 1e9:.1f} GB are free",
+                                 fix="free 10.3 GB of disk space for the two files") from error  # fmt: skip
     return paths
 
 
@@ -231,24 +228,17 @@ class _Download:
 
     def _other_file(self, found: str) -> SourceError:
         at_most = "" if self._file.size is not None else "at most "
-        return SourceError(
-            "the server has another file",
-            where=self._url,
-            found=found,
-            allowed=f"{at_most}{self._file.limit} bytes",
-            fix="choose another mirror or folder",
-        )
+        return SourceError("the server has another file", where=self._url, found=found,
+                           allowed=f"{at_most}{self._file.limit} bytes",
+                           fix="choose another mirror or folder")  # fmt: skip
 
 
 def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
     """Copy from another folder."""
     if not source.is_file():
-        raise SourceError(
-            "the folder does not have the file",
-            where=source,
-            found=shown(sorted(p.name for p in source.parent.iterdir())),
-            allowed=file.name,
-        )
+        raise SourceError("the folder does not have the file", where=source,
+                          found=shown(sorted(p.name for p in source.parent.iterdir())),
+                          allowed=file.name)  # fmt: skip
     _check(source, file, keep=True)
     total = source.stat().st_size
     with atomic_file(path) as temporary, source.open("rb") as read, temporary.open("wb") as write:
@@ -280,10 +270,5 @@ def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None)
             fix = f"it was renamed to {aside}; fetch again, or from another mirror or folder"
         if tag is not None:
             tag.unlink(missing_ok=True)
-    raise SourceError(
-        f"jukebox: the {what} of the file differs from the checkpoint's",
-        where=path,
-        found=found,
-        allowed=allowed,
-        fix=fix,
-    )
+    raise SourceError(f"jukebox: the {what} of the file differs from the checkpoint's", where=path, found=found,
+                      allowed=allowed, fix=fix)  # fmt: skip
