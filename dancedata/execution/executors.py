@@ -263,6 +263,6 @@ def lost(engine: str, error: BaseException) -> DanceDataError:
     cause = cause if isinstance(cause, BaseException) else error
     return DanceDataError(
         f"the workers of {engine} were lost, or cannot run units",
-        found=f"{type(cause).__name__}: {first_line(cause)}",
+        found=f"{type(cause).__name__}: {first_line(cause).rstrip('.')}",
         fix="check that all have the environment of the machine that builds; the same command resumes",
     )

@@ -20,6 +20,7 @@ from dancedata.execution.cache_admin import cache_json, prune
 from dancedata.files import publish
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline import build as build_module
+from dancedata.store import open_store
 from tests import warm
 from tests.messages import raises_message
 
@@ -120,15 +121,13 @@ def killed(corpus: Path, out: Path, cache: Path, n: int, *overrides: str) -> boo
     return code != 0
 
 
-@pytest.mark.parametrize("used", ["for the first time", "before", "by the first release"])
+@pytest.mark.parametrize("used", ["for the first time", "before"])
 def test_no_command_touches_foreign_files_in_the_cache_or_next_to_out(
     run_build: Any, corpus: Path, out: Path, tmp_path: Path, plant: Any, built: Path, used: str
 ):
     cache = tmp_path / "scratch"
     if used != "for the first time":
         run_build(corpus, tmp_path / "before", set=QUICK, cache=cache)
-    if used == "by the first release":
-        (cache / cache_files.MARKER).unlink()
     checks = [plant(cache, IN_CACHE), plant(out.parent, BESIDE)]
 
     def unharmed() -> None:
@@ -279,15 +278,9 @@ def test_a_build_killed_while_it_moves_files_is_finished(
     if left == "all moved":
         shutil.rmtree(unfinished)
     with raises_message(StoreError, "finished", where="outs/out"):
-        cli_open(out)
+        open_store(out)
     assert not run_build(corpus, out).built
     assert hashes(out) == hashes(built)
-
-
-def cli_open(out: Path) -> None:
-    from dancedata.store import open_store
-
-    open_store(out)
 
 
 def test_a_folder_that_is_not_a_cache_is_not_pruned_or_verified(tmp_path: Path, plant: Any):

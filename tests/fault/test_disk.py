@@ -155,19 +155,6 @@ def test_a_small_disk_is_a_clear_error(run: Build, corpus: Path, small_disk: Pat
     assert list(small_disk.rglob("*.tmp")) == []
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-@pytest.mark.parametrize("where", ["file/cache", "/proc/cache"])
-def test_a_cache_that_cannot_be_written_is_a_clear_error(
-    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, where: str, jobs: int
-):
-    (tmp_path / "file").touch()
-    with pytest.raises(StoreError, match=r"the cache cannot be written.*Set DANCEDATA_CACHE"):
-        run(cache=tmp_path / where, jobs=jobs)
-    assert not out.exists()
-    run()
-    assert hashes(out) == whole
-
-
 def test_a_clock_that_goes_backwards_changes_nothing(
     run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
 ):

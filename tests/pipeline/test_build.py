@@ -3,8 +3,6 @@
 import os
 import pickle
 import shutil
-import signal
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +22,6 @@ from dancedata.files.locks import writing_lock
 from dancedata.pipeline import build as build_module
 from dancedata.pipeline.describe import describe_store
 from dancedata.store import verify_store
-from tests import warm
 from tests.messages import raises_message
 
 Hashes = Callable[[Path], dict[str, str]]
@@ -176,26 +173,6 @@ def test_overwrite_through_a_link_replaces_its_target(run_build: Any, corpus: Pa
     assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
 
 
-@pytest.mark.parametrize("overwrite", [False, True])
-@pytest.mark.parametrize("name", ["thesis.tex", "README.md", "stats.json", ".hidden"])
-def test_foreign_files_are_refused_untouched(
-    run_build: Any, corpus: Path, out: Path, hashes: Hashes, name: str, overwrite: bool
-):
-    out.mkdir(parents=True)
-    (out / name).write_text("mine")
-    before = hashes(out)
-    with raises_message(StoreError, "holds", where="outs/out"):
-        run_build(corpus, out, overwrite=overwrite)
-    assert hashes(out) == before
-
-
-def test_foreign_files_next_to_a_dataset_are_refused_too(run_build: Any, corpus: Path, built_copy: Path):
-    (built_copy / "notes.txt").write_text("mine")
-    with raises_message(StoreError, "holds", where="outs/out"):
-        run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
-    assert (built_copy / "notes.txt").read_text() == "mine"
-
-
 def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
     out.parent.mkdir()
     with writing_lock(out, "build"), raises_message(StoreError, "writing", where="outs/out"):
@@ -229,46 +206,6 @@ def test_the_rest_of_a_killed_build_is_replaced(
     run_build(corpus, out, overwrite=overwrite)
     assert hashes(out) == hashes(built)
     assert [p.name for p in out.parent.iterdir()] == ["out"]
-
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-import {module} as module
-def kill(*args): os.kill(os.getpid(), signal.SIGKILL)
-{patch}
-from dancedata.pipeline.build import build
-from dancedata.recipes.parse import load_recipe
-build(load_recipe("aist++"), Path(sys.argv[1]), Path(sys.argv[2]), overwrite=True)
-"""
-
-
-@pytest.mark.parametrize(
-    ("module", "patch"),
-    [
-        (
-            "dancedata.store.writer",
-            "write = module.write_text; "
-            "module.write_text = lambda path, text: kill() if path.name == 'dataset.json' else write(path, text)",
-        ),
-        ("dancedata.pipeline.build", "rename = os.rename; os.rename = lambda a, b: (rename(a, b), kill())"),
-    ],
-    ids=["before dataset.json", "in the middle of a swap"],
-)
-def test_a_build_resumes_after_a_kill(
-    run_build: Any, corpus: Path, built: Path, built_copy: Path, hashes: Hashes, module: str, patch: str
-):
-    if "writer" in module:
-        shutil.rmtree(built_copy)
-    script = KILLED.format(module=module, patch=patch)
-    killed = warm.run([sys.executable, "-c", script, str(corpus), str(built_copy)])
-    assert killed.returncode == -signal.SIGKILL
-    with raises_message(StoreError, "finished", where="outs/out"):
-        dancedata.open(built_copy)
-    # A swap that did not come about leaves the old dataset, which is put back.
-    assert run_build(corpus, built_copy).built is ("writer" in module)
-    assert hashes(built_copy) == hashes(built)
-    assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize(("scope", "extract"), [("aist++", "extract"), ("aist++-edge-exact", "extract_windows")])

@@ -111,27 +111,29 @@ def test_rows_at_their_own_rate(source: Path, build: Callable[..., Store], scope
     np.testing.assert_array_equal(sample["file.muq"], ramp(150)[25:75])
 
 
-def test_rows_at_the_nearest_row(source: Path, build: Callable[..., Store]) -> None:
-    np.save(source / "muq" / "a.npy", ramp(150))
-    rows = build({"resample": "nearest"}).clip("a").read("file.muq")
-    # Of two equally near the later: frame 3 is row 2.5. The last row lasts to the end.
-    nearest = np.minimum((np.arange(N) * 50 + 30) // 60, 149)
-    assert (nearest[3], nearest[-1]) == (3, 149)
-    np.testing.assert_array_equal(rows, ramp(150)[nearest])
+#: Of two equally near rows the later: frame 3 is row 2.5. The last row lasts to the end.
+NEAREST = np.minimum((np.arange(N) * 50 + 30) // 60, 149)
+BETWEEN = np.minimum(np.arange(N) * 25 / 30, 149)[:, None] + np.arange(3) / 10
 
 
-def test_rows_between_rows(source: Path, build: Callable[..., Store]) -> None:
-    np.save(source / "muq" / "a.npy", ramp(150, dtype="float64"))
-    rows = build({"resample": "linear"}).clip("a").read("file.muq")
-    expected = np.minimum(np.arange(N) * 25 / 30, 149)[:, None] + np.arange(3) / 10
-    np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-5)
-
-
-def test_fewer_rows_than_the_files_have(source: Path, build: Callable[..., Store]) -> None:
-    np.save(source / "muq" / "a.npy", ramp(360, dtype="float16"))
-    store = build({"rate": "60.0", "resample": "nearest", "dtype": "float16", "fps": 15})
-    assert store.field("file.muq").dtype == "float16"
-    np.testing.assert_array_equal(store.clip("a").read("file.muq"), ramp(360, dtype="float16")[::4])
+@pytest.mark.parametrize(
+    ("feature", "file", "expected"),
+    [
+        ({"resample": "nearest"}, ramp(150), ramp(150)[NEAREST]),
+        ({"resample": "linear"}, ramp(150, dtype="float64"), BETWEEN),
+        ({"rate": "60.0", "resample": "nearest", "dtype": "float16", "fps": 15},
+         ramp(360, dtype="float16"), ramp(360, dtype="float16")[::4]),
+    ],
+    ids=["nearest", "between", "fewer"],
+)  # fmt: skip
+def test_rows_at_another_rate(
+    source: Path, build: Callable[..., Store], feature: dict[str, Any], file: np.ndarray, expected: np.ndarray
+) -> None:
+    np.save(source / "muq" / "a.npy", file)
+    store = build(feature)
+    rows = store.clip("a").read("file.muq")
+    assert store.field("file.muq").dtype == feature.get("dtype", "float32") == rows.dtype
+    np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-5 if feature["resample"] == "linear" else 0)
 
 
 @pytest.mark.parametrize(("begins", "offset"), [("music", 30), ("clip", 0)])
