@@ -154,7 +154,7 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
             _write_all(fd, part)
         if durable:
             os.fsync(fd)
-        _put_in_place(temporary, path)
+        _put_in_place(root, temporary, path)
     except BaseException:
         with suppress(OSError):
             temporary.unlink()
@@ -163,11 +163,12 @@ def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, dura
         unlock(fd)
 
 
-def _put_in_place(temporary: Path, path: Path) -> None:
+def _put_in_place(root: Path, temporary: Path, path: Path) -> None:
     try:
         os.replace(temporary, path)
     except FileNotFoundError:
         path.parent.mkdir(parents=True, exist_ok=True)
+        mark(root)  # folders for temporary files and locks may have been there
         os.replace(temporary, path)
 
 
