@@ -330,7 +330,6 @@ def _decode(path: Path) -> _Decoded:
 
 
 def _read(path: Path, begin: int) -> tuple[NDArray[np.float32], int]:
-    """Read all samples by libsndfile."""
     with _Opened(path, begin) as sound:
         # soundfile counts what is left by seeking, which some formats (GSM, G.72x) cannot. Blocks would not do:
         # soundfile seeks after every one, and in a damaged mp3 file that leads to another place.

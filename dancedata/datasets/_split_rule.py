@@ -97,7 +97,6 @@ class SplitRule:
         return {**fractions, "by": self.by, "seed": self.seed, "balance": self.balance}
 
     def _text(self) -> str:
-        """Return the rule as it is written in a recipe."""
         texts = {key: str(value).lower() if key == "balance" else value for key, value in self.document().items()}
         return f"{{{', '.join(f'{key}: {value}' for key, value in texts.items())}}}"
 

@@ -65,7 +65,6 @@ def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> P
 
 
 def _short_music(measured: Sequence[MeasuredClip], music: Mapping[str, ClipMusic]) -> list[str]:
-    """Warn of clips whose music ends before their motion."""
     short = []
     for m in measured:
         end = music[m.id].end_s if m.id in music else None

@@ -116,7 +116,6 @@ class HumanML3D(Export):
             folder.note(f"no captions of {counted(len(silent), 'clip')}, which a loader drops: {listed(silent)}")
 
     def _texts(self, job: ExportJob) -> str:
-        """Return the statement on captions."""
         if any(self._captions(job, clip) for clip in job.clips()):
             return (
                 f"`texts/<id>.txt` has the captions of the layer `{self.layer}`: `caption#word/POS ...#start#end`, "

@@ -293,7 +293,6 @@ class Decoder:
 
 
 def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
-    """Return an array of floats or integers."""
     try:
         numbers = np.asarray(array)
         problem = "" if numbers.dtype.kind in "iuf" else f"dtype {numbers.dtype}"

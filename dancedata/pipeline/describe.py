@@ -100,7 +100,6 @@ def _size(store: Store) -> str:
 
 
 def _splits(counts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Return the lines of the table of splits."""
     grouped = ["groups"] if any("groups" in n for n in counts.values()) else []
     return table(
         ["split", "clips", *grouped, "windows", "songs", "minutes"],

@@ -174,7 +174,6 @@ def _onset_key(signal: SignalId) -> str:
 
 
 def _onsets(cache: Cache, signal: SignalId, key: str) -> CachedArray | Reject:
-    """Compute the rhythm of a song, and publish it."""
     from dancedata.audio.onsets import onset_strength
 
     try:
@@ -184,8 +183,6 @@ def _onsets(cache: Cache, signal: SignalId, key: str) -> CachedArray | Reject:
 
 
 def _curves(cache: Cache, dataset: Dataset, clip: ClipRef, sha256: str, key: str) -> CachedArray | Reject:
-    """Compute the rhythm curves of a clip, and publish them."""
-
     def compute() -> Any:
         motion = dataset.load(clip)
         if sha256_file(clip.motion_path) != sha256:
@@ -226,7 +223,6 @@ def _find(
     tempo_bpm: float | None,
     name: str,
 ) -> Offset:
-    """Find the offset of clips, and publish it."""
     seed = int(json_sha256([search.seed, name])[:16], 16)
     rhythm = [RhythmPiece(np.asarray(curves), np.asarray(music), start) for curves, music, start in pieces]
     offset = find_offset(

@@ -192,7 +192,6 @@ def _hash_motion(cache: Cache, refs: Sequence[ClipRef], progress: Progress) -> d
 
 
 def _hash_file(cache: Cache, path: Path) -> str | Reject:
-    """Return the hash of a motion file, read now."""
     try:
         return cache.hashed_sha256(path)
     except OSError as error:

@@ -132,7 +132,6 @@ def places_of(reaches: Sequence[tuple[float, float]]) -> tuple[list[float], floa
 
 
 def _at_beats(scene: Scene | None, figure: Figure, poses: int) -> list[float]:
-    """Return the instants of up to `poses` beats within the figure."""
     beats = np.zeros(0) if scene is None else scene.rhythm.beats
     beats = beats[beats <= float(figure.grid.seconds(figure.n_frames - 1))]
     if not len(beats):

@@ -118,7 +118,6 @@ class Timeline:
         return top + 2.0
 
     def _speed(self, top: float) -> float:
-        """Draw the speed of a single dancer."""
         movement = self.scene.movement
         if movement is None:
             return top

@@ -222,7 +222,6 @@ class Augmenter:
         return scaler if low is scaler.data_min and high is scaler.data_max else scaler.with_range(low, high)
 
     def _active_steps(self, epoch: int, index: int) -> Iterator[_Step]:
-        """Yield the steps that change sample `index`."""
         for step in self.steps:
             if step.p >= 1 or (step.p > 0 and self._draw(step, epoch, index, _WHETHER).uniform() < step.p):
                 yield step

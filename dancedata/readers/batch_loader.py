@@ -205,7 +205,6 @@ class _Iteration(Iterator[dict[str, Any]]):
         self.close()
 
     def _submit(self) -> None:
-        """Submit the next batch to the threads, if there is one."""
         indices = next(self._indices, None)
         if indices is None or self._threads is None:
             return

@@ -161,7 +161,6 @@ class SplitDataset(EpochDataset):
         return names
 
     def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
-        """Prepare mirroring, augmentation and normalisation of samples."""
         chosen = [self.windows.clip_ids[k] for k in np.unique(self.windows.clip)] if changes.columns else []
         self.columns = require_columns(self.store, changes.columns, chosen, lists=self._lists_columns)
         self.mirror, self.seed = probability("mirror", changes.mirror), whole("seed", changes.seed)

@@ -323,7 +323,6 @@ def _walked(columns: Tensor, plugin: Representation) -> Poses:
 
 
 def _turned(x: Tensor, z: Tensor, angle: Tensor) -> tuple[Tensor, Tensor]:
-    """Turn points about +Y."""
     cosine, sine = angle.cos(), angle.sin()
     return cosine * x + sine * z, cosine * z - sine * x
 

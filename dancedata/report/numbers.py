@@ -215,7 +215,6 @@ def _music(measured: Measured, scales: Scales) -> Music:
 
 
 def _songs(measured: Measured, scales: Scales) -> tuple[SongShift, ...]:
-    """Return the songs, those with the largest shift first."""
     songs = [
         SongShift(
             song,

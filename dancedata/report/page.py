@@ -300,7 +300,6 @@ def chapter_links(chapters: Sequence[Section], player: Player, item: str = "clip
 
 
 def _stills(d: Drawing, stills: Sequence[tuple[str, str]]) -> str:
-    """Return a strip of poses, under the links of their clips."""
     cells = "".join(f"<li>{image}{d.link(clip)}</li>" for clip, image in stills)
     return f'<ul class="stills" aria-label="Clips">{cells}</ul>' if cells else ""
 

@@ -88,8 +88,6 @@ class Report:
 
 @dataclass(frozen=True)
 class _PageOptions:
-    """Options of the page."""
-
     target: "Target"
     clips: Clips
     embed_audio: bool

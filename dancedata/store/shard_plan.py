@@ -113,7 +113,6 @@ class ShardPlan:
         return WindowTable(clip[order], start[order], index[order], rows)
 
     def _window_rows(self, name: str, clip: IntArray, start: IntArray, index: IntArray) -> IntArray:
-        """Find the first row of every window in a field."""
         f = next(f for f in self.header.fields if f.name == name)
         grid = self.header.grid
         if self.header.scope == "window" and not f.per_clip:

@@ -65,7 +65,6 @@ class WindowRows:
         self._seen = np.zeros(len(shard), dtype=np.bool_)
 
     def _check_bounds(self, shard_rows: Sequence[int]) -> None:
-        """Raise StoreError if a window is outside the rows of its shard."""
         n_rows = np.array(shard_rows, dtype=np.int64)[self._shard]
         bad = np.flatnonzero((self._first < 0) | (self._first > n_rows - self._n_rows))
         if len(bad):

@@ -67,7 +67,6 @@ class _Piece:
 
 
 def _write_fields(file: int, plan: ShardPlan, offsets: Mapping[str, int], progress: Callable[[], None]) -> None:
-    """Write all rows to their places, clip by clip."""
     done = 0
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="loading") as loading:
         for piece, array in _loaded_ahead(loading, _pieces(plan)):

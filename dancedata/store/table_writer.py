@@ -222,7 +222,6 @@ def _write_windows(group: Any, plan: TablePlan, shards: Sequence[ShardPlan]) -> 
 
 
 def _write(group: Any, types: Mapping[str, str], **columns: Sequence[Any]) -> None:
-    """Write columns in the order of their types."""
     for name, kind in types.items():
         problem = next(filter(None, map(type_of(kind).problem, columns[name])), "")
         if problem:

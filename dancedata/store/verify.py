@@ -219,7 +219,6 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
 
 
 def _find_alike_songs(folder: Path, description: Description) -> Iterator[Problem]:
-    """Find songs of different splits that are one recording by their sound."""
     with open_store(folder) as store:
         songs = songs_of(store.clips)
         alike = alike_songs(store, songs)

@@ -213,7 +213,6 @@ def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]
 
 
 def _describe_shard(out: Path, plan: ShardPlan, published: Future[None]) -> dict[str, Any]:
-    """Return the entry of a shard in dataset.json."""
     published.result()
     return {
         "file": plan.file,

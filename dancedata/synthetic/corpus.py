@@ -251,7 +251,6 @@ def _write_lists(folder: Path, plan: Plan) -> None:
 
 
 def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
-    """Write one wav, PCM 16, and its ground truth."""
     from dancedata.core.audio_signal import wav_bytes
     from dancedata.synthetic.music import make_song
 

@@ -135,7 +135,6 @@ class ViewRequest:
         )
 
     def _refuse(self, problem: str, names: Sequence[str], fix: str = "leave it out") -> None:
-        """Raise UsageError for options that are set."""
         defaults = {field.name: field.default for field in fields(self)}
         used = [_OPTIONS.get(name, f"--{name}") for name in names if getattr(self, name) != defaults[name]]
         if used:

@@ -192,7 +192,6 @@ class HuggingFaceEncoder:
 
     @torch.inference_mode()
     def _compute(self, prepared: Sequence[Prepared], items: Sequence[_Item]) -> list[npt.NDArray[np.float32]]:
-        """Run the network over chunks of equal length."""
         settings = self.settings
         arrays = [prepared[item.signal].inputs(item.chunk.start, item.chunk.n_samples) for item in items]
         inputs = torch.from_numpy(np.stack(arrays)).to(self.device, self._dtype)

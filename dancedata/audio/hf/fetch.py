@@ -195,7 +195,6 @@ def _errors(name: str, endpoint: str) -> Iterator[None]:
 
 
 def _chosen(name: str, files: Sequence[str], pickles: bool) -> list[str]:
-    """Return the names of the files to fetch."""
     # The hub's names are not trusted: no folders, no hidden files.
     plain = [file for file in files if _PLAIN_FILE.fullmatch(file)]
     usable = [file for file in plain if any(fnmatch.fnmatchcase(file, one) for one in (*FILES, *_LICENCES))]

@@ -347,7 +347,6 @@ class JukeboxEncoder:
 
     @torch.inference_mode()
     def _compute(self, codes: Sequence[NDArray[np.int64]], fps: float | None) -> list[Features]:
-        """Compute one batch."""
         lengths = [len(one) for one in codes]
         padded = np.zeros((len(codes), max(lengths)), dtype=np.int64)
         for row, one in zip(padded, codes, strict=True):

@@ -48,7 +48,6 @@ def compile_kernels() -> None:
 
 
 def _compute(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
-    """Compute the features of `track_features`."""
     import librosa
 
     rate, start_bpm = settings.rate, settings.start_bpm

@@ -214,7 +214,6 @@ def _exact_convolutions() -> Iterator[None]:
 
 @contextmanager
 def _set(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """Set one of torch's switches within the context."""
     before = getattr(owner, name)
     try:
         setattr(owner, name, value)

@@ -126,7 +126,6 @@ class PhantomDance(Dataset):
         write_example(Path(folder))
 
     def _folder(self, source: Path) -> Path:
-        """Return the folder with the JSON files."""
         require_folder("phantomdance", source, _LOOKED_FOR)
         below = [source, *(entry for entry in list_folder(source) if entry.is_dir())]
         candidates = below if self.motions is None else [source / self.motions]

@@ -385,6 +385,5 @@ def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
 
 
 def _samples(clip: FileClip, n: int) -> tuple[FileClip, ...]:
-    """Return the clips of a file that holds a batch of n."""
     digits = max(3, len(str(n - 1)))
     return tuple(replace(clip, id=f"{clip.id}_{k:0{digits}}", sample=k) for k in range(n))

@@ -234,7 +234,6 @@ class _Download:
 
 
 def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
-    """Copy from another folder."""
     if not source.is_file():
         raise SourceError("the folder does not have the file", where=source,
                           found=shown(sorted(p.name for p in source.parent.iterdir())),
