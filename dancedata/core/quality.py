@@ -9,7 +9,7 @@ import numpy as np
 from dancedata.core.motion import Motion
 from dancedata.core.rates import rate_factor, repeats
 from dancedata.core.rotations import Float64Array, angles_between
-from dancedata.core.sides import MIN_ELBOWS, MIN_STANCE, has_sides, sides_of, wrong_up
+from dancedata.core.sides import MIN_ELBOWS, MIN_STANCE, body_direction, has_sides, lies, sides_of, wrong_up
 from dancedata.core.skeleton import Skeleton
 
 #: Bound of the speed of a dancer's joints: 45 degrees per frame at 60 FPS.
@@ -29,7 +29,7 @@ IMPLAUSIBLE = (
     "implausible_up",
 )
 #: Flags of a whole clip that may be as it should be.
-DOUBTFUL = ("crossed_legs", "stretched_bone", "fitted", "repeated_frames", "doubtful_rate")
+DOUBTFUL = ("lying", "crossed_legs", "stretched_bone", "fitted", "repeated_frames", "doubtful_rate")
 #: Flags of a clip's music: it has no sound, or its file is not quite what it says.
 OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "cut_music")
 OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL, *OF_MUSIC)
@@ -62,10 +62,11 @@ class Flag:
         Those in `OF_CLIPS` concern the whole clip.
         "implausible_body": value is the size of the skeleton, metres. "implausible_root": value
         is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
-        "_arms", "_elbows" and "_up": value is a cosine that should be above 0. "crossed_legs": value is the distance
-        of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres. "fitted": twists
-        of bones are unknown; value is the mean distance of joints from the positions, metres. "repeated_frames":
-        value is how often each frame comes. "doubtful_rate": value is how many times too high the rate is stated.
+        "_arms", "_elbows", "_up" and "lying": value is a cosine that should be above 0. "crossed_legs": value is the
+        distance of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres. "fitted":
+        twists of bones are unknown; value is the mean distance of joints from the positions, metres.
+        "repeated_frames": value is how often each frame comes. "doubtful_rate": value is how many times too high the
+        rate is stated.
         "silent_music": value is a level, dBFS. "steady_music": value is the range of levels, dB.
         "decoded_by_ffmpeg", "late_music", "cut_music": value is the length of the music, of the delay that it keeps,
         of what its file lacks, seconds.
@@ -130,6 +131,8 @@ def implausible_sides(joints: Float64Array, motion: Motion | None = None) -> lis
         flags.append(("implausible_elbows", sides.elbows))
     if up is not None:
         flags.append(("implausible_up", float(up[0][1])))
+    elif lies(joints):
+        flags.append(("lying", float(body_direction(joints)[1])))
     if sides.stance < MIN_STANCE:
         flags.append(("crossed_legs", sides.stance))
     return flags

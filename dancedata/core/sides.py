@@ -26,6 +26,8 @@ MIN_ELBOWS = -0.35
 MIN_STANCE = 0.3
 #: The body's mean direction, from the feet to the head, counts as another axis from this cosine on; as a certain one.
 _ALONG, _CERTAINLY_ALONG = 0.5, 0.8
+#: Below this cosine with +Y a body does not stand: at least 0.5 in 1.5 s of real dances, breakdance included.
+_LYING = 0.3
 #: Fewer frames do not show a floor.
 _LEAST_FRAMES = 30
 #: How much steadier the floor along that axis is than the one along +Y; less where the body is upside down, as both
@@ -122,9 +124,7 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     joints
         (T, J, 3) as for `sides_of`.
     """
-    places = sampled(joints)[:, :22]
-    body = places[:, 15] - places[:, (7, 8)].mean(axis=1)
-    mean = np.asarray(_unit(body).mean(axis=0))
+    places, mean = sampled(joints)[:, :22], body_direction(joints)
     axis = int(np.abs(mean).argmax())
     if len(places) < _LEAST_FRAMES or abs(mean[axis]) <= _ALONG or (axis == 1 and mean[1] > 0):
         return None
@@ -132,6 +132,34 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     steadier = unrest < unrest_y * (1 if axis == 1 else _STEADIER)
     steps = _middle_half(places[:, (7, 8)])[:, np.arange(3) != axis].max()
     return (mean, bool(abs(mean[axis]) > _CERTAINLY_ALONG)) if steadier and steps > _STEPS_M else None
+
+
+def stands(joints: Float64Array) -> bool:
+    """Whether the dancer certainly stands along +Y: its lowest joint keeps its height better than along other axes.
+
+    Parameters
+    ----------
+    joints
+        (T, J, 3) as for `sides_of`.
+    """
+    places = sampled(joints)[:, :22]
+    if len(places) < _LEAST_FRAMES or body_direction(joints)[1] <= _CERTAINLY_ALONG:
+        return False
+    unrest_y, steps = _unrest(places[..., 1]), _middle_half(places[:, (7, 8)])[:, (0, 2)].max()
+    others = min(_unrest(sign * places[..., axis]) for axis in (0, 2) for sign in (1, -1))
+    return bool(unrest_y < others and steps > _STEPS_M)
+
+
+def lies(joints: Float64Array) -> bool:
+    """Whether the body lies, or is upside down, for the whole clip; of one that tumbles the mean has no direction."""
+    mean = body_direction(joints)
+    return bool(mean[1] < _LYING and np.linalg.norm(mean) > _ALONG)
+
+
+def body_direction(joints: Float64Array) -> Float64Array:
+    """Return the mean of the unit vectors (3,) from the feet to the head of joints (T, J, 3)."""
+    places = sampled(joints)
+    return np.asarray(_unit(places[:, 15] - places[:, (7, 8)].mean(axis=1)).mean(axis=0))
 
 
 def sampled(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:

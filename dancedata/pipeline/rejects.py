@@ -110,6 +110,7 @@ _CURES = {
     "implausible_arms": _SIDES,
     "implausible_elbows": _SIDES,
     "implausible_up": _UP,
+    "lying": ("bodies that lie", "look at them in the viewer: their up axis may be wrong"),
     "crossed_legs": ("crossed legs", "look at it in the viewer: left and right of the legs may be swapped"),
     "stretched_bone": ("bones that stretch", "export with fixed bone lengths (rotations only) for exact positions"),
     "silent_music": ("silent music", "extract the music again, or leave these clips out: ignore"),
@@ -149,6 +150,8 @@ def _detail(row: Mapping[str, Any]) -> str:
         "of the arms or of the whole motion are swapped, or it is mirrored",
         "implausible_up": f"the body does not stand along +Y (cosine {value:.2f}), and the floor is along another "
         "axis; the up axis is probably wrong",
+        "lying": f"the body lies, or is upside down, for the whole clip (cosine {value:.2f} with +Y): floor work, or "
+        "an up axis that is wrong",
         "crossed_legs": f"the left ankle is {value:.2f} widths of the hips to the left of the right one, where 0.6 "
         "to 4 is usual",
         "stretched_bone": f"position channels stretch bones by up to {100 * value:.1f} cm; the motion's bones are "

@@ -123,7 +123,8 @@ def test_dancers_who_lie_or_stand_on_their_hands(dance: Motion, root: tuple[floa
     motion = on_the_floor(dance, root)
     head = motion.joints()[:, 15] - motion.joints()[:, 7:9].mean(axis=1)
     assert np.median(head[:, 1]) < 0.3
-    assert kinds(motion) == set()
+    assert kinds(motion) == {"lying"}
+    assert "lying" not in IMPLAUSIBLE  # it may be so: no strict build stops
 
 
 def test_a_dancer_who_lies_and_rolls_the_chest(dance: Motion) -> None:

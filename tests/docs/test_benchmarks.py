@@ -32,6 +32,7 @@ SMALLEST = {
     "scaling": "units",
     "sounds": "",
     "startup": "--rounds 1",
+    "up_axis": "cuts",
     "values": "{root} {root} values demo",
     "writing": "aist++ {corpus} cache writing",
 }

@@ -327,18 +327,25 @@ def _check_standing(bvh: Bvh, joints: JointMap, up: Fact[str]) -> None:
 def _check_up(path: Path, joints: Floats, up: Fact[str]) -> None:
     """Reject files that certainly stand along another axis that can be declared."""
     wrong = wrong_up(joints)
-    if wrong is None or not wrong[1]:
-        return
-    in_file = wrong[0] @ UPRIGHT[up.value]
+    error = wrong_axis(path, wrong[0], up, "and a steadier floor along that axis") if wrong and wrong[1] else None
+    if error is not None:
+        raise error
+
+
+def wrong_axis(path: Path, mean: Floats, up: Fact[str], why: str) -> DataError | None:
+    """Return the error of a file whose bodies stand along `mean` (3,), +Y up, and not along the axis that is taken.
+
+    None if no axis that can be declared makes them stand.
+    """
+    in_file = mean @ UPRIGHT[up.value]
     better = max(UPRIGHT, key=lambda axis: float((UPRIGHT[axis] @ in_file)[1]))
     if (UPRIGHT[better] @ in_file)[1] < abs(in_file).max():
-        return  # along -z or x: no declaration of up makes this body stand
-    raise DataError(
+        return None  # along -z or x
+    return DataError(
         f"the body does not stand along the up axis {up}",
         reason="undeclared" if up.where == _CONVENTION else "bad_declaration",
         where=str(path),
-        found=f"from feet to head {np.array2string(in_file, precision=2)} in the file's axes on average, "
-        "and a steadier floor along that axis",
+        found=f"from feet to head {np.array2string(in_file, precision=2)} in the file's axes on average, {why}",
         allowed="y, z or -y",
         fix=f"declare up: {better} (or up: {up.value} in the manifest, if the dancer does lie or stand upside down)",
     )

@@ -47,6 +47,7 @@ from dancedata.datasets.folder.manifest import (
 from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.datasets.folder.positions import JOINT_SETS
+from dancedata.datasets.folder.up import judge_up
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.bvh.producers import producers
@@ -211,7 +212,8 @@ class Folder(Dataset):
             clips, rejects = split_people(clips, rejects)
         assigned = any(row.get("split") for row in rows)
         clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), assigned)
-        clips, files = _file_notes(clips, self._reading)
+        clips, files, lying = _file_notes(clips, self._reading)
+        rejects += lying
         words = stated_words(source, clips, self.language)
         rejects += words.rejects
         notes += [*splits, *files, *words.notes]
@@ -363,8 +365,8 @@ def _absence(path: Path) -> str:
     return "not a file" if path.exists() else "it does not exist"
 
 
-def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fraction]:
-    """Return notes on a file's format and facts, the name of its body ("" for that of a body model), and its rate.
+def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, FileFacts]:
+    """Return notes on a file's format and facts, the name of its body ("" for that of a body model), and the facts.
 
     From the file's header. Raises as `load_motion` does.
     """
@@ -377,7 +379,7 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
         uneven = uneven_bones(rig)
         sides = (f"BVH bones of unequal length: {', '.join(uneven)}",) if uneven else ()
         notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *without, *sides, *_drift(facts))
-        return notes, SMPL24.name, facts.rate.value
+        return notes, SMPL24.name, facts
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
         facts = array_facts(arrays, layout, reading)
@@ -394,7 +396,7 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, Fracti
             *video,
         )
     body = layout.skeleton.name if reading.body_model is None else ""
-    return (text, *fit, *video, *_drift(facts)), body, facts.rate.value
+    return (text, *fit, *video, *_drift(facts)), body, facts
 
 
 def _drift(facts: FileFacts) -> tuple[str, ...]:
@@ -403,14 +405,21 @@ def _drift(facts: FileFacts) -> tuple[str, ...]:
     return (note,) if note else ()
 
 
-def _file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]) -> tuple[list[ClipRef], list[str]]:
-    """Return the clips with notes on their files and their bodies, and a summary of the kinds of files."""
+def _file_notes(
+    clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]
+) -> tuple[list[ClipRef], list[str], list[Reject]]:
+    """Return the clips with notes on their files and their bodies, a summary of the kinds of files, and rejects.
+
+    The rejects are of clips whose up axis is wrong, as other files show; they are no longer among the clips.
+    """
     counts: Counter[str] = Counter()
     described, first = [], dict[str, str]()
+    axes = []
     for clip in clips:
         try:
-            notes, body, rate = describe(clip.motion_path, reading(clip))
-            clip = on_frames(clip, rate)
+            notes, body, facts = describe(clip.motion_path, reading(clip))
+            clip = on_frames(clip, facts.rate.value)
+            axes.append((clip, reading(clip), facts.up, clip.motion_path.suffix.lower()))
         except DataError as error:
             notes, body = (f"not usable ({error.reason}), see the rejects",), ""
         counts.update(notes)
@@ -426,7 +435,9 @@ def _file_notes(clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading])
         summary.append(f"{counted(n, 'file')}: {kind}{which}.")
     if len(kinds) > _MAX_KINDS:
         summary.append(f"{len(kinds) - _MAX_KINDS} more kinds of files.")
-    return described, summary
+    rejects = judge_up(axes)
+    wrong = {reject.clip for reject in rejects}
+    return [clip for clip in described if clip.id not in wrong], summary, rejects
 
 
 def _split_note(clips: Sequence[ClipRef], default: str, assigned: bool) -> str:
