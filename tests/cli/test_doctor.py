@@ -129,15 +129,11 @@ def test_a_cache_without_space_or_locks(tmp_path: Path, monkeypatch: pytest.Monk
         (10, True, "failed"),
     ]:
         monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path, free=free: SimpleNamespace(free=free))
-        monkeypatch.setattr(doctor, "_locks_work", lambda path, locks=locks: locks)
-        assert one(doctor.check_cache()).status == status
+        with monkeypatch.context() as without:
+            if not locks:
+                without.setattr("dancedata.files.locks.lock_file", lambda fd, wait: None)
+            assert one(doctor.check_cache()).status == status
     assert list(tmp_path.iterdir()) == []
-
-
-def test_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert doctor._locks_work(tmp_path / "a")
-    monkeypatch.setattr("dancedata.files.locks.lock_file", lambda fd, wait: None)  # a file system without locks
-    assert not doctor._locks_work(tmp_path / "b")
 
 
 def test_music_without_mp3(monkeypatch: pytest.MonkeyPatch) -> None:
