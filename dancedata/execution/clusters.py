@@ -15,7 +15,7 @@ from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.packages import require
 from dancedata.core.system import shielded
 from dancedata.execution import arithmetic
-from dancedata.execution.executors import Executor, Start, run_packed
+from dancedata.execution.executors import Executor, Start, lost, run_packed
 from dancedata.execution.requirements import Requirements
 
 #: Seconds to wait for a cluster to answer, and for a first worker.
@@ -85,6 +85,8 @@ def dask(address: str, required: Requirements) -> Iterator[Executor]:
                 where=address,
                 fix="start some: dask worker ADDRESS --nworkers 4 --nthreads 1",
             ) from error
+        except Exception as error:  # such as a worker without dancedata
+            raise lost("the Dask cluster", error) from error
         yield Executor(
             engine="the Dask cluster",
             deaths=(KilledWorker,),
