@@ -143,7 +143,7 @@ def begins_after(item: Item, grid: FrameGrid, other: Item, other_grid: FrameGrid
     of_file = not (one.split and two.split)
     if of_file and one.id == two.id:
         return Fraction(0)
-    if one.music and one.music == two.music:
+    if (one.music or one.song) and (one.music or one.song) == (two.music or two.song):
         begins = one.audio_start - two.audio_start
     elif one.id == two.id:
         begins = (one.source_start or Fraction(0)) - (two.source_start or Fraction(0))

@@ -86,7 +86,7 @@ class Wall(SceneList):
         songs: dict[str, list[Item]] = {}
         for item in single:
             if not item.source:  # not beside its own copies
-                songs.setdefault(item.clip.music, []).append(item)
+                songs.setdefault(item.clip.music or item.clip.song, []).append(item)
         walls = [
             (song or self._name, together)
             for song, items in songs.items()
