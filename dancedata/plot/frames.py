@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -37,6 +38,14 @@ _CIRCLE = np.stack([np.cos(np.arange(32) * np.pi / 16), np.zeros(32), np.sin(np.
 _RING = 0.085
 #: How fast a shadow fades with the height of its joint, per metre, and the darkness below which there is none.
 _FADE, _FAINT = 2.4, 0.2
+
+
+@contextmanager
+def _any_letters() -> Iterator[None]:
+    """Draw letters that the font does not have as boxes, without a warning for each frame."""
+    with catch_warnings():
+        filterwarnings("ignore", "Glyph", UserWarning)
+        yield
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,16 +84,16 @@ class Frames:
         high = _HIGH * self._distance
         wide = high * width / (height * (1 - self._share))
         stage.set(xlim=(-wide / 2, wide / 2), ylim=(-high / 2, high / 2))
-        canvas.draw()
+        with _any_letters():
+            canvas.draw()
         empty = canvas.copy_from_bbox(figure.bbox)
         for time, middle in zip(self.times.tolist(), self._middles, strict=True):
             for artist in (*stage.collections, *stage.lines, *stage.texts):
                 artist.remove()
-            self._stage(stage, time, middle)
             cursor.set_xdata([time])
             canvas.restore_region(empty)
-            with catch_warnings():  # a name in letters that the font does not have is drawn as boxes
-                filterwarnings("ignore", "Glyph", UserWarning)
+            with _any_letters():
+                self._stage(stage, time, middle)
                 figure.draw_artist(stage)
             figure.draw_artist(cursor)
             yield np.array(canvas.buffer_rgba())

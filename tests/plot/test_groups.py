@@ -9,9 +9,13 @@ import pytest
 import dancedata
 from dancedata import plot
 from dancedata.core.errors import UsageError
+from dancedata.core.skeleton import SMPL24
 from dancedata.plot.frames import Frames
+from dancedata.testing.examples import random_motion
 from dancedata.viewer import Scene, Scenes
+from dancedata.viewer.notebook import motion_scenes_of
 from dancedata.viewer.palette import DANCERS, Theme
+from dancedata.viewer.wall import Wall
 from tests.commands import run
 from tests.messages import raises_message
 from tests.viewer.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)
@@ -49,6 +53,12 @@ def test_the_nearest_dancer_is_in_front(duets: Path) -> None:  # noqa: F811
         picture = next(iter(Frames(both, (640, 480), np.zeros(1))))[:330, :, :3]
         counts = [pixels(picture, tones[0]) for tones in DANCERS["dark"][:2]]
         assert counts[by > 0] > 1.5 * counts[by < 0]
+
+
+def test_names_may_have_any_letters() -> None:
+    pytest.importorskip("matplotlib")
+    wall = Wall(motion_scenes_of({name: random_motion(SMPL24, 30) for name in ("舞", "$a_1$")}, None))
+    assert len(list(Frames(wall.scene(wall.items[0]), (640, 480), np.arange(2) / 30))) == 2
 
 
 def test_dancers_keep_their_colours_where_others_are_missing(lacking: Path) -> None:  # noqa: F811
