@@ -232,7 +232,7 @@ def test_the_hash_of_the_weights_is_resolved_and_compared(tmp_path):
     other.write_bytes(WEIGHTS.read_bytes()[:-1] + b"\1")
     with raises_message(UsageError, "omit", where="other.safetensors"):
         Beats(source="beat_this", weights=other, weights_sha256=made.weights_sha256).resolved(sha256_file)
-    with raises_message(SourceError, r"small0\.ckpt", where="none.ckpt"):
+    with raises_message(SourceError, "weights", where="none.ckpt"):
         Beats(source="beat_this", weights=tmp_path / "none.ckpt").resolved(sha256_file)
 
 
@@ -301,7 +301,7 @@ def read(path: Path) -> None:
 
 
 def refused(path: Path) -> str:
-    with raises_message(SourceError, r"small0\.ckpt") as caught:
+    with raises_message(SourceError, "weights") as caught:
         read(path)
     assert str(path) in str(caught.value)
     return str(caught.value)

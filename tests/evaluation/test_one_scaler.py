@@ -153,7 +153,7 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
         for given in (wrong, tmp_path / "wrong.json"):
             with pytest.raises(UsageError, match=problem):
                 dancedata.decode(scaler.normalize(rows), FIELD, like=store, scaler=given)
-    with raises_message(UsageError, "FIELD"):
+    with raises_message(UsageError, "name the field"):
         WindowDataset(store, fields=(FIELD,), scaler=lodge)
     with raises_message(UsageError, r"s\.data_min", where="field edge151"):
         WindowDataset(store, fields=(FIELD,), scaler=other)

@@ -293,6 +293,6 @@ def test_ignored_clips(built, aist, tmp_path: Path, to: str, ignore: str) -> Non
 
 def test_other_music_is_refused(built, aist, tmp_path: Path) -> None:
     source = aist(songs=lambda name, sound: {name: sound[:-1000] + bytes(1000)})
-    with raises_message(DataError, "c1b8c1", where="aist/wavs/mBR0.wav", reason="other_music"):
+    with raises_message(DataError, "does not match", where="aist/wavs/mBR0.wav", reason="other_music"):
         dancedata.export(built("bailando").path, "bailando", tmp_path / "out", source=source, progress=False)
     assert not (tmp_path / "out").exists()

@@ -114,5 +114,5 @@ def test_a_dataset_names_its_weights(tmp_path: Path) -> None:
         raise SourceError("hf: the model is unknown", fix="set model")
 
     job: Any = SimpleNamespace(name="edge151", feature=SimpleNamespace(resolved=unknown))
-    with open_store(path) as store, raises_message(SourceError, r"cc-by-nc-4\.0"):
+    with open_store(path) as store, raises_message(SourceError, "set model"):
         own_songs._ready(job, None, store)

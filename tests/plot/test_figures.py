@@ -102,7 +102,7 @@ def test_errors_say_what_is_allowed(demo: Path, monkeypatch: pytest.MonkeyPatch)
         plot.motion(ds, clip, times=[99])
     with raises_message(UsageError, "draw"):
         plot.motion(ds, clip, poses=0)
-    with raises_message(UsageError, "CLIP", where="demo"):
+    with raises_message(UsageError, "name the clip", where="demo"):
         plot.motion(ds)
     with raises_message(UsageError, "gHO_sBM_cAll_d19_mHO3_ch03x", where="demo"):
         plot.features(ds, clip + "x")

@@ -141,12 +141,12 @@ def test_motions_of_a_wall_without_rotations_stay_limbs(mesh: BodyMesh) -> None:
     assert (mine.mesh, theirs.mesh) == (mesh, None)
     assert "theirs: no body model: a motion on skeleton motorica21 cannot be transferred" in scene.notes[-1]
     others = replace(scene, members=scene.members[1:])
-    with raises_message(UsageError, "ebf14da2"):
+    with raises_message(UsageError, "cannot be transferred"):
         others.with_mesh(mesh)
 
 
 def test_pages_that_are_passed_on_hold_no_model(demo: Path, model: Path, tmp_path: Path) -> None:
-    with raises_message(UsageError, r"FILE\.mp4", where="SMPL_MALE.npz"):
+    with raises_message(UsageError, "mp4", where="SMPL_MALE.npz"):
         export_page(ViewRequest(demo, body_model=model), tmp_path / "a.html")
     assert not (tmp_path / "a.html").exists()
     with raises_message(DanceDataError, "betas"):

@@ -211,7 +211,7 @@ def test_datasets_that_do_not_agree(tmp_path: Path, stores: dict[str, Store]) ->
     fields = random_fields({name: large.store.field(name).columns.width - 1}, {}, fast=60)[:1]
     options = {"n_frames": (60, 60), "length": 20, "stride": 10, "fields": fields}
     write_random_store(tmp_path / "x", clips={"train": 2}, **options)
-    with raises_message(UsageError, r"a\.13"):
+    with raises_message(UsageError, "same arguments"):
         Mix({"large": large, "other": WindowDataset(tmp_path / "x")})
     with raises_message(UsageError, "agree"):
         Mix({"large": large, "clips": ClipDataset(stores["large"])})

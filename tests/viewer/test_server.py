@@ -210,7 +210,7 @@ def test_a_rebuilt_dataset_is_refused(odd: Path, tmp_path: Path) -> None:
     ids=["clip", "window", "field", "normalized", "compare"],
 )
 def test_wrong_requests(odd: Path, request_: dict) -> None:
-    with raises_message(UsageError, "compare|drawn|script|window"), serving(ViewRequest(odd, **request_)):
+    with raises_message(UsageError, "compare|drawn|no clip named|window"), serving(ViewRequest(odd, **request_)):
         pass
 
 
@@ -288,5 +288,5 @@ def test_two_files_of_one_clip_are_not_compared(odd: Path, tmp_path: Path) -> No
     clip = dancedata.open(odd).clips[0].id
     np.save(tmp_path / f"{clip}.npy", np.zeros((60, 24, 3)))
     np.savez(tmp_path / f"{clip}.npz", poses=np.zeros((60, 72)), trans=np.zeros((60, 3)))
-    with raises_message(UsageError, r"window\.PWN"):
+    with raises_message(UsageError, "one name"):
         ViewRequest(odd, compare=(tmp_path,)).comparisons(dancedata.open(odd), None)
