@@ -203,47 +203,47 @@ def errors_after(folder: Path, dataset: str, index: Any, value: Any) -> str:
     return " ".join(str(p) for p in verify_store(folder) if p.severity == "error")
 
 
-def test_the_last_frame_of_a_clip_is_the_last_of_a_window(make_store: Any, scope: str) -> None:
+SCOPES = ("track", "window")
+#: Of one clip of 90 frames with windows of 30 frames at 0, 20, 40 and 60: scope, column, row, value and its error.
+WINDOW_CASES: list[tuple[str, str, int, int, str]] = [
+    *((scope, "windows/start", 3, 60, "") for scope in SCOPES),
+    *((scope, "windows/start", 3, 61, "/windows: outside their clip") for scope in SCOPES),
+    ("track", "windows/start", 3, 61, "/windows/rows/pose: wrong or outside the field"),
+    *(
+        (scope, "windows/start", 1, 0, "a clip has two windows that begin at one frame")
+        for scope in ("track", "window")
+    ),
+    ("window", "windows/rows/pose", 1, 31, "/windows/rows/pose"),
+    ("window", "windows/rows/pose", 1, 29, "/windows/rows/pose"),
+    (
+        "window",
+        "clips/motion/pose/length",
+        0,
+        30 * 4 - 1,
+        "/windows/rows/pose: wrong or outside the field, in windows",
+    ),
+    ("window", "windows/rows/pose", 1, -1, "/windows/rows/pose"),
+    ("window", "windows/rows/pose", 1, 10**7, "/windows/rows/pose"),
+    ("window", "windows/rows/music", 1, -1, "/windows/rows/music"),
+    ("window", "windows/rows/music", 1, 10**7, "/windows/rows/music"),
+    *((scope, "clips/motion/pose/length", 0, 89, "do not fill the") for scope in SCOPES),
+]
+
+
+@pytest.mark.parametrize(("scope", "dataset", "index", "value", "message"), WINDOW_CASES)
+def test_windows_lie_in_their_clip(
+    make_store: Any, scope: str, dataset: str, index: int, value: int, message: str
+) -> None:
     made = make_store(scope=scope, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
-    last, end = len(made.clips[0].starts) - 1, 90 - 30
-    assert "outside their clip" not in errors_after(made.path, "windows/start", last, end)
-    found = errors_after(made.path, "windows/start", last, end + 1)
-    assert "/windows: outside their clip" in found
-    assert ("/windows/rows/pose: wrong or outside the field" in found) == (scope == "track")
+    found = errors_after(made.path, dataset, index, value)
+    assert message in found if message else found == ""
 
 
 def test_the_last_row_of_a_field_is_the_last_of_a_window(make_store: Any) -> None:
     made = make_store(scope="window", clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
-    last = len(made.clips[0].starts) - 1
-    n_rows = {name: rows for name, (_, rows) in shard_fields(made.path).items()}
-    assert errors_after(made.path, "windows/rows/music", last, n_rows["music"] - 30) == ""
-    assert "/windows/rows/music" in errors_after(made.path, "windows/rows/music", last, n_rows["music"] - 29)
-
-
-@pytest.mark.parametrize("value", [1, -1])
-def test_a_window_has_its_own_rows_of_motion(make_store: Any, value: int) -> None:
-    made = make_store(scope="window", clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
-    assert "/windows/rows/pose" in errors_after(made.path, "windows/rows/pose", 1, 30 + value)
-
-
-def test_a_clip_holds_all_its_windows(make_store: Any) -> None:
-    made = make_store(scope="window", clips={"train": 2}, n_frames=(90, 90), length=30, stride=20)
-    windows = len(made.clips[0].starts)
-    found = errors_after(made.path, "clips/motion/pose/length", 0, 30 * windows - 1)
-    assert "/windows/rows/pose: wrong or outside the field, in windows" in found
-
-
-def test_clips_fill_their_shard(make_store: Any, scope: str) -> None:
-    made = make_store(scope=scope, clips={"train": 2}, n_frames=(95, 95), length=30, stride=20)
-    with open_store(made.path) as store:
-        rows = int(store.tables("train").spans["pose"].available[1])
-    assert "do not fill the" in errors_after(made.path, "clips/motion/pose/length", 1, rows - 1)
-
-
-def test_two_windows_of_a_clip_do_not_begin_at_one_frame(make_store: Any, scope: str) -> None:
-    made = make_store(scope=scope, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
-    found = errors_after(made.path, "windows/start", 1, made.clips[0].starts[0])
-    assert "a clip has two windows that begin at one frame" in found
+    rows = json.loads((made.path / "dataset.json").read_text())["shards"][0]["fields"]["music"][1]
+    assert errors_after(made.path, "windows/rows/music", 3, rows - 30) == ""
+    assert "/windows/rows/music" in errors_after(made.path, "windows/rows/music", 3, rows - 29)
 
 
 def test_codes_are_those_of_their_codebook(make_store: Any, tmp_path: Path) -> None:
@@ -322,19 +322,6 @@ def test_windows_begin_at_a_row_of_every_field(make_store: Any) -> None:
     assert "/windows/rows/slow: wrong or outside the field, in windows 1" in errors_after(
         made.path, "windows/start", 1, 23
     )
-
-
-def shard_fields(folder: Path) -> dict[str, list[int]]:
-    fields: dict[str, list[int]] = json.loads((folder / "dataset.json").read_text())["shards"][0]["fields"]
-    return fields
-
-
-@pytest.mark.parametrize("field", ["pose", "music"])
-@pytest.mark.parametrize("value", [-1, 10**7])
-def test_rows_out_of_bounds_in_window_scope(make_store: Any, field: str, value: int) -> None:
-    made = make_store(scope="window")
-    edit(made.path, f"windows/rows/{field}", 1, value, TABLES)
-    assert f"/windows/rows/{field}" in only_error(made.path)
 
 
 def replace(folder: Path, dataset: str, make: Callable[[Any, Any], None], name: str = TRAIN) -> None:
