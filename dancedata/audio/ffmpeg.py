@@ -28,10 +28,7 @@ _ERROR = re.compile(r"^(?:\[[^]]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTI
 class NotDecodedError(Exception):
     """ffmpeg is not installed, or cannot decode the sound; the text says why.
 
-    Attributes
-    ----------
-    options
-        Options with which an ffmpeg could write the sound as wav; None where it cannot.
+    `options`: Options with which an ffmpeg could write the sound as wav; None where it cannot.
     """
 
     def __init__(self, problem: str, options: str | None = None) -> None:
@@ -42,10 +39,7 @@ class NotDecodedError(Exception):
 def find_ffmpeg() -> str:
     """Return the path of ffmpeg: that of the package imageio-ffmpeg, else that of the system.
 
-    Raises
-    ------
-    UsageError
-        If neither is installed.
+    Raises UsageError: if neither is installed.
     """
     try:
         return str(load("imageio_ffmpeg", "video").get_ffmpeg_exe())

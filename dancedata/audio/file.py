@@ -333,14 +333,9 @@ class FileRows(AudioFeature):
 class Placed:
     """The rows of a file on a clip's grid.
 
-    Attributes
-    ----------
-    first
-        Row of the clip's grid, from frame 0, that is the first within the file; may be below 0.
-    n_rows
-        Rows within the file.
-    phase, step
-        Place of the first in the file, and distance of two, in rows of the file.
+    `first`: Row of the clip's grid, from frame 0, that is the first within the file; may be below 0.
+    `n_rows`: Rows within the file.
+    `phase`, `step`: Place of the first in the file, and distance of two, in rows of the file.
     """
 
     first: int

@@ -30,18 +30,12 @@ _ENCODER_DELAY = 576
 class MpegAudio:
     """The frames of a file.
 
-    Attributes
-    ----------
-    least_s
-        Seconds of all frames without the delay and padding that tags state, less two frames, which decoders may need.
-    rates
-        Sample rates in their order, each once.
-    cut_s
-        Seconds of frames that a tag counts and the file does not have.
-    delay_s
-        Seconds of the delay of encoder and decoder, where no tag states it.
-    begin
-        First byte of the first frame.
+    `least_s`: Seconds of all frames without the delay and padding that tags state, less two frames, which decoders
+        may need.
+    `rates`: Sample rates in their order, each once.
+    `cut_s`: Seconds of frames that a tag counts and the file does not have.
+    `delay_s`: Seconds of the delay of encoder and decoder, where no tag states it.
+    `begin`: First byte of the first frame.
     """
 
     least_s: float

@@ -30,17 +30,9 @@ def onset_strength(signal: AudioSignal, rate: int = 240) -> NDArray[np.float64]:
     the row, is the strength of an onset, and falls count as 0 (log spectral flux; Bello et al. 2005, A tutorial on
     onset detection in music signals). No product of matrices is used, so that it is the same on every BLAS.
 
-    Parameters
-    ----------
-    signal
-        Samples (n,) at any rate; bands above half of it are empty.
-    rate
-        Rows per second.
-
-    Returns
-    -------
-    (T, 3) float64
-        At second t / `rate`, from 0 to the end of the signal; dB per row, 0 and above.
+    `signal`: Samples (n,) at any rate; bands above half of it are empty.
+    `rate`: Rows per second.
+    Returns: At second t / `rate`, from 0 to the end of the signal; dB per row, 0 and above.
 
     Examples
     --------

@@ -53,22 +53,12 @@ _CUT_S = 0.02
 def load_audio(path: Path | str) -> AudioSignal:
     """Decode a whole file and average its channels.
 
-    Parameters
-    ----------
-    path
-        Any file that libsndfile reads: wav, flac, ogg, mp3, ...; with ffmpeg others, such as m4a and mp4.
-
-    Returns
-    -------
-    AudioSignal
-        Samples (n,) float32 at the file's rate. Samples of float files may exceed +-1. Its findings say if ffmpeg has
-        decoded it, if an encoder's delay was kept, and what a cut file lacks.
-
-    Raises
-    ------
-    DataError
-        With reason ``missing_file``, ``broken_audio`` (not decodable, or not whole), ``empty_audio`` (no sample),
-        ``nan`` (NaN or infinite samples) or ``antiphase`` (channels that cancel: their mean has lost the music).
+    `path`: Any file that libsndfile reads: wav, flac, ogg, mp3, ...; with ffmpeg others, such as m4a and mp4.
+    Returns: Samples (n,) float32 at the file's rate. Samples of float files may exceed +-1. Its findings say if
+        ffmpeg has decoded it, if an encoder's delay was kept, and what a cut file lacks.
+    Raises DataError: With reason ``missing_file``, ``broken_audio`` (not decodable, or not whole), ``empty_audio``
+        (no sample), ``nan`` (NaN or infinite samples) or ``antiphase`` (channels that cancel: their mean has lost the
+        music).
 
     Notes
     -----
@@ -127,20 +117,10 @@ def audio_length(path: Path | str) -> tuple[int, int]:
     Only headers are read, except where they are estimates (a factor of 2.5 off was seen in mp3) or wrong: then the
     file is decoded as `load_audio` does and the samples are counted.
 
-    Parameters
-    ----------
-    path
-        As for `load_audio`.
-
-    Returns
-    -------
-    n_samples, sample_rate : tuple[int, int]
-        Samples per channel, and the sample rate in Hz.
-
-    Raises
-    ------
-    DataError
-        As `load_audio`, for what the header shows (a truncated flac file and NaN are only found by decoding).
+    `path`: As for `load_audio`.
+    Returns: Samples per channel, and the sample rate in Hz.
+    Raises DataError: As `load_audio`, for what the header shows (a truncated flac file and NaN are only found by
+        decoding).
     """
     path = Path(path)
     found = _held(path)
@@ -163,15 +143,8 @@ def pcm16(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     floor(x * 32768), except that a value less than half a 32-bit step below a 16-bit step is rounded up to it.
     EDGE makes its window wavs this way; rounding to nearest instead changes MFCC by up to 0.26.
 
-    Parameters
-    ----------
-    samples
-        (n,) float32, full scale 1.
-
-    Returns
-    -------
-    NDArray[np.float32]
-        (n,) float32, multiples of 1 / 32768 in [-1, 1).
+    `samples`: (n,) float32, full scale 1.
+    Returns: (n,) float32, multiples of 1 / 32768 in [-1, 1).
     """
     # Scaling by powers of two is exact in float32; rint rounds halves to even as libsndfile's lrintf does.
     full_scale = np.clip(np.asarray(samples, dtype=np.float32), -1, 1)
@@ -183,17 +156,9 @@ def pcm16(samples: NDArray[np.float32]) -> NDArray[np.float32]:
 def resample(samples: NDArray[np.float32], from_rate: int, to_rate: int) -> NDArray[np.float32]:
     """Resample as `librosa.load` does: soxr, quality HQ, zeros appended to the length of `resampled_length`.
 
-    Parameters
-    ----------
-    samples
-        (n,) float32 at `from_rate`.
-    from_rate, to_rate
-        Sample rates in Hz.
-
-    Returns
-    -------
-    NDArray[np.float32]
-        (m,) float32, m = `resampled_length(n, from_rate, to_rate)`; the same array if the rates are equal.
+    `samples`: (n,) float32 at `from_rate`.
+    `from_rate`, `to_rate`: Sample rates in Hz.
+    Returns: (m,) float32, m = `resampled_length(n, from_rate, to_rate)`; the same array if the rates are equal.
     """
     if from_rate == to_rate:
         return samples

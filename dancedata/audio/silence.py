@@ -41,17 +41,9 @@ def _tenths(power: float) -> int:
 def without_sound(of_music: Sequence[Level], start: Fraction, seconds: Fraction) -> list[tuple[str, float]]:
     """Return (kind of flag, value) where a part of music has no sound; nothing where it lies outside the music.
 
-    Parameters
-    ----------
-    of_music
-        Levels of each second.
-    start, seconds
-        Second of the music at which the part begins, and its length.
-
-    Returns
-    -------
-    list
-        "silent_music" with the level in dBFS, or "steady_music" with the range of levels in dB; else nothing.
+    `of_music`: Levels of each second.
+    `start`, `seconds`: Second of the music at which the part begins, and its length.
+    Returns: "silent_music" with the level in dBFS, or "steady_music" with the range of levels in dB; else nothing.
     """
     # Whole seconds inside the part; of a short one those that it touches.
     first, last = math.ceil(start), math.floor(start + seconds)

@@ -50,20 +50,12 @@ _Chunk = tuple[bytes, int, int]  # name, first byte and size of its content
 class Held:
     """What a file holds.
 
-    Attributes
-    ----------
-    problem
-        Why decoders do not read all of it; "" if they do.
-    refused
-        Whether none is known to.
-    seconds
-        The least length of the sound that must be decoded; 0 where it is not known.
-    delay_s
-        Length of the encoder's delay that no tag states, so that decoders keep it.
-    begin
-        First byte of the sound, where what is before it is no tag.
-    cut_s
-        Seconds that the header announces and the file does not have.
+    `problem`: Why decoders do not read all of it; "" if they do.
+    `refused`: Whether none is known to.
+    `seconds`: The least length of the sound that must be decoded; 0 where it is not known.
+    `delay_s`: Length of the encoder's delay that no tag states, so that decoders keep it.
+    `begin`: First byte of the sound, where what is before it is no tag.
+    `cut_s`: Seconds that the header announces and the file does not have.
     """
 
     problem: str = ""

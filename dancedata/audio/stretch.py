@@ -31,10 +31,7 @@ def stretched(signal: AudioSignal, speed: Fraction) -> AudioSignal:
     What is heard at t seconds of the signal is heard at t / speed seconds of the result; the frames of the vocoder
     are centred, so that nothing is delayed.
 
-    Raises
-    ------
-    DataError
-        "short_audio" if no sample would be left.
+    Raises DataError: "short_audio" if no sample would be left.
     """
     if not stretched_length(signal.n_samples, speed):
         raise DataError(

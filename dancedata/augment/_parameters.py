@@ -23,10 +23,7 @@ def require_seed(seed: int) -> None:
 def spatial_of(field: SampleField) -> Spatial | None:
     """Return how a field's columns follow a turn or a shift; None for key motions, which do not change.
 
-    Raises
-    ------
-    UsageError
-        If the field's representation is not known, or does not define it.
+    Raises UsageError: if the field's representation is not known, or does not define it.
     """
     if field.kind != "motion":
         return None

@@ -32,12 +32,8 @@ def without_paths(text: str) -> str:
 def card_text(store: Store, pictures: Mapping[str, str], place: Publication | None = None) -> str:
     """Return the README.md of a dataset.
 
-    Parameters
-    ----------
-    pictures
-        Address and description of each picture.
-    place
-        Where and how it is published, if it is.
+    `pictures`: Address and description of each picture.
+    `place`: Where and how it is published, if it is.
     """
     meta, splits = store.meta, tuple(store.splits)
     name = _text(str(meta.get("name", "dataset")))

@@ -18,14 +18,9 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 class Codebook:
     """The codebook of a field of codes.
 
-    Attributes
-    ----------
-    sizes
-        Number of codes of each column, which is a level.
-    sha256
-        Hash of the codebook's file; "" if unknown.
-    pad
-        Code of rows without one.
+    `sizes`: Number of codes of each column, which is a level.
+    `sha256`: Hash of the codebook's file; "" if unknown.
+    `pad`: Code of rows without one.
     """
 
     # As a recipe's parameter: an unknown key is an error.

@@ -45,12 +45,8 @@ class Mirror:
 class Group:
     """Adjacent columns that belong together.
 
-    Attributes
-    ----------
-    unit
-        "m", "rad", "1" for numbers without a unit, ...
-    parts
-        Names of the columns; () for numbered columns.
+    `unit`: "m", "rad", "1" for numbers without a unit, ...
+    `parts`: Names of the columns; () for numbered columns.
     """
 
     name: str

@@ -23,14 +23,9 @@ def fitted(
     turns as little as possible from its parent. A joint with several children (pelvis, chest) takes the rotation that
     comes closest to all of them, so positions are exact where its children are arranged alike in every frame.
 
-    Parameters
-    ----------
-    positions
-        (T, J, 3) metres, finite.
-    skeleton
-        J joints; it gives the directions of the bones at rest.
-    unseen
-        Joints without children whose positions are not known: their bones do not turn, and stay the skeleton's.
+    `positions`: (T, J, 3) metres, finite.
+    `skeleton`: J joints; it gives the directions of the bones at rest.
+    `unseen`: Joints without children whose positions are not known: their bones do not turn, and stay the skeleton's.
     """
     children: list[list[int]] = [[] for _ in skeleton.joints]
     for joint, parent in enumerate(skeleton.parents[1:], start=1):

@@ -16,10 +16,7 @@ _SHARED = re.compile(
 class Licence:
     """Licence and citation of some clips.
 
-    Attributes
-    ----------
-    text
-        The licence; "" where a clip has that of the dataset and a citation of its own.
+    `text`: The licence; "" where a clip has that of the dataset and a citation of its own.
     """
 
     text: str

@@ -78,14 +78,9 @@ def install(extra: str, required: Sequence[str] | None = None) -> str:
 def require(extra: str, modules: Sequence[str] = (), *, what: str = "", instead: str = "") -> None:
     """Raise MissingPackageError unless packages of an extra are installed; import nothing.
 
-    Parameters
-    ----------
-    modules
-        Top-level modules; default: all that the extra has.
-    what
-        What needs them.
-    instead
-        What to do without them.
+    `modules`: Top-level modules; default: all that the extra has.
+    `what`: What needs them.
+    `instead`: What to do without them.
     """
     missing = [name for name in modules or MODULES[extra] if not _is_installed(name)]
     if missing:

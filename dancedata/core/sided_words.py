@@ -27,19 +27,12 @@ class Lexicon:
     Letters alone are inside a word: "turn_left", "left2" and "LeftKick" have the word "left". Blanks in a pair
     stand for any blanks, hyphens and underscores.
 
-    Attributes
-    ----------
-    language
-        BCP 47 tag; texts in a variety of it ("en-GB") are read with it.
-    pairs
-        (a, b): a becomes b, and b becomes a where no earlier pair has it. In any case of letters.
-    exact
-        Pairs that are compared with their case, such as ("L", "R"). Single letters also count in small where they are
-        joined to another word: "l_arm", "hand.l", "lArm".
-    same
-        Phrases that stay as they are: "right away".
-    whole_words
-        False for scripts without spaces between words.
+    `language`: BCP 47 tag; texts in a variety of it ("en-GB") are read with it.
+    `pairs`: (a, b): a becomes b, and b becomes a where no earlier pair has it. In any case of letters.
+    `exact`: Pairs that are compared with their case, such as ("L", "R"). Single letters also count in small where
+        they are joined to another word: "l_arm", "hand.l", "lArm".
+    `same`: Phrases that stay as they are: "right away".
+    `whole_words`: False for scripts without spaces between words.
     """
 
     language: str

@@ -41,18 +41,11 @@ _STEPS_M = 0.05
 class Sides:
     """Agreement of the names of the sides with the anatomy; medians over frames, NaN without evidence.
 
-    Attributes
-    ----------
-    toes
-        Cosine of the feet's direction and the hips' front, 0.48 to 0.92.
-    knees
-        Cosine of the axis about which knees bend and the hips' left, 0.71 to 0.99.
-    chest
-        Cosine of the shoulders' left and the hips' left, 0.91 to 1.
-    elbows
-        Part of the forearm that points to the front of the upper arm, 0.41 to 0.88.
-    stance
-        Distance of the left ankle to the left of the right one, in widths of the hips.
+    `toes`: Cosine of the feet's direction and the hips' front, 0.48 to 0.92.
+    `knees`: Cosine of the axis about which knees bend and the hips' left, 0.71 to 0.99.
+    `chest`: Cosine of the shoulders' left and the hips' left, 0.91 to 1.
+    `elbows`: Part of the forearm that points to the front of the upper arm, 0.41 to 0.88.
+    `stance`: Distance of the left ankle to the left of the right one, in widths of the hips.
     """
 
     toes: float
@@ -86,14 +79,9 @@ class Sides:
 def sides_of(joints: Float64Array, motion: Motion | None = None, *, toes: bool = True) -> Sides:
     """Measure a body.
 
-    Parameters
-    ----------
-    joints
-        (T, J, 3) positions, metres, of SMPL's 22 body joints and any others.
-    motion
-        Its rotations, for the elbows.
-    toes
-        Whether the toes are known, and not only the ankles.
+    `joints`: (T, J, 3) positions, metres, of SMPL's 22 body joints and any others.
+    `motion`: Its rotations, for the elbows.
+    `toes`: Whether the toes are known, and not only the ankles.
     """
     places = sampled(joints)
     left = places[:, 1] - places[:, 2]
@@ -119,10 +107,7 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     its height better than that along +Y, as on a floor, on which the feet move. Those of a dancer lying still keep
     their place along any axis.
 
-    Parameters
-    ----------
-    joints
-        (T, J, 3) as for `sides_of`.
+    `joints`: (T, J, 3) as for `sides_of`.
     """
     places, mean = sampled(joints)[:, :22], body_direction(joints)
     axis = int(np.abs(mean).argmax())

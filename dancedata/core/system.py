@@ -18,10 +18,7 @@ SYSTEM = sys.platform
 def open_file(path: str | Path, flags: int, *, follow: bool = True) -> int:
     """Open a file as os.open does, without blocking, as a named pipe would; return the descriptor.
 
-    Raises
-    ------
-    OSError
-        As os.open; and if not `follow` and the path is a symbolic link.
+    Raises OSError: As os.open; and if not `follow` and the path is a symbolic link.
     """
     return os.open(path, flags | os.O_NONBLOCK | (0 if follow else os.O_NOFOLLOW), 0o666)
 

@@ -28,12 +28,8 @@ def printable(text: str, *, lines: bool = False) -> str:
     The result can be printed on any terminal and written as UTF-8. A byte of a file name that is not UTF-8, in
     Python a lone surrogate, becomes ``\udcff``.
 
-    Parameters
-    ----------
-    text
-        Any text.
-    lines
-        Whether line breaks are kept.
+    `text`: Any text.
+    `lines`: Whether line breaks are kept.
     """
     if text.isprintable():
         return text
@@ -60,12 +56,8 @@ def shown(value: object, limit: int = MAX_SHOWN) -> str:
     Containers are not expanded: a file of a thousand bytes can describe one larger than any memory. Lists show their
     first numbers and texts, other containers their type and length, errors their type and message.
 
-    Parameters
-    ----------
-    value
-        Any value, including untrusted ones.
-    limit
-        Most characters; "..." follows if there are more.
+    `value`: Any value, including untrusted ones.
+    `limit`: Most characters; "..." follows if there are more.
     """
     if isinstance(value, str):
         text = value

@@ -27,18 +27,11 @@ _TRIFLE_M = 0.03
 class Repairs:
     """Which repairs, and above which limit; None for those that are not made.
 
-    Attributes
-    ----------
-    spikes
-        Least size, metres.
-    gaps
-        Longest frozen span that is filled, seconds.
-    floor
-        Least drift of the floor, metres.
-    smoothing
-        Least jitter, metres.
-    original
-        Whether the motion as it was is stored beside the repaired one.
+    `spikes`: Least size, metres.
+    `gaps`: Longest frozen span that is filled, seconds.
+    `floor`: Least drift of the floor, metres.
+    `smoothing`: Least jitter, metres.
+    `original`: Whether the motion as it was is stored beside the repaired one.
     """
 
     spikes: float | None = None

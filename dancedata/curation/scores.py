@@ -21,20 +21,12 @@ VERSION = 2
 class Measure:
     """What a score measures.
 
-    Attributes
-    ----------
-    what
-        In a few words.
-    unit
-        Of its values; larger is worse.
-    limit
-        Value above which it is a fault, by default; chosen on real clips, see docs/quality.md.
-    least
-        Smallest value of a span that is listed.
-    of
-        "spans": a clip's value is that of its worst span. "clip": it belongs to the whole clip.
-    source
-        Paper or file.
+    `what`: In a few words.
+    `unit`: Of its values; larger is worse.
+    `limit`: Value above which it is a fault, by default; chosen on real clips, see docs/quality.md.
+    `least`: Smallest value of a span that is listed.
+    `of`: "spans": a clip's value is that of its worst span. "clip": it belongs to the whole clip.
+    `source`: Paper or file.
     """
 
     what: str
@@ -83,13 +75,9 @@ OF_BODIES = ("joint_limits", "self_contact", "mirrored", "up")
 class Score:
     """A score of a motion.
 
-    Attributes
-    ----------
-    value
-        Of the whole clip, the worst span's; None where the motion has none, such as joint limits of a rig that is not
-        SMPL's, or jitter at 24 frames per second.
-    spans
-        In frames of the motion, in order.
+    `value`: Of the whole clip, the worst span's; None where the motion has none, such as joint limits of a rig that
+        is not SMPL's, or jitter at 24 frames per second.
+    `spans`: In frames of the motion, in order.
     """
 
     value: float | None

@@ -49,21 +49,11 @@ Floats = NDArray[np.float64]
 def require_rotations(path: Path, what: str, rotations: Floats, translation: Floats, parents: Sequence[int]) -> None:
     """Check that axis-angle rotations are not joint positions or angles in degrees.
 
-    Parameters
-    ----------
-    what
-        Name of the array, for messages.
-    rotations
-        (T, J, 3), finite.
-    translation
-        (T, 3) in the file's unit.
-    parents
-        Of the J joints, the first 22 of which are SMPL's; -1 for the first.
-
-    Raises
-    ------
-    DataError
-        ``not_rotations``, with the evidence.
+    `what`: Name of the array, for messages.
+    `rotations`: (T, J, 3), finite.
+    `translation`: (T, 3) in the file's unit.
+    `parents`: Of the J joints, the first 22 of which are SMPL's; -1 for the first.
+    Raises DataError: ``not_rotations``, with the evidence.
     """
     step = max(1, len(rotations) // _MAX_FRAMES)
     points, root = rotations[::step], translation[::step]
@@ -145,10 +135,7 @@ def rotations_of(rows: Floats) -> Floats:
 def check_rows(path: Path, rows: Floats) -> None:
     """Check that all 6D rotations (T, 52, 6) are two rows of a rotation matrix.
 
-    Raises
-    ------
-    DataError
-        ``bad_rotation``.
+    Raises DataError: ``bad_rotation``.
     """
     off = _off_orthonormal(rows[..., :3], rows[..., 3:])
     bad = off > _TOLERANCE

@@ -46,15 +46,10 @@ _CLOSE = Fraction(1, 4)
 class SplitRule:
     """A rule that assigns clips to splits.
 
-    Attributes
-    ----------
-    val, test
-        Fractions of the groups, in [0, 1); the rest is train.
-    by
-        The attribute that defines a group: all clips of one music, dancer or genre are in one split; "clip": each
+    `val`, `test`: Fractions of the groups, in [0, 1); the rest is train.
+    `by`: The attribute that defines a group: all clips of one music, dancer or genre are in one split; "clip": each
         clip is a group.
-    balance
-        Whether groups are dealt out by their numbers of clips, and not each by its name alone.
+    `balance`: Whether groups are dealt out by their numbers of clips, and not each by its name alone.
     """
 
     val: Fraction
@@ -138,10 +133,7 @@ class SplitRule:
 
         A clip with a split keeps it, and so does its whole group.
 
-        Raises
-        ------
-        SourceError
-            If a clip has no group, a group has two splits, or a requested split is empty.
+        Raises SourceError: if a clip has no group, a group has two splits, or a requested split is empty.
         """
         nameless = [clip.id for clip in clips if not self.group(clip)]
         if nameless:
@@ -226,10 +218,8 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
 
     Whole songs are decoded only where rate, length and beginning are equal.
 
-    Returns
-    -------
-    dict
-        Name of a song -> the first name, by the alphabet, of those that have its samples; without the first ones.
+    Returns: Name of a song -> the first name, by the alphabet, of those that have its samples; without the first
+        ones.
     """
     from dancedata.store.songs import joined_sets  # here: it imports h5py, which listing plug-ins does not need
 

@@ -15,19 +15,10 @@ UPRIGHT_COSINE = 0.8
 def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes: Sequence[str] = ("y", "z")) -> str:
     """Return the axis that is up in a file.
 
-    Parameters
-    ----------
-    spine
-        (3,) vector from pelvis to head in the file's axes, on average.
-    up
-        What the recipe states: one of `axes`, or "auto".
-    axes
-        The axes that are accepted, such as "y" and "-y".
-
-    Raises
-    ------
-    DataError
-        ``bad_axes`` where the spine does not say so clearly, or clearly contradicts `up`.
+    `spine`: (3,) vector from pelvis to head in the file's axes, on average.
+    `up`: What the recipe states: one of `axes`, or "auto".
+    `axes`: The axes that are accepted, such as "y" and "-y".
+    Raises DataError: ``bad_axes`` where the spine does not say so clearly, or clearly contradicts `up`.
     """
     cosines = dict(zip("xyz", spine / max(float(np.linalg.norm(spine)), 1e-9), strict=True))
     clear = next((axis for axis, value in cosines.items() if abs(value) >= UPRIGHT_COSINE), "")

@@ -35,10 +35,7 @@ def words_of(source: Path) -> list[Path]:
 def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> StatedWords:
     """Read the segments that a source states, in words of `language` where they name none.
 
-    Raises
-    ------
-    SourceError
-        For a mistake in a file of segments, or if there are two.
+    Raises SourceError: for a mistake in a file of segments, or if there are two.
     """
     ids = {clip.id for clip in clips}
     segments: dict[str, list[Segment]] = defaultdict(list)

@@ -52,10 +52,7 @@ class Files:
 def list_folder(folder: Path) -> list[Path]:
     """Return the entries of a folder by name, without hidden ones (``.DS_Store``) and ``__MACOSX``.
 
-    Raises
-    ------
-    SourceError
-        If the folder cannot be read.
+    Raises SourceError: if the folder cannot be read.
     """
     try:
         entries = sorted(folder.iterdir())
@@ -68,10 +65,7 @@ def list_folder(folder: Path) -> list[Path]:
 def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
     """Return the files that paths name: themselves, all of a folder with one of these suffixes, or of a pattern.
 
-    Raises
-    ------
-    UsageError
-        For a folder or a pattern without such a file.
+    Raises UsageError: for a folder or a pattern without such a file.
     """
     files: list[Path] = []
     for path in paths:
@@ -91,10 +85,7 @@ def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
 def require_folder(dataset: str, source: Path, looked_for: str) -> None:
     """Check that `source` is a folder with at least one entry.
 
-    Raises
-    ------
-    SourceError
-        If it is missing, a file, unreadable or empty; names the expected and the existing files.
+    Raises SourceError: if it is missing, a file, unreadable or empty; names the expected and the existing files.
     """
     if source.is_dir():
         if list_folder(source):
@@ -130,10 +121,7 @@ def relative(path: Path, source: Path) -> str:
 def file_problem(path: Path, suffixes: Sequence[str], otherwise: str = "") -> str:
     """Return why an entry is not a file with one of these suffixes; "" if it is one.
 
-    Parameters
-    ----------
-    otherwise
-        The answer for a file with another suffix, in place of a list of the suffixes.
+    `otherwise`: The answer for a file with another suffix, in place of a list of the suffixes.
     """
     if path.is_dir():
         return "a folder; subfolders are not searched"
@@ -153,12 +141,8 @@ def extra_file(path: Path, source: Path, problem: str) -> Reject:
 def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callable[[str], str]) -> Files:
     """List the files of a folder with one suffix; every other entry is an ``extra_file``.
 
-    Parameters
-    ----------
-    folder
-        Need not exist.
-    name_problem
-        Returns why a stem is not a valid name, "" for a valid one.
+    `folder`: Need not exist.
+    `name_problem`: Returns why a stem is not a valid name, "" for a valid one.
     """
     files: dict[str, Path] = {}
     rejects = []
@@ -194,16 +178,10 @@ def list_audio(
 ) -> Files:
     """List the audio files with valid names, one for each stem; other entries are ``extra_file``.
 
-    Parameters
-    ----------
-    folders
-        In order of preference; they need not exist.
-    name_problem
-        Returns why a stem is not a valid name, "" for a valid one.
-    mixed
-        Folders with files of any kind, of which only audio files are considered.
-    music_dir
-        Folder that comes first, see `with_music_dir`.
+    `folders`: In order of preference; they need not exist.
+    `name_problem`: Returns why a stem is not a valid name, "" for a valid one.
+    `mixed`: Folders with files of any kind, of which only audio files are considered.
+    `music_dir`: Folder that comes first, see `with_music_dir`.
     """
     candidates: list[Path] = []
     rejects = []
@@ -222,19 +200,10 @@ def list_audio(
 def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_problem: Callable[[str], str]) -> Files:
     """Return the audio files of a source, those of the folder that a recipe names first.
 
-    Parameters
-    ----------
-    music
-        Files of the dataset's own folders; one with the name of a file of `music_dir` is ``unused_music``.
-    music_dir
-        None: there is no such folder.
-    name_problem
-        As for `list_audio`.
-
-    Raises
-    ------
-    SourceError
-        If the folder does not exist, or has no audio file.
+    `music`: Files of the dataset's own folders; one with the name of a file of `music_dir` is ``unused_music``.
+    `music_dir`: None: there is no such folder.
+    `name_problem`: As for `list_audio`.
+    Raises SourceError: if the folder does not exist, or has no audio file.
     """
     if music_dir is None:
         return music
@@ -267,12 +236,8 @@ def best_audio(paths: Iterable[Path]) -> list[Path]:
 def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reject]) -> Files:
     """Choose one audio file for each stem; the others are ``unused_music``.
 
-    Parameters
-    ----------
-    candidates
-        Audio files, of equal stems the preferred folder first.
-    rejects
-        Of other entries, placed before the new ones.
+    `candidates`: Audio files, of equal stems the preferred folder first.
+    `rejects`: Of other entries, placed before the new ones.
     """
     by_stem: dict[str, list[Path]] = {}
     for path in candidates:
@@ -314,15 +279,8 @@ def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Seq
 def read_names(path: Path, *, spaces: bool = False) -> list[str]:
     """Return the first word of every line of a list of names; empty lines and lines starting with ``#`` are skipped.
 
-    Parameters
-    ----------
-    spaces
-        Whether names may hold spaces: the name is then the line, without those at its ends.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, or is not a text, or exceeds the bounds of a list of names.
+    `spaces`: Whether names may hold spaces: the name is then the line, without those at its ends.
+    Raises SourceError: if the file cannot be read, or is not a text, or exceeds the bounds of a list of names.
     """
     try:
         lines = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig").splitlines()

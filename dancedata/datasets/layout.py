@@ -15,12 +15,8 @@ _ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
 class Folders:
     """The source, and the folder with the motion folder: the source or one folder in it.
 
-    Attributes
-    ----------
-    places
-        Folders that may hold lists and music folders, in order of preference.
-    others
-        Further folders with a motion folder, which are not read.
+    `places`: Folders that may hold lists and music folders, in order of preference.
+    `others`: Further folders with a motion folder, which are not read.
     """
 
     source: Path
@@ -33,20 +29,12 @@ class Folders:
 class Layout:
     """Names of the folders and motion files of a published dataset.
 
-    Attributes
-    ----------
-    dataset, title
-        Name of the dataset for recipes, and its published name.
-    motions, suffix
-        Name of the motion folder, and suffix of its files.
-    name_problem
-        Returns why a stem is not a valid name, "" for a valid one.
-    is_known
-        Accepts the folder names under which the dataset is published; decides between several folders.
-    looked_for, named
-        The expected files and their names, for messages.
-    mistakes
-        Entry of the source -> fix, for folders of other datasets and of features.
+    `dataset`, `title`: Name of the dataset for recipes, and its published name.
+    `motions`, `suffix`: Name of the motion folder, and suffix of its files.
+    `name_problem`: Returns why a stem is not a valid name, "" for a valid one.
+    `is_known`: Accepts the folder names under which the dataset is published; decides between several folders.
+    `looked_for`, `named`: The expected files and their names, for messages.
+    `mistakes`: Entry of the source -> fix, for folders of other datasets and of features.
     """
 
     dataset: str
@@ -62,10 +50,8 @@ class Layout:
     def find(self, source: Path) -> Folders:
         """Find the folder that holds the motion folder: the source or one folder directly below it.
 
-        Raises
-        ------
-        SourceError
-            If the folder does not exist, or there are several candidates; names the expected and the existing files.
+        Raises SourceError: if the folder does not exist, or there are several candidates; names the expected and the
+            existing files.
         """
         require_folder(self.dataset, source, self.looked_for)
         if (source / self.motions).is_dir():
@@ -97,10 +83,7 @@ class Layout:
     def list_motions(self, source: Path) -> tuple[Folders, Files]:
         """Find the motion folder and list its files with valid names; every other entry is an ``extra_file``.
 
-        Raises
-        ------
-        SourceError
-            As `find`, or if there are none.
+        Raises SourceError: As `find`, or if there are none.
         """
         folders = self.find(source)
         folder = folders.root / self.motions

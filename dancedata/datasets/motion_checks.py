@@ -20,10 +20,7 @@ Floats = NDArray[np.float64]
 def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> None:
     """Check that a motion file has its keys, of which `allowed` tells more than their names.
 
-    Raises
-    ------
-    DataError
-        ``missing_key``.
+    Raises DataError: ``missing_key``.
     """
     missing = [key for key in keys if key not in arrays.names]
     if missing:
@@ -35,10 +32,8 @@ def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> N
 def require_finite(path: Path, what: str, array: Floats, fix: str, *, columns: bool = False) -> None:
     """Check that an array (T, ...) of a file is finite.
 
-    Raises
-    ------
-    DataError
-        ``nan``, with the first frame that is not, and with its column if `columns` are known to the user.
+    Raises DataError: ``nan``, with the first frame that is not, and with its column if `columns` are known to the
+        user.
     """
     finite = np.isfinite(array.reshape(len(array), -1))
     bad = np.asarray(~finite.all(axis=1))

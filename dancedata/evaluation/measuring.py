@@ -52,19 +52,12 @@ class Measurement(NamedTuple):
 class MeasuredClip:
     """The numbers of a clip.
 
-    Attributes
-    ----------
-    clip
-        Id that resampling draws by; several windows may share one.
-    fps
-        Rate that was measured; "" if only metrics of music are computed, and the clip has none.
-    cuts
-        First frame and length of each piece.
-    rows
-        By the number of a protocol's measure, the outcome of each piece; None if the measure needs music and the
+    `clip`: Id that resampling draws by; several windows may share one.
+    `fps`: Rate that was measured; "" if only metrics of music are computed, and the clip has none.
+    `cuts`: First frame and length of each piece.
+    `rows`: By the number of a protocol's measure, the outcome of each piece; None if the measure needs music and the
         clip has none.
-    notes
-        What was changed before measuring.
+    `notes`: What was changed before measuring.
     """
 
     id: str

@@ -59,14 +59,9 @@ class Resources:
 class ClipMusic:
     """Beats of a clip's music.
 
-    Attributes
-    ----------
-    beats
-        Frames from the first frame of the clip.
-    end_s
-        Length of the music that they are from, seconds; None if unknown.
-    by_piece
-        For music that is analysed piece by piece: the beats of the piece that begins at a frame.
+    `beats`: Frames from the first frame of the clip.
+    `end_s`: Length of the music that they are from, seconds; None if unknown.
+    `by_piece`: For music that is analysed piece by piece: the beats of the piece that begins at a frame.
     """
 
     beats: MusicBeats

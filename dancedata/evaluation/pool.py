@@ -35,24 +35,14 @@ _HEADER, _IDS, _ROWS, _CLIPS = "about", "clips", "rows_", "clip_of_rows_"
 class Pool:
     """The numbers of a pool, for each metric of a protocol that needs one.
 
-    Attributes
-    ----------
-    protocol, version
-        Name and version of the protocol.
-    fps
-        Rate that was measured.
-    ids
-        Clips.
-    rows
-        (M, C) by the number of the measure.
-    source
-        Origin, for reports.
-    undefined
-        Pieces without features, by outcome.
-    scaler
-        Hash of the scaler that its columns were normalised by; "" if they were not.
-    clips
-        (M,) number of the clip of each row, by the number of the measure.
+    `protocol`, `version`: Name and version of the protocol.
+    `fps`: Rate that was measured.
+    `ids`: Clips.
+    `rows`: (M, C) by the number of the measure.
+    `source`: Origin, for reports.
+    `undefined`: Pieces without features, by outcome.
+    `scaler`: Hash of the scaler that its columns were normalised by; "" if they were not.
+    `clips`: (M,) number of the clip of each row, by the number of the measure.
     """
 
     protocol: str
@@ -126,16 +116,10 @@ def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, s
 class MetricRows:
     """The numbers of one metric for all pieces of a set.
 
-    Attributes
-    ----------
-    rows
-        (N, C) numbers of the pieces that have a value.
-    clips
-        (N,) number of the clip of each.
-    ids
-        Id of each piece: the clip's, with its number after # where it has several.
-    undefined
-        Ids of pieces without a value, by outcome.
+    `rows`: (N, C) numbers of the pieces that have a value.
+    `clips`: (N,) number of the clip of each.
+    `ids`: Id of each piece: the clip's, with its number after # where it has several.
+    `undefined`: Ids of pieces without a value, by outcome.
     """
 
     rows: Float64Array

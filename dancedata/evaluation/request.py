@@ -41,16 +41,10 @@ MotionInput = str | Path | Store | Motions
 class Inputs:
     """The inputs of an evaluation, not loaded.
 
-    Attributes
-    ----------
-    numbers, pool_numbers
-        Measures of the protocol that are computed of the set and of the pool.
-    pool
-        Clips, or the pool of a file; None: metrics that need one are not computed.
-    music
-        Sources of beats; None: no metric takes them.
-    save_pool
-        File to write the pool to.
+    `numbers`, `pool_numbers`: Measures of the protocol that are computed of the set and of the pool.
+    `pool`: Clips, or the pool of a file; None: metrics that need one are not computed.
+    `music`: Sources of beats; None: no metric takes them.
+    `save_pool`: File to write the pool to.
     """
 
     protocol: Protocol

@@ -28,28 +28,17 @@ _NOT_FINITE = "not_finite"
 class Score:
     """One line of a table.
 
-    Attributes
-    ----------
-    name
-        Name in the metric: "fid_k".
-    value
-        None where it is undefined, see `undefined`.
-    interval
-        95 percent, see `jackknife`; None where there is none.
-    median, chance, pool
-        Where the metric has them: median over pieces, score of beats shifted at random, the
+    `name`: Name in the metric: "fid_k".
+    `value`: None where it is undefined, see `undefined`.
+    `interval`: 95 percent, see `jackknife`; None where there is none.
+    `median`, `chance`, `pool`: Where the metric has them: median over pieces, score of beats shifted at random, the
         pool's own diversity.
-    halves
-        Of a distance to the pool: that between two random halves of the pool's clips, see `halves_of`. A distance
-        near it is as small as the pool can show.
-    n
-        Pieces that have a value.
-    undefined
-        Ids of clips without a value, by outcome.
-    published
-        The figure of the ground truth that was published under the protocol.
-    better
-        "higher", "lower" or "closer" to the ground truth.
+    `halves`: Of a distance to the pool: that between two random halves of the pool's clips, see `halves_of`. A
+        distance near it is as small as the pool can show.
+    `n`: Pieces that have a value.
+    `undefined`: Ids of clips without a value, by outcome.
+    `published`: The figure of the ground truth that was published under the protocol.
+    `better`: "higher", "lower" or "closer" to the ground truth.
     """
 
     name: str
@@ -110,12 +99,8 @@ def halves_of(metric: Metric, pool: Float64Array, clips: Float64Array) -> dict[s
     Clips are divided at random, all pieces of one into the same half; the median over 10 divisions (of a pool of more
     than MAX_VECTORS: one). Halves have fewer vectors than the pool, which makes the distance larger.
 
-    Parameters
-    ----------
-    pool
-        (M, C) numbers of the pool.
-    clips
-        (M,) number of the clip of each row.
+    `pool`: (M, C) numbers of the pool.
+    `clips`: (M,) number of the clip of each row.
     """
     ids = np.unique(clips)
     if not metric.needs_pool or len(ids) < MIN_HALVES:

@@ -24,14 +24,9 @@ from dancedata.pipeline.check import scan_folder
 class SelfTest:
     """The reports of all protocols that have a published ground-truth row for a dataset.
 
-    Attributes
-    ----------
-    dataset, source
-        Name of the reader, and the folder.
-    reports
-        One for each protocol, with its published row.
-    skipped
-        Protocols that could not be computed, with the reason.
+    `dataset`, `source`: Name of the reader, and the folder.
+    `reports`: One for each protocol, with its published row.
+    `skipped`: Protocols that could not be computed, with the reason.
     """
 
     dataset: str

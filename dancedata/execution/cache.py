@@ -66,14 +66,9 @@ class EntryLostError(StoreError):
 class CachedArray:
     """An array in the cache, read when it is converted to a numpy array.
 
-    Attributes
-    ----------
-    path
-        An entry: a .npy file with a checksum after its last value.
-    shape
-        Shape of the array, `entries` applied.
-    entries
-        Indices along the first axis; None: all.
+    `path`: An entry: a .npy file with a checksum after its last value.
+    `shape`: Shape of the array, `entries` applied.
+    `entries`: Indices along the first axis; None: all.
     """
 
     path: Path
@@ -83,10 +78,7 @@ class CachedArray:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """Load the array and compare its checksum.
 
-        Raises
-        ------
-        EntryLostError
-            If it is missing or damaged. A damaged entry is removed, so that it is computed again.
+        Raises EntryLostError: if it is missing or damaged. A damaged entry is removed, so that it is computed again.
         """
         try:
             array = files.read_array(self.path)
@@ -153,12 +145,8 @@ class Cache:
     write the same bytes, and a process waits for an entry that another one is computing (`once`). Every entry has a
     checksum, which is compared when it is read.
 
-    Attributes
-    ----------
-    root
-        The folder.
-    careful
-        Compare arrays with their checksums when they are looked up: a damaged one counts as missing.
+    `root`: The folder.
+    `careful`: Compare arrays with their checksums when they are looked up: a damaged one counts as missing.
     """
 
     root: Path
@@ -312,10 +300,7 @@ def with_lost_entries(cache: Cache, run: Callable[[Cache], T], progress: Progres
     Checksums of arrays are compared when arrays are read, which may be late. After the first mismatch, those of all
     entries are compared when they are looked up: all damaged entries are then computed again in one go.
 
-    Raises
-    ------
-    EntryLostError
-        If entries are lost repeatedly: something removes them, or the disk is failing.
+    Raises EntryLostError: if entries are lost repeatedly: something removes them, or the disk is failing.
     """
     for _ in range(LOST_ENTRIES):
         try:

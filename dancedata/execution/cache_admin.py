@@ -28,14 +28,9 @@ _SHOWN = 40
 class Entry:
     """A file of the cache.
 
-    Attributes
-    ----------
-    size
-        Bytes on disk, in whole blocks.
-    used
-        Time of the last use, in seconds since 1970, to the hour; of a fetched file, when its dataset was opened.
-    modified
-        Time of its last change: an entry that was changed since is not removed.
+    `size`: Bytes on disk, in whole blocks.
+    `used`: Time of the last use, in seconds since 1970, to the hour; of a fetched file, when its dataset was opened.
+    `modified`: Time of its last change: an entry that was changed since is not removed.
     """
 
     path: Path
@@ -66,12 +61,8 @@ class StageSum:
 class Pruned:
     """Result of `prune`: removed entries, also those that a dry run would remove, and kept ones.
 
-    Attributes
-    ----------
-    in_use
-        Kept entries that would have been removed if a running build or training job did not use them.
-    swept
-        Files left by killed processes, removed as well.
+    `in_use`: Kept entries that would have been removed if a running build or training job did not use them.
+    `swept`: Files left by killed processes, removed as well.
     """
 
     removed: int = 0
@@ -160,14 +151,9 @@ def prune(
     Entries are in use if a training job has them mapped (`FeatureCache`) or if they were used since the oldest
     running build began.
 
-    Parameters
-    ----------
-    older_than_s
-        Remove entries that were not used for this time, seconds.
-    max_bytes
-        Then remove the least recently used entries until the rest takes at most this size.
-    dry
-        Remove nothing, and return what would be removed.
+    `older_than_s`: Remove entries that were not used for this time, seconds.
+    `max_bytes`: Then remove the least recently used entries until the rest takes at most this size.
+    `dry`: Remove nothing, and return what would be removed.
     """
     if older_than_s is None and max_bytes is None:
         raise UsageError("no rule for removal", fix="give --older-than 30d, --max-size 50GB, or both")
@@ -199,10 +185,7 @@ def prune(
 def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[Path, str]]]:
     """Compare every entry with its checksum; returns the number of entries, and the damaged ones with the problem.
 
-    Parameters
-    ----------
-    remove
-        Remove damaged entries. They are computed again when they are needed; a build finds them by itself.
+    `remove`: Remove damaged entries. They are computed again when they are needed; a build finds them by itself.
     """
     require_cache(root)
     damaged: list[tuple[Path, str]] = []

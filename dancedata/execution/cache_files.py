@@ -223,10 +223,7 @@ def mark_in_use(fd: int) -> None:
 def remove_unused(path: Path, used: float) -> bool:
     """Remove an entry, unless it was used after `used` or a process has it mapped; return whether it is gone.
 
-    Raises
-    ------
-    OSError
-        If this user is not allowed to remove it.
+    Raises OSError: if this user is not allowed to remove it.
     """
     try:
         fd = open_file(path, os.O_RDWR)

@@ -29,12 +29,8 @@ def dask(address: str, required: Requirements) -> Iterator[Executor]:
     Where a worker dies, Dask runs its units on another one. It gives up units whose workers died several times
     (``distributed.scheduler.allowed-failures``).
 
-    Raises
-    ------
-    UsageError
-        If Dask is not installed.
-    DanceDataError
-        If no scheduler answers at the address, or it has no worker.
+    Raises UsageError: if Dask is not installed.
+    Raises DanceDataError: if no scheduler answers at the address, or it has no worker.
     """
     require("dask", what="the backend dask")
     from distributed import Client, KilledWorker, NannyPlugin
@@ -127,12 +123,8 @@ def ray(address: str, required: Requirements) -> Iterator[Executor]:
     Each unit takes one CPU. Ray does not run a unit again whose worker died: with retries it would repeat a unit that
     exceeds the memory for ever.
 
-    Raises
-    ------
-    UsageError
-        If Ray is not installed, or this process is connected to a cluster and an address is given.
-    DanceDataError
-        If no cluster answers.
+    Raises UsageError: if Ray is not installed, or this process is connected to a cluster and an address is given.
+    Raises DanceDataError: if no cluster answers.
     """
     require("ray", what="the backend ray")
     # Its report of each worker that died, to the stderr of this process; workers' own output is not sent.

@@ -52,19 +52,12 @@ _KEEPS_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_
 class Executor:
     """Worker processes of this machine, or workers of a cluster.
 
-    Attributes
-    ----------
-    n
-        Number of processes at most; a cluster has others.
-    engine
-        Whose workers these are, for messages.
-    deaths
-        Errors of a future whose worker died.
-    required
-        Requirements of a cluster's workers, each checked before its first unit: workers may join at any time.
-    starting
-        Yields, for the name of a stage, what starts a function with arguments on a cluster; cancels where the context
-        raises.
+    `n`: Number of processes at most; a cluster has others.
+    `engine`: Whose workers these are, for messages.
+    `deaths`: Errors of a future whose worker died.
+    `required`: Requirements of a cluster's workers, each checked before its first unit: workers may join at any time.
+    `starting`: Yields, for the name of a stage, what starts a function with arguments on a cluster; cancels where the
+        context raises.
     """
 
     n: int = 1
@@ -89,23 +82,11 @@ class Executor:
     ) -> dict[int, BaseException]:
         """Compute function(*call) for every call in workers, and pass each result on as it comes, in any order.
 
-        Parameters
-        ----------
-        calls
-            Arguments by number. All are sent at once: workers may join later.
-        label
-            Name of the stage.
-
-        Returns
-        -------
-        dict
-            The suspects: calls that may have been running when a worker died, with its error. They and all other
+        `calls`: Arguments by number. All are sent at once: workers may join later.
+        `label`: Name of the stage.
+        Returns: The suspects: calls that may have been running when a worker died, with its error. They and all other
             calls without a result have to be run again.
-
-        Raises
-        ------
-        Exception
-            The first exception that a call raises. Other calls are cancelled.
+        Raises Exception: The first exception that a call raises. Other calls are cancelled.
         """
         dead: dict[int, BaseException] = {}
         with self.starting(label) if self.starting else _processes(min(self.n, len(calls)), self.n) as start:

@@ -19,12 +19,8 @@ _LABEL = 24
 class Progress:
     """Progress on stderr: a bar with the time left on a terminal or in a notebook, lines elsewhere, or nothing.
 
-    Parameters
-    ----------
-    quiet
-        Print nothing.
-    stream
-        Where to print. Default: stderr.
+    `quiet`: Print nothing.
+    `stream`: Where to print. Default: stderr.
     """
 
     def __init__(self, quiet: bool = False, stream: TextIO | None = None) -> None:

@@ -26,14 +26,10 @@ _FIX = "workers need the cache, the source and the same paths: a shared file sys
 class Requirements:
     """Requirements of a worker.
 
-    Attributes
-    ----------
-    token, token_text
-        A file in the cache, locked by the build, and its content: whether the worker sees the same cache.
-    source, names_sha256
-        The source folder and a hash of the names in it.
-    versions
-        Of Python, dancedata and the packages that shape numbers.
+    `token`, `token_text`: A file in the cache, locked by the build, and its content: whether the worker sees the same
+        cache.
+    `source`, `names_sha256`: The source folder and a hash of the names in it.
+    `versions`: Of Python, dancedata and the packages that shape numbers.
     """
 
     token: Path

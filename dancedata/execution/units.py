@@ -46,12 +46,8 @@ def start_workers(
 ) -> Iterator[Executor]:
     """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
 
-    Raises
-    ------
-    UsageError
-        As for `check_backend`, and if the cluster's package is not installed.
-    DanceDataError
-        If no cluster answers at the address, or it has no worker.
+    Raises UsageError: As for `check_backend`, and if the cluster's package is not installed.
+    Raises DanceDataError: if no cluster answers at the address, or it has no worker.
     """
     engine = check_backend(backend, scheduler)
     if scheduler is None:
@@ -67,10 +63,7 @@ def start_workers(
 def check_backend(backend: str | None, scheduler: str | None) -> str:
     """Return the engine: that of the scheduler's address, or loky.
 
-    Raises
-    ------
-    UsageError
-        For an unknown backend, and unless backend and scheduler go together.
+    Raises UsageError: for an unknown backend, and unless backend and scheduler go together.
     """
     if backend not in (None, "loky", *SCHEDULERS):
         raise UsageError("unknown backend", found=repr(backend), allowed=", ".join(("loky", *SCHEDULERS)))
@@ -108,20 +101,11 @@ def run_units(
     Where a worker process dies (out of memory, a crash in a decoder), the units that it may have been running are
     run again, one at a time, and the others continue. Results in the cache are not computed again.
 
-    Parameters
-    ----------
-    label
-        Name of the stage, shown as its progress and in messages.
-    cached
-        Results of earlier runs, None for each missing one; only these are computed.
-    exact
-        Compute with the instructions that results are promised for, see `arithmetic`; by a worker if this process
-        has loaded libraries that use others.
-
-    Raises
-    ------
-    DanceDataError
-        For a unit that kills its worker even when it runs alone, by name.
+    `label`: Name of the stage, shown as its progress and in messages.
+    `cached`: Results of earlier runs, None for each missing one; only these are computed.
+    `exact`: Compute with the instructions that results are promised for, see `arithmetic`; by a worker if this
+        process has loaded libraries that use others.
+    Raises DanceDataError: for a unit that kills its worker even when it runs alone, by name.
     """
     if not calls:
         return []

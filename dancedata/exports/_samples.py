@@ -43,12 +43,8 @@ class SampleTable:
 
     A field of windows is a fixed-size list of L rows of D values, one of clips a list of rows of D values.
 
-    Attributes
-    ----------
-    fields
-        Names of the fields.
-    whole
-        Whether samples are clips.
+    `fields`: Names of the fields.
+    `whole`: Whether samples are clips.
     """
 
     job: ExportJob

@@ -127,19 +127,10 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
     The lock is an empty file next to the folder, ``.dancedata-NAME.lock``, that is removed afterwards: a finished
     folder holds nothing of it. Where no file can be made there, the folder itself is locked.
 
-    Parameters
-    ----------
-    what
-        Activity of the process that has the lock, for the error: "build".
-    wait
-        Wait for it instead.
-
-    Raises
-    ------
-    StoreError
-        If another process has the lock.
-    OSError
-        If neither the folder nor a file next to it can be locked.
+    `what`: Activity of the process that has the lock, for the error: "build".
+    `wait`: Wait for it instead.
+    Raises StoreError: if another process has the lock.
+    Raises OSError: if neither the folder nor a file next to it can be locked.
     """
     fd, path = _open_lock(folder, what, wait=wait)
     try:

@@ -42,18 +42,11 @@ _log = logging.getLogger(__name__)
 class Layout:
     """The files of one kind of folder.
 
-    Attributes
-    ----------
-    last
-        Name of the file that completes a folder.
-    is_complete
-        Whether a file is such a one, unharmed.
-    is_ours
-        Whether the writer gives a file this name.
-    erase
-        Removes the part of a swapped folder that is proved to be dancedata's; default: `discard`.
-    prefix
-        Put before "new" and "old" of a swap, to tell kinds apart.
+    `last`: Name of the file that completes a folder.
+    `is_complete`: Whether a file is such a one, unharmed.
+    `is_ours`: Whether the writer gives a file this name.
+    `erase`: Removes the part of a swapped folder that is proved to be dancedata's; default: `discard`.
+    `prefix`: Put before "new" and "old" of a swap, to tell kinds apart.
     """
 
     last: str
@@ -119,12 +112,8 @@ def staged(out: Path, layout: Layout) -> Iterator[Path]:
 
     On any exception what was written is removed again. The caller has called `tidy`, and has a lock on `out`.
 
-    Raises
-    ------
-    StoreError
-        If `out` holds a file by now that would be replaced.
-    OSError
-        Where nothing can be written.
+    Raises StoreError: if `out` holds a file by now that would be replaced.
+    Raises OSError: where nothing can be written.
     """
     staging = out / STAGING
     claim(staging)
@@ -145,10 +134,7 @@ def swapped(out: Path, layout: Layout, check: Callable[[], None]) -> Iterator[Pa
 
     On any exception the new folder is removed, and `out` stays as it was.
 
-    Parameters
-    ----------
-    check
-        Raises where `out` must not be replaced. Called when all is written, which may take hours.
+    `check`: Raises where `out` must not be replaced. Called when all is written, which may take hours.
     """
     real, digits = out.resolve(), uuid4().hex[:8]
     new, old = (real.with_name(f"{PREFIX}{real.name}.{layout.prefix}{which}-{digits}") for which in ("new", "old"))
@@ -187,10 +173,8 @@ def recover(out: Path, layout: Layout) -> None:
 def tidy(out: Path, layout: Layout) -> None:
     """Finish moving the files of a complete folder, and remove unfinished ones in `out` and next to it.
 
-    Raises
-    ------
-    StoreError
-        If an entry under dancedata's names is foreign, which is left unchanged; or a file would be replaced.
+    Raises StoreError: if an entry under dancedata's names is foreign, which is left unchanged; or a file would be
+        replaced.
     """
     journal, staging = out / layout.journal, out / STAGING
     if os.path.lexists(journal):

@@ -24,10 +24,8 @@ class NotRegularError(OSError):
 def open_regular(path: str | Path) -> BufferedReader:
     """Open a regular file for reading bytes; links are followed. Never blocks.
 
-    Raises
-    ------
-    OSError
-        If it cannot be opened; NotRegularError if it is not a regular file, IsADirectoryError if it is a folder.
+    Raises OSError: if it cannot be opened; NotRegularError if it is not a regular file, IsADirectoryError if it is a
+        folder.
     """
     # Checked before opening, because opening a device may have side effects, and after, because it may have changed.
     _require_regular(os.stat(path).st_mode, path)

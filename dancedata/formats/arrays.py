@@ -32,10 +32,7 @@ Array = NDArray[Any]
 class ArrayFile:
     """Named arrays of a file; an .npy file and a pickled array have the single name "".
 
-    Attributes
-    ----------
-    names
-        All names in the file, whether or not they hold numbers.
+    `names`: All names in the file, whether or not they hold numbers.
     """
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:

@@ -37,18 +37,11 @@ _WEIGHT_SUM = 1e-3
 class BodyMesh:
     """A body model with the shape of its betas.
 
-    Attributes
-    ----------
-    skeleton
-        Its J joints and bones, metres; the name states the model and the shape.
-    vertices
-        (V, 3) at rest, metres.
-    faces
-        (F, 3) vertices of the triangles, counterclockwise seen from outside.
-    weights
-        (V, J) share of each joint in the place of a vertex.
-    correctives
-        (V * 3, 9 * (J - 1)) change of the vertices with the elements of R - I.
+    `skeleton`: Its J joints and bones, metres; the name states the model and the shape.
+    `vertices`: (V, 3) at rest, metres.
+    `faces`: (F, 3) vertices of the triangles, counterclockwise seen from outside.
+    `weights`: (V, J) share of each joint in the place of a vertex.
+    `correctives`: (V * 3, 9 * (J - 1)) change of the vertices with the elements of R - I.
     """
 
     skeleton: Skeleton
@@ -61,17 +54,9 @@ class BodyMesh:
     def read(cls, path: str | Path, betas: npt.ArrayLike | None = None) -> BodyMesh:
         """Read a model file; nothing in it is executed.
 
-        Parameters
-        ----------
-        path
-            SMPL, SMPL-H or SMPL-X as published: SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...
-        betas
-            (n,) shape of the body; None for the model's mean. Missing ones are 0.
-
-        Raises
-        ------
-        UsageError
-            If it does not exist, is not such a file, or has fewer betas.
+        `path`: SMPL, SMPL-H or SMPL-X as published: SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...
+        `betas`: (n,) shape of the body; None for the model's mean. Missing ones are 0.
+        Raises UsageError: if it does not exist, is not such a file, or has fewer betas.
         """
         file = Path(path).expanduser()
         if not file.is_file():
@@ -95,10 +80,7 @@ class BodyMesh:
 
         Joints that the motion lacks do not turn; those that the model lacks are left out, see `lost`.
 
-        Raises
-        ------
-        UsageError
-            If the motion is not of the SMPL family.
+        Raises UsageError: if the motion is not of the SMPL family.
         """
         return on_body(motion, self.skeleton)
 

@@ -44,27 +44,14 @@ def body_model_skeleton(
 ) -> Skeleton:
     """Return a skeleton with the bones of a body model.
 
-    Parameters
-    ----------
-    path
-        A model file (SMPLX_NEUTRAL.npz, SMPL_MALE.pkl), or a folder of models, where `gender` and the number of
+    `path`: A model file (SMPLX_NEUTRAL.npz, SMPL_MALE.pkl), or a folder of models, where `gender` and the number of
         joints select one: SMPLX_MALE.npz, smplx/SMPLX_MALE.npz, smplh/male/model.npz, ..., or the same as .pkl.
-    joints
-        The joints of the result: all of the model's or a subset (SMPLX52 of a SMPL-X model).
-    betas
-        (n,) shape of the body; None for the model's mean. Missing ones are 0.
-    gender
-        "neutral", "male" or "female". Not used for a model file, which has a single gender.
-
-    Returns
-    -------
-    Skeleton
-        Metres; joint 0's offset is its rest position. Its name identifies the body: "smplx55:1a2b3c4d".
-
-    Raises
-    ------
-    UsageError
-        If the model does not exist, is neither .npz nor .pkl, lacks an array, or has other joints or fewer betas.
+    `joints`: The joints of the result: all of the model's or a subset (SMPLX52 of a SMPL-X model).
+    `betas`: (n,) shape of the body; None for the model's mean. Missing ones are 0.
+    `gender`: "neutral", "male" or "female". Not used for a model file, which has a single gender.
+    Returns: Metres; joint 0's offset is its rest position. Its name identifies the body: "smplx55:1a2b3c4d".
+    Raises UsageError: if the model does not exist, is neither .npz nor .pkl, lacks an array, or has other joints or
+        fewer betas.
     """
     file = find_model(path, joints=joints, gender=gender)
     model = _model(file, file.stat().st_size, file.stat().st_mtime_ns)
@@ -92,10 +79,7 @@ def skeleton_of(rest: Floats, body: Skeleton, joints: Skeleton) -> Skeleton:
 def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral") -> Path:
     """Return the model's file: `path` itself, or the one with that gender and joints in a folder.
 
-    Raises
-    ------
-    UsageError
-        If it does not exist; lists the expected files.
+    Raises UsageError: if it does not exist; lists the expected files.
     """
     if gender not in GENDERS:
         raise UsageError("invalid gender of a body model", found=repr(gender), allowed=", ".join(GENDERS))
@@ -146,18 +130,11 @@ def gender_of(file: Path) -> str | None:
 class ModelArrays:
     """Arrays of a model file, checked.
 
-    Attributes
-    ----------
-    body
-        The skeleton with the model's joints; its bones are not those of the model.
-    template
-        (V, 3) vertices of the mean body, metres.
-    regressor
-        (J, V) weights of the vertices in each joint.
-    shapes
-        (V, 3, B) change of the vertices with each beta; of the body alone.
-    more
-        Further arrays of the file, by name; not checked.
+    `body`: The skeleton with the model's joints; its bones are not those of the model.
+    `template`: (V, 3) vertices of the mean body, metres.
+    `regressor`: (J, V) weights of the vertices in each joint.
+    `shapes`: (V, 3, B) change of the vertices with each beta; of the body alone.
+    `more`: Further arrays of the file, by name; not checked.
     """
 
     file: Path

@@ -20,10 +20,7 @@ def read_texts(path: Path, layer: Layer) -> list[Segment]:
 
     Times are seconds. 0 to 0 is the whole clip; HumanML3D's code takes a time that is not a number as 0.
 
-    Raises
-    ------
-    DataError
-        ``bad_segment``, with the line.
+    Raises DataError: ``bad_segment``, with the line.
     """
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")

@@ -31,10 +31,7 @@ def amass_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
 
     Joints that the motion lacks do not turn; SMPL's two hand joints, jaw and eyes are left out.
 
-    Raises
-    ------
-    UsageError
-        For a motion on another family of bodies.
+    Raises UsageError: for a motion on another family of bodies.
     """
     poses, trans = _upright(motion, SMPLH52)
     return {
@@ -49,10 +46,7 @@ def amass_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
 def smplx_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
     """Return the arrays of an SMPL-X file of AMASS on its 55 joints: poses (T, 165), its parts, trans and the rest.
 
-    Raises
-    ------
-    UsageError
-        For a motion on another family of bodies.
+    Raises UsageError: for a motion on another family of bodies.
     """
     poses, trans = _upright(motion, SMPLX55)
     rows = poses.reshape(len(poses), -1)

@@ -338,12 +338,8 @@ ArrayUnpickler.dispatch |= {
 def read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
     """Return the content of a file, unpacked if zlib, gzip, bz2, lzma or xz has packed it, and the file's size.
 
-    Raises
-    ------
-    ValueError
-        If it is larger than the limit, truncated, or packed more than 100-fold.
-    OSError
-        If it cannot be read.
+    Raises ValueError: if it is larger than the limit, truncated, or packed more than 100-fold.
+    Raises OSError: if it cannot be read.
     """
     data = read_regular(path, limit)
     kind = next((make for head, make in _UNPACKERS.items() if data.startswith(head)), None)
@@ -381,11 +377,8 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
 
     `names`: (module, name) -> the function or `ClassName` that replaces it. `start`: first byte of the pickle.
 
-    Raises
-    ------
-    DataError
-        "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is truncated,
-        not a pickle, unreadable, or larger than MAX_PICKLE_BYTES.
+    Raises DataError: "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is
+        truncated, not a pickle, unreadable, or larger than MAX_PICKLE_BYTES.
     """
     return unpickled(lambda: read_unpacked(path, MAX_PICKLE_BYTES), path, names, start)
 

@@ -37,10 +37,8 @@ VALUE_SUFFIXES = (".pkl", ".pk", ".joblib", ".pt", ".pth")
 def open_arrays(path: Path) -> Iterator[ArrayFile]:
     """Open a file; its suffix decides the format (anything but .npz and VALUE_SUFFIXES is read as .npy).
 
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (not numbers), ``too_large``.
+    Raises DataError: ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (not numbers),
+        ``too_large``.
     """
     kind = path.suffix.lower()
     if holds_values(path):
@@ -76,10 +74,7 @@ def load_values(path: Path) -> object:
 
     A list of dicts, which may be people, is a dict by their numbers.
 
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle``, ``too_large``.
+    Raises DataError: ``broken_file``, ``unsafe_pickle``, ``too_large``.
     """
     size = path.stat().st_size if path.is_file() else 0
     if size > MAX_PICKLE_BYTES:
@@ -116,10 +111,7 @@ def _unboxed(value: object) -> object:
 def load_object(path: Path) -> object:
     """Return the object in an .npy file with an array () of objects, such as the dict of ``numpy.save(file, {...})``.
 
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle``; ``bad_shape`` for any other array.
+    Raises DataError: ``broken_file``, ``unsafe_pickle``; ``bad_shape`` for any other array.
     """
     with reading(path), open_regular(path) as file:
         header = read_header(path, file)
@@ -145,10 +137,7 @@ def _is_torch(path: Path) -> bool:
 class ValueArrays(ArrayFile):
     """The named values of a container; one that has no names is itself the value "".
 
-    Parameters
-    ----------
-    content
-        Of the file, or of a part of it.
+    `content`: Of the file, or of a part of it.
     """
 
     def __init__(self, path: Path, content: object) -> None:

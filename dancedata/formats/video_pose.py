@@ -49,16 +49,10 @@ Values = Mapping[Any, Any]
 class PersonArrays(ValueArrays):
     """The arrays of one person of a file, or of a file as a whole.
 
-    Attributes
-    ----------
-    person
-        The file's own name for the person, such as "1"; "" for a file that is not divided by people.
-    tool
-        One of TOOLS, or "" for any other layout.
-    tracks
-        The file's own names for this person, where it has several, see `joined`.
-    frames
-        (T,) the frames of the video in which the person was seen; None where the file does not have them.
+    `person`: The file's own name for the person, such as "1"; "" for a file that is not divided by people.
+    `tool`: One of TOOLS, or "" for any other layout.
+    `tracks`: The file's own names for this person, where it has several, see `joined`.
+    `frames`: (T,) the frames of the video in which the person was seen; None where the file does not have them.
     """
 
     def __init__(
@@ -91,16 +85,9 @@ class PersonArrays(ValueArrays):
 def open_people(path: Path) -> tuple[PersonArrays, ...]:
     """Read a pickle, a file of joblib or one of torch, and divide it by people.
 
-    Returns
-    -------
-    tuple
-        One for each person, in the order of the file; one with the name "" where it is not divided.
-
-    Raises
-    ------
-    DataError
-        As `load_values` does; ``bad_shape`` for a file in PHALP's layout whose lists contradict each other, and for
-        more than `MAX_PEOPLE` people.
+    Returns: One for each person, in the order of the file; one with the name "" where it is not divided.
+    Raises DataError: As `load_values` does; ``bad_shape`` for a file in PHALP's layout whose lists contradict each
+        other, and for more than `MAX_PEOPLE` people.
     """
     stat = path.stat() if path.is_file() else None
     key = (path, stat.st_size, stat.st_mtime_ns) if stat is not None else None

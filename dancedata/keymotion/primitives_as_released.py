@@ -44,14 +44,9 @@ def key_frames(minima: Sequence[int], count: int, n_window: int) -> list[Key]:
     many minima every (M // count)-th is taken, from the first, so that all those near the end of the window may be
     left out; if all gaps are narrow the first one is filled, at any width.
 
-    Parameters
-    ----------
-    minima
-        Ascending.
-    count
-        2 (N // n).
-    n_window
-        N.
+    `minima`: Ascending.
+    `count`: 2 (N // n).
+    `n_window`: N.
     """
     kept = [Key(int(m), False) for m in minima]
     i = 0
@@ -76,19 +71,10 @@ def pieces(window: npt.NDArray[Any], keys: Sequence[Key], n: int, bias: int) -> 
     n instead of the window's N; a piece that overlaps an earlier one takes the frames that were already made
     relative, including the first piece if the first key touches it. The height is not changed.
 
-    Parameters
-    ----------
-    window
-        (N, D); not modified.
-    keys
-        From `key_frames`.
-    bias
-        Frames, -2 .. 2.
-
-    Raises
-    ------
-    UsageError
-        A piece would be outside of the window.
+    `window`: (N, D); not modified.
+    `keys`: From `key_frames`.
+    `bias`: Frames, -2 .. 2.
+    Raises UsageError: A piece would be outside of the window.
     """
     written = np.array(window)
     taken = [written[:LENGTH]]

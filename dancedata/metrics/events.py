@@ -285,19 +285,10 @@ def events(
 ) -> list[list[Event]]:
     """Return the events of each dancer, in one world.
 
-    Parameters
-    ----------
-    dancers
-        Joint positions (T, J, 3) of each, metres, +Y up.
-    kinds
-        Some of `KINDS`.
-    limits
-        ``turn_degrees``, ``flight_s`` and ``travel_m``: least turn, time in the air, and distance.
-
-    Returns
-    -------
-    list of list of Event
-        For each dancer, by the first frame.
+    `dancers`: Joint positions (T, J, 3) of each, metres, +Y up.
+    `kinds`: Some of `KINDS`.
+    `limits`: ``turn_degrees``, ``flight_s`` and ``travel_m``: least turn, time in the air, and distance.
+    Returns: For each dancer, by the first frame.
     """
     floor = min(lowest_often(joints) for joints in dancers)
     bodies = [MovingBody.of(joints, fps, skeleton, floor) for joints in dancers]

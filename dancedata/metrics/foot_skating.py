@@ -41,12 +41,8 @@ _PELVIS_M, _ANKLE_STEP_M = 0.03, 0.01
 class Skating:
     """Counts of frames, for one foot after the other, or for both together.
 
-    Attributes
-    ----------
-    sliding
-        (F,) frames in which the foot slides.
-    counted
-        (F,) frames that these are a share of.
+    `sliding`: (F,) frames in which the foot slides.
+    `counted`: (F,) frames that these are a share of.
     """
 
     sliding: IntArray
@@ -116,16 +112,10 @@ def _duolando(positions: Float64Array, fps: float) -> Skating:
 class SkatingRule:
     """A definition of skating.
 
-    Attributes
-    ----------
-    source
-        Paper or file.
-    count
-        The rule: positions (T, J, 3) with y up, frames per second -> `Skating`.
-    feet
-        Whether each foot is counted by itself.
-    pooled
-        Whether frames of all clips are added up, in place of a mean of shares.
+    `source`: Paper or file.
+    `count`: The rule: positions (T, J, 3) with y up, frames per second -> `Skating`.
+    `feet`: Whether each foot is counted by itself.
+    `pooled`: Whether frames of all clips are added up, in place of a mean of shares.
     """
 
     source: str

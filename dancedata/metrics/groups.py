@@ -203,14 +203,9 @@ def facing_angles(joints: Float64Array, *, up: Up = "y") -> Float64Array:
 class Contact(NamedTuple):
     """A stretch of frames in which a hand of a dancer is near a joint of another.
 
-    Attributes
-    ----------
-    start, end
-        Frames, half-open.
-    joint, other_joint
-        Joint of the first dancer and of the second; one of them is a wrist.
-    distance_m
-        The least distance.
+    `start`, `end`: Frames, half-open.
+    `joint`, `other_joint`: Joint of the first dancer and of the second; one of them is a wrist.
+    `distance_m`: The least distance.
     """
 
     start: int

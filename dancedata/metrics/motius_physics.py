@@ -31,18 +31,11 @@ _MAX_PEAKS = 2
 class Physics:
     """Motius' numbers of a clip; per frame, so that only clips of one rate compare. Its table has penetration x 1000.
 
-    Attributes
-    ----------
-    jitter
-        Mean second difference of positions plus that of positions relative to the root, metres.
-    dynamic
-        The same of first differences.
-    penetration
-        Mean depth of the toes below -5 mm; the floor is their lowest point, so it is 0.
-    floating
-        Share of frames with contacts that do not fit the root's motion; its table has it x 100.
-    sliding
-        Mean horizontal step of a toe in contact, metres.
+    `jitter`: Mean second difference of positions plus that of positions relative to the root, metres.
+    `dynamic`: The same of first differences.
+    `penetration`: Mean depth of the toes below -5 mm; the floor is their lowest point, so it is 0.
+    `floating`: Share of frames with contacts that do not fit the root's motion; its table has it x 100.
+    `sliding`: Mean horizontal step of a toe in contact, metres.
     """
 
     jitter: float

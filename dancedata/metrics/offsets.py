@@ -56,14 +56,9 @@ REASONS = {
 class RhythmPiece:
     """A clip and its music.
 
-    Attributes
-    ----------
-    curves
-        (T, 4) `rhythm_curves`.
-    music
-        (M,) `music_rhythm` of the whole song.
-    start_s
-        Second of the song at the first row of the curves, as it is stated.
+    `curves`: (T, 4) `rhythm_curves`.
+    `music`: (M,) `music_rhythm` of the whole song.
+    `start_s`: Second of the song at the first row of the curves, as it is stated.
     """
 
     curves: npt.NDArray[Any]
@@ -75,27 +70,16 @@ class RhythmPiece:
 class Offset:
     """The offset of music against motion, or why it is unknown.
 
-    Attributes
-    ----------
-    offset_s
-        Seconds to add to the second of the music at frame 0: positive if the dance is early, which is in step with
-        music that was played before it began. None if there is no peak. Where `unknown`, it is the best guess.
-    width_s
-        Half of its 90 % interval, from resampled segments.
-    p
-        Share of songs at other tempos that fit at least as well at their best offset.
-    rivals
-        Number of other songs, at their tempo, that fit with a `p` of at most the level at some offset.
-    fit
-        Correlation of the sum of rhythm curves with the onsets there.
-    beat_s
-        Seconds of a beat: the offset could as well be this much more or less.
-    unknown
-        A key of `REASONS`; "" if the offset is known.
-    curves
-        Offset of each rhythm curve alone, within half a beat of `offset_s`.
-    seconds
-        Length of the motion.
+    `offset_s`: Seconds to add to the second of the music at frame 0: positive if the dance is early, which is in step
+        with music that was played before it began. None if there is no peak. Where `unknown`, it is the best guess.
+    `width_s`: Half of its 90 % interval, from resampled segments.
+    `p`: Share of songs at other tempos that fit at least as well at their best offset.
+    `rivals`: Number of other songs, at their tempo, that fit with a `p` of at most the level at some offset.
+    `fit`: Correlation of the sum of rhythm curves with the onsets there.
+    `beat_s`: Seconds of a beat: the offset could as well be this much more or less.
+    `unknown`: A key of `REASONS`; "" if the offset is known.
+    `curves`: Offset of each rhythm curve alone, within half a beat of `offset_s`.
+    `seconds`: Length of the motion.
     """
 
     offset_s: float | None = None
@@ -117,19 +101,10 @@ def rhythm_curves(joints: Float64Array, fps: float, names: Sequence[str]) -> npt
     2018, Visual rhythm and beat). "steps": how fast the logarithm of the speed of a foot falls, which peaks where it
     lands.
 
-    Parameters
-    ----------
-    joints
-        (T, J, 3) positions, metres.
-    fps
-        Frames per second.
-    names
-        (J,) names of the joints, SMPL's among them.
-
-    Returns
-    -------
-    (T', 4) float32
-        At second t / `RATE`; columns `CURVES`.
+    `joints`: (T, J, 3) positions, metres.
+    `fps`: Frames per second.
+    `names`: (J,) names of the joints, SMPL's among them.
+    Returns: At second t / `RATE`; columns `CURVES`.
 
     Examples
     --------
@@ -189,26 +164,13 @@ def find_offset(
     whether motion and music share a rhythm. Another song of the same tempo fits as well, at some offset: such songs
     are counted.
 
-    Parameters
-    ----------
-    pieces
-        Clips of one recording or song.
-    others
-        (M,) `music_rhythm` of other songs.
-    window_s
-        Offsets from minus this to this are searched.
-    level
-        Largest `p` of a known offset.
-    tempo_bpm
-        Of the music; None: from its onsets.
-    test_songs
-        The offset is unknown too if other songs fit.
-    seed
-        Of the draws.
-
-    Returns
-    -------
-    Offset
+    `pieces`: Clips of one recording or song.
+    `others`: (M,) `music_rhythm` of other songs.
+    `window_s`: Offsets from minus this to this are searched.
+    `level`: Largest `p` of a known offset.
+    `tempo_bpm`: Of the music; None: from its onsets.
+    `test_songs`: The offset is unknown too if other songs fit.
+    `seed`: Of the draws.
     """
     reach = round(window_s * RATE)
     seconds = sum(len(piece.curves) for piece in pieces) / RATE

@@ -53,10 +53,7 @@ def steady(joints: Float64Array, fps: float) -> Float64Array:
     accelerations of a motion are the same at any rate: without, steps of 1/20 s cut its corners, and those of
     1/60 s hold more noise. A joint at rest stays exactly at rest.
 
-    Raises
-    ------
-    DataError
-        As `checked_joints`.
+    Raises DataError: As `checked_joints`.
     """
     from scipy.interpolate import CubicSpline
     from scipy.ndimage import gaussian_filter1d

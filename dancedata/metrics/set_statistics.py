@@ -20,16 +20,10 @@ from dancedata.metrics.arguments import IntArray, known_name
 class Normalisation:
     """Normalisation of features: (x - mean of the pool) / (standard deviation of the pool + eps).
 
-    Attributes
-    ----------
-    source
-        Programs that do it so.
-    ddof
-        The standard deviation divides by M - ddof.
-    eps
-        Added to the standard deviation.
-    leaves_out
-        Whether columns that are constant in the pool are left out, instead of being divided by eps.
+    `source`: Programs that do it so.
+    `ddof`: The standard deviation divides by M - ddof.
+    `eps`: Added to the standard deviation.
+    `leaves_out`: Whether columns that are constant in the pool are left out, instead of being divided by eps.
     """
 
     source: str
@@ -40,10 +34,7 @@ class Normalisation:
     def __call__(self, pool: Float64Array, *sets: Float64Array) -> tuple[Float64Array, ...]:
         """Return the pool (M, D) and other sets (N, D), normalised; of (M, D') columns if some are left out.
 
-        Raises
-        ------
-        Undefined
-            "few_clips": a pool of ddof clips or fewer, or one without a column that varies.
+        Raises Undefined: "few_clips": a pool of ddof clips or fewer, or one without a column that varies.
         """
         pool = checked_rows(pool)
         if self.leaves_out:
@@ -170,16 +161,10 @@ def constant_columns(pool: Float64Array) -> IntArray:
 class SetScores:
     """Frechet distance and diversity of a set, normalised by a pool.
 
-    Attributes
-    ----------
-    fid
-        Frechet distance to the pool.
-    div, div_pool
-        Diversity of the set and of the pool, both normalised by the pool.
-    n_constant
-        Columns in which all clips of the pool are equal.
-    fid_varying
-        Frechet distance without these columns.
+    `fid`: Frechet distance to the pool.
+    `div`, `div_pool`: Diversity of the set and of the pool, both normalised by the pool.
+    `n_constant`: Columns in which all clips of the pool are equal.
+    `fid_varying`: Frechet distance without these columns.
     """
 
     fid: float
@@ -192,12 +177,8 @@ class SetScores:
     def of(cls, rows: Float64Array, pool: Float64Array | None, statistics: str = "numpy") -> SetScores:
         """Compare rows (N, D) with a pool (M, D).
 
-        Raises
-        ------
-        UsageError
-            Without a pool.
-        Undefined
-            "few_clips".
+        Raises UsageError: Without a pool.
+        Raises Undefined: "few_clips".
         """
         if pool is None:
             raise UsageError("the scores need a pool of clips to compare with", fix="give the features of a pool")

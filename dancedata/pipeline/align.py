@@ -37,14 +37,9 @@ _CSV = ("id", "unit", "music", "offset_s", "width_s", "p", "rivals", "beat_s", "
 class Aligned:
     """Clips with one offset.
 
-    Attributes
-    ----------
-    name
-        Recording, clip or song.
-    clips
-        Its clips.
-    offset
-        What was found.
+    `name`: Recording, clip or song.
+    `clips`: Its clips.
+    `offset`: What was found.
     """
 
     name: str
@@ -86,18 +81,11 @@ class Aligned:
 class Alignment:
     """The offsets of a source.
 
-    Attributes
-    ----------
-    source, dataset
-        The folder and its reader.
-    by, search
-        How they were searched.
-    rows
-        A unit each.
-    rejects
-        Clips and files that were left out.
-    file
-        The file that was written.
+    `source`, `dataset`: The folder and its reader.
+    `by`, `search`: How they were searched.
+    `rows`: A unit each.
+    `rejects`: Clips and files that were left out.
+    `file`: The file that was written.
     """
 
     source: Path

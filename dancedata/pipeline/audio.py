@@ -78,24 +78,15 @@ class SignalInfo(NamedTuple):
 class SignalId:
     """The identity of an audio file's signal.
 
-    Attributes
-    ----------
-    file
-        State of the file at that time, see `Cache.stat_key`.
-    sha256, n_samples
-        Hash and length of the signal; of a stretched one, the hash of its recipe.
-    speed
-        Speed relative to the file's signal.
-    decoded_sha256
-        Of a stretched or shortened signal: hash of the file's signal.
-    skipped
-        Samples at the beginning, less than a row of features, that are left out: the grid of rows begins after them.
-    ffmpeg
-        Version of the ffmpeg that decoded the file; "" if libsndfile did.
-    findings
-        What was noticed when the file was decoded, see `AudioSignal`.
-    levels
-        Of the file's signal, see `silence.levels`.
+    `file`: State of the file at that time, see `Cache.stat_key`.
+    `sha256`, `n_samples`: Hash and length of the signal; of a stretched one, the hash of its recipe.
+    `speed`: Speed relative to the file's signal.
+    `decoded_sha256`: Of a stretched or shortened signal: hash of the file's signal.
+    `skipped`: Samples at the beginning, less than a row of features, that are left out: the grid of rows begins after
+        them.
+    `ffmpeg`: Version of the ffmpeg that decoded the file; "" if libsndfile did.
+    `findings`: What was noticed when the file was decoded, see `AudioSignal`.
+    `levels`: Of the file's signal, see `silence.levels`.
     """
 
     path: Path

@@ -39,22 +39,13 @@ from dancedata.store.songs import songs_of
 class BuildResult:
     """The result of a build, as dataset.json has it.
 
-    Attributes
-    ----------
-    path
-        Folder of the dataset.
-    built
-        False if the dataset existed already and nothing had to be done.
-    counts
-        Per split the numbers of clips, windows and songs, and the hours of motion.
-    left_out
-        Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
-    notes
-        Notes of the dataset's reader on the source.
-    summary
-        The text that the command line prints.
-    rebuilt
-        Of a build from a publication: whether every shard, table and list has the same bytes; else None.
+    `path`: Folder of the dataset.
+    `built`: False if the dataset existed already and nothing had to be done.
+    `counts`: Per split the numbers of clips, windows and songs, and the hours of motion.
+    `left_out`: Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
+    `notes`: Notes of the dataset's reader on the source.
+    `summary`: The text that the command line prints.
+    `rebuilt`: Of a build from a publication: whether every shard, table and list has the same bytes; else None.
     """
 
     path: Path

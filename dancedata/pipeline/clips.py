@@ -29,14 +29,9 @@ from dancedata.store import StoredClip
 class ComputedClips:
     """The content of a dataset.
 
-    Attributes
-    ----------
-    clips
-        Sorted by id; copies, such as mirrored ones, after all others.
-    rejects
-        Everything that was left out.
-    quality
-        Rows of quality.jsonl.
+    `clips`: Sorted by id; copies, such as mirrored ones, after all others.
+    `rejects`: Everything that was left out.
+    `quality`: Rows of quality.jsonl.
     """
 
     clips: tuple[StoredClip, ...]

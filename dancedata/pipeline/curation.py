@@ -39,10 +39,7 @@ class Fault(NamedTuple):
 class Curated:
     """Clips that stay, the spans of each that windows must not touch, and rejects.
 
-    Attributes
-    ----------
-    faults
-        By clip, in frames of its source.
+    `faults`: By clip, in frames of its source.
     """
 
     clips: tuple[EncodedClip, ...]

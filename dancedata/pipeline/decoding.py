@@ -161,12 +161,9 @@ def decode_group(
 class Decoder:
     """A representation, and what a call and a file state of the scaling of its columns and their rate.
 
-    Attributes
-    ----------
-    field
-        Name of the representation, or of the field of `like` with it.
-    file, grid
-        Whether the file states that its columns are normalised, and the rate that it states; None if it does not.
+    `field`: Name of the representation, or of the field of `like` with it.
+    `file`, `grid`: Whether the file states that its columns are normalised, and the rate that it states; None if it
+        does not.
     """
 
     field: str

@@ -90,15 +90,8 @@ def frames_within(
 ) -> tuple[int, int] | Reject:
     """Return the frames [first, end) of the recipe's grid that all files reach.
 
-    Parameters
-    ----------
-    n_frames, rate
-        Length and rate of the clip's motion in its source.
-
-    Returns
-    -------
-    tuple or Reject
-        ``feature_length`` where a file's length differs from the motion's by more than the field's tolerance;
+    `n_frames`, `rate`: Length and rate of the clip's motion in its source.
+    Returns: ``feature_length`` where a file's length differs from the motion's by more than the field's tolerance;
         ``between_rows``.
     """
     first, ends = 0, []

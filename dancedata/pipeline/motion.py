@@ -47,19 +47,12 @@ class ClipInfo(NamedTuple):
 class MotionResult:
     """A clip's motion, encoded.
 
-    Attributes
-    ----------
-    n_source, source_rate
-        Frames and rate of the source.
-    n_frames, trim_start
-        Frames at the recipe's rate; the first that belongs to the dance.
-    height_m
-        Vertical extent of the joints, median over frames, metres.
-    arrays
-        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope; (0, D) of an optional field
-        that cannot take the motion.
-    without
-        Why, per such field.
+    `n_source`, `source_rate`: Frames and rate of the source.
+    `n_frames`, `trim_start`: Frames at the recipe's rate; the first that belongs to the dance.
+    `height_m`: Vertical extent of the joints, median over frames, metres.
+    `arrays`: Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope; (0, D) of an optional
+        field that cannot take the motion.
+    `without`: Why, per such field.
     """
 
     n_source: int

@@ -27,14 +27,9 @@ MOTION_STAGE = 5
 class ClipKeys:
     """Cache keys of a clip.
 
-    Attributes
-    ----------
-    info
-        Key of the facts about it.
-    fields
-        Keys of its motion and key motion fields, by name.
-    content
-        Hashes of further files that shaped the keys, see `content_hashes`.
+    `info`: Key of the facts about it.
+    `fields`: Keys of its motion and key motion fields, by name.
+    `content`: Hashes of further files that shaped the keys, see `content_hashes`.
     """
 
     info: str

@@ -77,20 +77,12 @@ def write_features(
     (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. An error leaves no file
     behind; an interrupt leaves those of the songs that are done.
 
-    Parameters
-    ----------
-    bpm
-        Tempo of the songs. None: what the dataset `like` states for a song with the same samples, or else of the same
-        name; without such a song it is estimated.
-    weights
-        Folders of networks' weights: "FIELD=FOLDER", or a folder alone where one feature needs weights.
-    like
-        The dataset or recipe of the jobs, see `find_jobs`.
-
-    Raises
-    ------
-    UsageError
-        For songs, weights or a tempo that cannot be used, or if the dataset states several tempos of a song.
+    `bpm`: Tempo of the songs. None: what the dataset `like` states for a song with the same samples, or else of the
+        same name; without such a song it is estimated.
+    `weights`: Folders of networks' weights: "FIELD=FOLDER", or a folder alone where one feature needs weights.
+    `like`: The dataset or recipe of the jobs, see `find_jobs`.
+    Raises UsageError: for songs, weights or a tempo that cannot be used, or if the dataset states several tempos of a
+        song.
     """
     if bpm is not None and not 0 < bpm < float("inf"):
         fix = "without --bpm the tempo is estimated"

@@ -54,14 +54,9 @@ class Retimed:
 class ClipPlan:
     """The outcome of a clip: frames at the recipe's rate, windows, rows of audio; or its problems.
 
-    Attributes
-    ----------
-    n_without_music
-        Windows that would be left out because the music ends before they do.
-    retimed
-        Frames, windows and rows of audio of each copy at another speed.
-    implausible
-        Flags for an implausible unit of length.
+    `n_without_music`: Windows that would be left out because the music ends before they do.
+    `retimed`: Frames, windows and rows of audio of each copy at another speed.
+    `implausible`: Flags for an implausible unit of length.
     """
 
     ref: ClipRef

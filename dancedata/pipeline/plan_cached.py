@@ -23,11 +23,8 @@ from dancedata.recipes.recipe import Recipe
 class Cached:
     """The number of a field's units of work, and of those in the cache.
 
-    Attributes
-    ----------
-    unit
-        "clips" for motion, with copies that are encoded; "songs" or "windows" for audio, by scope. Equal units count
-        once if a build has read their files before; units of other files count each.
+    `unit`: "clips" for motion, with copies that are encoded; "songs" or "windows" for audio, by scope. Equal units
+        count once if a build has read their files before; units of other files count each.
     """
 
     unit: str

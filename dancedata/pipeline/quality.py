@@ -72,16 +72,10 @@ class ClipQuality:
 class Quality:
     """The scores of motions.
 
-    Attributes
-    ----------
-    where
-        Source, dataset, or "motion".
-    clips
-        A row for each clip.
-    rejects
-        Clips and files that could not be read.
-    file
-        The file that was written.
+    `where`: Source, dataset, or "motion".
+    `clips`: A row for each clip.
+    `rejects`: Clips and files that could not be read.
+    `file`: The file that was written.
     """
 
     where: str

@@ -36,16 +36,10 @@ _WRITTEN = ("recipe.yaml", _CLIPS_FILE, REJECTS_FILE, STATS_FILE)
 class Published:
     """A publication: of a recipe, or of a dataset with its data.
 
-    Attributes
-    ----------
-    place
-        Its address, that of a hub with the commit; or its folder.
-    folder
-        Where its files are, or come when they are asked for.
-    dataset
-        Its dataset.json.
-    files
-        Hashes of the files of a recipe's publication; empty for a dataset.
+    `place`: Its address, that of a hub with the commit; or its folder.
+    `folder`: Where its files are, or come when they are asked for.
+    `dataset`: Its dataset.json.
+    `files`: Hashes of the files of a recipe's publication; empty for a dataset.
     """
 
     place: str
@@ -57,10 +51,7 @@ class Published:
     def at(cls, recipe: object) -> Published | None:
         """Return the publication at an address or in a folder; None if that names a recipe.
 
-        Raises
-        ------
-        StoreError
-            If there is none, or it is damaged.
+        Raises StoreError: if there is none, or it is damaged.
         """
         if not isinstance(recipe, str | Path) or str(recipe) in recipe_names():
             return None

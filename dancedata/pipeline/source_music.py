@@ -30,14 +30,9 @@ _COMPARED = 4
 class SourceMusic:
     """Audio files of clips.
 
-    Attributes
-    ----------
-    folder
-        The folder that was searched.
-    files
-        Audio file of each clip that has one, by the clip's id; copies of clips have that of their clip.
-    hashes
-        First digits of the hash of each clip's samples, as the dataset recorded it.
+    `folder`: The folder that was searched.
+    `files`: Audio file of each clip that has one, by the clip's id; copies of clips have that of their clip.
+    `hashes`: First digits of the hash of each clip's samples, as the dataset recorded it.
     """
 
     folder: Path
@@ -51,12 +46,8 @@ class SourceMusic:
         The dataset's reader lists `source`; a folder that is not a copy of the dataset is searched for audio files
         with the names of clips or songs.
 
-        Raises
-        ------
-        UsageError
-            Without a source.
-        SourceError
-            If the folder does not exist.
+        Raises UsageError: Without a source.
+        Raises SourceError: if the folder does not exist.
         """
         if source is None:
             raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
@@ -82,10 +73,7 @@ class SourceMusic:
     def load(self, clip: ClipView) -> AudioSignal:
         """Decode a clip's music.
 
-        Raises
-        ------
-        DataError
-            If it cannot be decoded, or does not match the dataset.
+        Raises DataError: if it cannot be decoded, or does not match the dataset.
         """
         path = self.files[clip.id]
         signal = load_audio(path)

@@ -26,18 +26,11 @@ _SHOWN, _MESSAGE = 5, 600
 class SourceRecord:
     """A source as a build identified it, before motion was read.
 
-    Attributes
-    ----------
-    clips
-        Beginnings of the hashes of motion, music and metadata by clip; None where a dataset does not have them.
-    left_out
-        Files and clips that were left out by then.
-    content
-        Hashes of files that the dataset's parameters name.
-    about
-        Metadata of clips, if recorded.
-    files
-        Motion and music file of clips, relative to the source, if recorded.
+    `clips`: Beginnings of the hashes of motion, music and metadata by clip; None where a dataset does not have them.
+    `left_out`: Files and clips that were left out by then.
+    `content`: Hashes of files that the dataset's parameters name.
+    `about`: Metadata of clips, if recorded.
+    `files`: Motion and music file of clips, relative to the source, if recorded.
     """
 
     clips: Mapping[str, str] | None

@@ -29,17 +29,11 @@ from dancedata.recipes.recipe import Recipe
 class SourceClip:
     """A clip whose files are identified.
 
-    Attributes
-    ----------
-    motion_sha256
-        SHA-256 of the motion file.
-    signal
-        Signal of its music; None without music.
-    music_problem
-        Reject of unusable music. Its motion is examined nevertheless, so that a build names all problems; then the
-        clip is left out. The same of files of features.
-    files
-        Files of the audio fields whose rows come from files, by field.
+    `motion_sha256`: SHA-256 of the motion file.
+    `signal`: Signal of its music; None without music.
+    `music_problem`: Reject of unusable music. Its motion is examined nevertheless, so that a build names all
+        problems; then the clip is left out. The same of files of features.
+    `files`: Files of the audio fields whose rows come from files, by field.
     """
 
     ref: ClipRef
@@ -90,14 +84,9 @@ class SourceClip:
 class Sources:
     """An identified source folder.
 
-    Attributes
-    ----------
-    clips
-        Clips with a motion file that can be read, in the order of the scan.
-    rejects
-        Everything that is left out so far, clips without usable music included.
-    content
-        SHA-256 of the files that the dataset's parameters name, such as a body model.
+    `clips`: Clips with a motion file that can be read, in the order of the scan.
+    `rejects`: Everything that is left out so far, clips without usable music included.
+    `content`: SHA-256 of the files that the dataset's parameters name, such as a body model.
     """
 
     scan: Scan

@@ -33,14 +33,9 @@ _NEAREST = 0.1
 class Camera:
     """A camera at a point of the world.
 
-    Attributes
-    ----------
-    middle
-        (3,) metres, the point that is seen at (0, 0) of the picture.
-    turn_deg, tilt_deg
-        Turn about the vertical axis from the front, +Z, and downward tilt, degrees.
-    distance
-        From `middle`, metres; infinite: a parallel projection.
+    `middle`: (3,) metres, the point that is seen at (0, 0) of the picture.
+    `turn_deg`, `tilt_deg`: Turn about the vertical axis from the front, +Z, and downward tilt, degrees.
+    `distance`: From `middle`, metres; infinite: a parallel projection.
     """
 
     middle: Float64Array
@@ -87,12 +82,8 @@ def body(
 ) -> Any:
     """Return a figure at a frame as a matplotlib collection of polygons, the farthest first.
 
-    Parameters
-    ----------
-    tones
-        Colours of trunk and head, left and right limbs.
-    place
-        Right and up on the picture, metres, where the camera's middle is seen.
+    `tones`: Colours of trunk and head, left and right limbs.
+    `place`: Right and up on the picture, metres, where the camera's middle is seen.
     """
     vertices = figure.vertices(at)
     if vertices is None or figure.mesh is None:
@@ -142,14 +133,9 @@ def cone_outlines(
 ) -> Float64Array:
     """Return the outlines of K round cones on the picture, (K, P, 2).
 
-    Parameters
-    ----------
-    begin, end
-        (K, 2), right and up on the picture.
-    radii
-        (K, 2), in the same unit.
-    share, shift
-        Share of the width, and shift towards the light in radii: a strip along the bone.
+    `begin`, `end`: (K, 2), right and up on the picture.
+    `radii`: (K, 2), in the same unit.
+    `share`, `shift`: Share of the width, and shift towards the light in radii: a strip along the bone.
     """
     bone = end - begin
     length = np.maximum(np.linalg.norm(bone, axis=1), 1e-6)

@@ -65,12 +65,8 @@ def dancers_of(scene: Scene, theme: Theme = "light") -> list[Dancer]:
 def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) -> Figure:
     """Return the figure of a dance.
 
-    Parameters
-    ----------
-    dance
-        A motion, a clip of a dataset, of which the first window in window scope, or joint positions.
-    fps, body
-        Rate and body of joint positions; see `dancedata.evaluate`.
+    `dance`: A motion, a clip of a dataset, of which the first window in window scope, or joint positions.
+    `fps`, `body`: Rate and body of joint positions; see `dancedata.evaluate`.
     """
     if isinstance(dance, Motion):
         return Figure.of_joints(dance.joints(), dance.skeleton, dance.grid)

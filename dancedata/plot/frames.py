@@ -52,16 +52,10 @@ def _any_letters() -> Iterator[None]:
 class Frames:
     """Draws the frames of a scene, (height, width, 4) bytes of RGBA each.
 
-    Attributes
-    ----------
-    size
-        Width and height, pixels.
-    times
-        (N,) instants of the frames, seconds.
-    credit
-        Line in the picture of the last two seconds.
-    music
-        Samples from the scene's first frame on, for the timeline; None: its onsets are drawn.
+    `size`: Width and height, pixels.
+    `times`: (N,) instants of the frames, seconds.
+    `credit`: Line in the picture of the last two seconds.
+    `music`: Samples from the scene's first frame on, for the timeline; None: its onsets are drawn.
     """
 
     scene: Scene

@@ -43,12 +43,8 @@ _RIGHT = 0.015
 class Timeline:
     """Draws the lanes of a scene on axes, times in seconds to the right, lanes downwards.
 
-    Attributes
-    ----------
-    dancers
-        Those of the scene, in its order.
-    music
-        Samples from the scene's first frame on; None: its onsets are drawn.
+    `dancers`: Those of the scene, in its order.
+    `music`: Samples from the scene's first frame on; None: its onsets are drawn.
     """
 
     axes: Axes

@@ -43,25 +43,13 @@ def write_mp4(
 ) -> None:
     """Write frames as H.264 and a sound as AAC; no date and no version is stored.
 
-    Parameters
-    ----------
-    frames
-        RGBA of each frame, (height, width, 4).
-    rate
-        Frames per second.
-    sound
-        Of the same length; None for a silent video.
-    comment
-        Text that is stored in the file.
-
-    Raises
-    ------
-    MissingPackageError
-        If there is no ffmpeg.
-    StoreError
-        If ffmpeg fails, as on a full disk; its own words are on the screen.
-    OSError
-        If the folder or the sound cannot be written.
+    `frames`: RGBA of each frame, (height, width, 4).
+    `rate`: Frames per second.
+    `sound`: Of the same length; None for a silent video.
+    `comment`: Text that is stored in the file.
+    Raises MissingPackageError: if there is no ffmpeg.
+    Raises StoreError: if ffmpeg fails, as on a full disk; its own words are on the screen.
+    Raises OSError: if the folder or the sound cannot be written.
     """
     ffmpeg = load("imageio_ffmpeg", "video")
     exact = f"{rate.numerator}/{rate.denominator}"
@@ -124,23 +112,13 @@ def write_scene(
 ) -> Path:
     """Write a scene as a video: the dancers, and below music, speed and contacts in time.
 
-    Parameters
-    ----------
-    sound
-        Its music; None: a silent video.
-    size
-        Width and height, pixels.
-    start_s, length_s
-        Part of the scene, seconds; default: all of it.
-    credit
-        Licence and citation, for the picture of the last two seconds and the file's comment.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib or ffmpeg is not installed, an argument is invalid, or nothing of the scene can be drawn.
-    StoreError
-        If the file cannot be written.
+    `sound`: Its music; None: a silent video.
+    `size`: Width and height, pixels.
+    `start_s`, `length_s`: Part of the scene, seconds; default: all of it.
+    `credit`: Licence and citation, for the picture of the last two seconds and the file's comment.
+    Raises UsageError: if matplotlib or ffmpeg is not installed, an argument is invalid, or nothing of the scene can
+        be drawn.
+    Raises StoreError: if the file cannot be written.
     """
     _require_drawable(size, theme)
     figure = next((dancer.figure for dancer in scene.dancers), None)
@@ -264,21 +242,11 @@ def export_video(
 ) -> Path:
     """Write one clip as a video; what it is compared with stands beside it, or over it.
 
-    Parameters
-    ----------
-    size
-        Width and height in pixels, as in "1080x1920".
-    audio, shared, overwrite
-        As in `viewer.view.export_page`.
-    say
-        Takes the notes on what is missing, which a page shows.
-
-    Raises
-    ------
-    UsageError
-        As `write_scene`; for another name than of an .mp4 file, and music that may not be passed on.
-    StoreError
-        If it cannot be written.
+    `size`: Width and height in pixels, as in "1080x1920".
+    `audio`, `shared`, `overwrite`: As in `viewer.view.export_page`.
+    `say`: Takes the notes on what is missing, which a page shows.
+    Raises UsageError: As `write_scene`; for another name than of an .mp4 file, and music that may not be passed on.
+    Raises StoreError: if it cannot be written.
     """
     require_video_name(to)
     sides = size.lower().split("x")

@@ -57,15 +57,8 @@ def changed(name: str) -> StoreError:
 def contents(store: Store, place: Publication, beside: Sequence[Path], progress: Progress) -> list[Upload]:
     """Return the files of a publication; the last one makes it complete.
 
-    Parameters
-    ----------
-    beside
-        Files of the source to publish with a recipe, such as a manifest or a local plug-in.
-
-    Raises
-    ------
-    StoreError
-        If dataset.json lists names that no dataset has, or is another one than that of `store` by now.
+    `beside`: Files of the source to publish with a recipe, such as a manifest or a local plug-in.
+    Raises StoreError: if dataset.json lists names that no dataset has, or is another one than that of `store` by now.
     """
     check_names(store.meta, f"{store.path}/{DATASET_FILE}")
     if place.recipe_only:

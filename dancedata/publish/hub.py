@@ -47,16 +47,10 @@ _LOGIN = "log in with a token that may write: hf auth login, or HF_TOKEN"
 class HubUpload:
     """A repository to publish to.
 
-    Attributes
-    ----------
-    address
-        Repository, branch and folder.
-    tag
-        Name of the tag of the commit.
-    private, gated
-        Settings of the repository that are set before anything is uploaded.
-    overwrite
-        Whether files of others with the same names are replaced.
+    `address`: Repository, branch and folder.
+    `tag`: Name of the tag of the commit.
+    `private`, `gated`: Settings of the repository that are set before anything is uploaded.
+    `overwrite`: Whether files of others with the same names are replaced.
     """
 
     address: Address

@@ -45,10 +45,7 @@ def _sample_field(store: Store, name: str) -> SampleField:
 class Chance:
     """An augmentation that changes a sample with a probability.
 
-    Attributes
-    ----------
-    p
-        Probability.
+    `p`: Probability.
     """
 
     augmentation: SampleAugmentation
@@ -80,14 +77,9 @@ class _Step:
 class Augmenter:
     """Changes samples. It has no state: any thread, worker and rank gets the same sample for (seed, epoch, index).
 
-    Attributes
-    ----------
-    fields
-        The fields of samples.
-    steps
-        The augmentations, in their order.
-    droppable
-        Names of the fields that may be masked.
+    `fields`: The fields of samples.
+    `steps`: The augmentations, in their order.
+    `droppable`: Names of the fields that may be masked.
     """
 
     fields: tuple[SampleField, ...]
@@ -108,20 +100,11 @@ class Augmenter:
     ) -> Augmenter:
         """Make an augmenter for samples with some fields of a store.
 
-        Parameters
-        ----------
-        augment
-            Plug-ins, names, or mappings of names to parameters, among which ``"p"`` is the probability that a sample
-            is changed. A number instead of parameters is that probability; True: always, False: never.
-        mirrored
-            Whether samples are mirrored by other means already.
-        allow_crop
-            Whether windows other than the stored ones may be read.
-
-        Raises
-        ------
-        UsageError
-            For an unknown augmentation or parameter, and for one that cannot change these samples.
+        `augment`: Plug-ins, names, or mappings of names to parameters, among which ``"p"`` is the probability that a
+            sample is changed. A number instead of parameters is that probability; True: always, False: never.
+        `mirrored`: Whether samples are mirrored by other means already.
+        `allow_crop`: Whether windows other than the stored ones may be read.
+        Raises UsageError: for an unknown augmentation or parameter, and for one that cannot change these samples.
         """
         sample_fields = tuple(_sample_field(store, name) for name in names)
         steps = tuple(_numbered(_steps(augment)))

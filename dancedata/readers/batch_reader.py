@@ -108,16 +108,10 @@ def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
 class Request:
     """The windows of a batch.
 
-    Attributes
-    ----------
-    places
-        (B,) positions in the dataset's windows.
-    mirrored
-        (B,) whether each of them is mirrored.
-    shifts
-        (B,) frames by which the windows that are read begin later than those of the list; negative: earlier.
-    epoch
-        Epoch that decides augmentations and the bias of primitives.
+    `places`: (B,) positions in the dataset's windows.
+    `mirrored`: (B,) whether each of them is mirrored.
+    `shifts`: (B,) frames by which the windows that are read begin later than those of the list; negative: earlier.
+    `epoch`: Epoch that decides augmentations and the bias of primitives.
     """
 
     places: tuple[int, ...]
@@ -133,16 +127,10 @@ class Request:
 class FieldReader:
     """Reads one field.
 
-    Attributes
-    ----------
-    mirror
-        Applied to mirrored windows; None for audio.
-    root
-        Columns that become relative to a window's first row.
-    scaler
-        Applied last; the result is float32.
-    clip
-        Whether scaled values are cut to [-1, 1].
+    `mirror`: Applied to mirrored windows; None for audio.
+    `root`: Columns that become relative to a window's first row.
+    `scaler`: Applied last; the result is float32.
+    `clip`: Whether scaled values are cut to [-1, 1].
     """
 
     name: str

@@ -142,10 +142,7 @@ class EpochLoader:
 
     Made by `BatchStream.by_epoch`.
 
-    Attributes
-    ----------
-    step
-        Global step of the next batch.
+    `step`: Global step of the next batch.
     """
 
     def __init__(self, stream: BatchStream, options: dict[str, Any]) -> None:

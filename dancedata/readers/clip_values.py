@@ -93,20 +93,11 @@ def require_columns(
 ) -> tuple[str, ...]:
     """Return the free columns that samples have.
 
-    Parameters
-    ----------
-    columns
-        Their names, "x/<name>".
-    clips
-        Ids of the clips that are read: whole numbers and truth values have no value for "none", so that each of these
-        clips needs one.
-    lists
-        Whether a sample has a list of values, which may hold None.
-
-    Raises
-    ------
-    UsageError
-        For an unknown column, and clips without a value.
+    `columns`: Their names, "x/<name>".
+    `clips`: Ids of the clips that are read: whole numbers and truth values have no value for "none", so that each of
+        these clips needs one.
+    `lists`: Whether a sample has a list of values, which may hold None.
+    Raises UsageError: for an unknown column, and clips without a value.
     """
     names = (columns,) if isinstance(columns, str) else tuple(columns)
     types = free_types(store)

@@ -25,10 +25,7 @@ LABELS: tuple[str, ...] = get_args(StartAt)
 class BeatLabels:
     """The field of samples that has beats and downbeats.
 
-    Attributes
-    ----------
-    columns
-        Column of each of `LABELS` in the field.
+    `columns`: Column of each of `LABELS` in the field.
     """
 
     field: str

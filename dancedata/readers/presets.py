@@ -22,16 +22,11 @@ PRIMITIVES = "primitives"
 class PrimitiveSpec:
     """Computation of primitives from the windows of a field.
 
-    Attributes
-    ----------
-    field
-        Motion field that they are rows of.
-    key_motion
-        Key motion field that holds the clip's minima; None where they are not read: for variant "code", which uses
-        only the window, and for windows of n frames.
-    n
-        Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and
-        soft cues.
+    `field`: Motion field that they are rows of.
+    `key_motion`: Key motion field that holds the clip's minima; None where they are not read: for variant "code",
+        which uses only the window, and for windows of n frames.
+    `n`: Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and soft
+        cues.
     """
 
     field: str
@@ -95,28 +90,17 @@ DEFAULT_FIELDS = ("edge151", "librosa35")
 class Preset:
     """Fields, windows and options of one trainer.
 
-    Attributes
-    ----------
-    fields, optional
-        Fields that it needs; fields that it reads if they are stored.
-    fps
-        Frames per second of the store.
-    windows
-        Length and stride of windows, as `Store.windows` takes them.
-    trim
-        Whether windows begin at the trim_start of their clip.
-    ignore
-        Lists whose clips are left out.
-    protocol
-        Name of lists such as "cross_genre.train", which define the clips of a split instead of the stored splits.
-    filter
-        Filter of the windows.
-    relative_root
-        Whether the root's translation is relative to the window's first frame.
-    normalize
-        Whether motion is scaled to [-1, 1].
-    clip
-        Whether scaled values are cut to [-1, 1].
+    `fields`, `optional`: Fields that it needs; fields that it reads if they are stored.
+    `fps`: Frames per second of the store.
+    `windows`: Length and stride of windows, as `Store.windows` takes them.
+    `trim`: Whether windows begin at the trim_start of their clip.
+    `ignore`: Lists whose clips are left out.
+    `protocol`: Name of lists such as "cross_genre.train", which define the clips of a split instead of the stored
+        splits.
+    `filter`: Filter of the windows.
+    `relative_root`: Whether the root's translation is relative to the window's first frame.
+    `normalize`: Whether motion is scaled to [-1, 1].
+    `clip`: Whether scaled values are cut to [-1, 1].
     """
 
     fields: tuple[str, ...]

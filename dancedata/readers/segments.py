@@ -40,10 +40,8 @@ class SegmentReader:
     def __init__(self, store: Store, choice: SegmentChoice, *, mirrors: bool, seed: int) -> None:
         """Check the arguments; `mirrors` tells whether samples may be mirrored.
 
-        Raises
-        ------
-        UsageError
-            For an unknown layer, one without texts, and one whose words in mirrored windows are not known.
+        Raises UsageError: for an unknown layer, one without texts, and one whose words in mirrored windows are not
+            known.
         """
         self._choice, self._seed = choice, seed
         self._min_share = probability("min_share", choice.min_share)

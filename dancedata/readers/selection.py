@@ -32,25 +32,16 @@ FilterLike = WindowFilter | Mapping[str, Any] | Literal[False] | None
 class Choice:
     """Criteria for windows.
 
-    Attributes
-    ----------
-    fields
-        Fields that windows must be within.
-    windows
-        Length and stride as `Store.windows` takes them.
-    trim
-        Whether windows begin at their clip's trim_start.
-    ignore
-        Lists whose clips are left out; with a protocol also the list "ignored.<protocol>". "LAYER:LABEL" leaves out
-        windows that overlap such a segment, as "mark:reject" of the viewer.
-    protocol
-        Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored splits do.
-    filter
-        Which windows are kept.
-    start_at
-        What windows begin with: "beat" or "downbeat"; None: where the stride puts them.
-    where
-        Values that clips may have, by column of the table of clips.
+    `fields`: Fields that windows must be within.
+    `windows`: Length and stride as `Store.windows` takes them.
+    `trim`: Whether windows begin at their clip's trim_start.
+    `ignore`: Lists whose clips are left out; with a protocol also the list "ignored.<protocol>". "LAYER:LABEL" leaves
+        out windows that overlap such a segment, as "mark:reject" of the viewer.
+    `protocol`: Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored
+        splits do.
+    `filter`: Which windows are kept.
+    `start_at`: What windows begin with: "beat" or "downbeat"; None: where the stride puts them.
+    `where`: Values that clips may have, by column of the table of clips.
     """
 
     fields: tuple[str, ...]

@@ -84,12 +84,8 @@ class SplitDataset(EpochDataset):
 
     Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
 
-    Attributes
-    ----------
-    windows
-        (N) the frames that each sample is taken from.
-    rejects
-        What was left out, and why.
+    `windows`: (N) the frames that each sample is taken from.
+    `rejects`: What was left out, and why.
     """
 
     windows: WindowList
@@ -230,10 +226,7 @@ class SplitDataset(EpochDataset):
 
         For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
 
-        Raises
-        ------
-        UsageError
-            For a field that this dataset does not read.
+        Raises UsageError: for a field that this dataset does not read.
         """
         if field not in self.fields:
             raise UsageError(f"this dataset does not read field {field!r}", allowed=", ".join(self.fields),
@@ -273,10 +266,7 @@ class SplitDataset(EpochDataset):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Check that the model of a checkpoint was trained with the scalers of this reader; changes nothing.
 
-        Raises
-        ------
-        UsageError
-            For the state of a reader with other scalers.
+        Raises UsageError: for the state of a reader with other scalers.
         """
         hashes = self.state_dict()["scalers"]
         if state.get("scalers") != hashes:

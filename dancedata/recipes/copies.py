@@ -26,10 +26,8 @@ _SLOWEST, _FASTEST = Fraction(1, 4), Fraction(4)
 class CopySpec:
     """One copy of every train clip.
 
-    Attributes
-    ----------
-    name
-        The augmentation's name, or PLUGIN.NAME where a recipe has several of one plug-in; part of the ids of copies.
+    `name`: The augmentation's name, or PLUGIN.NAME where a recipe has several of one plug-in; part of the ids of
+        copies.
     """
 
     name: str
@@ -70,10 +68,7 @@ class CopySpec:
 
         Of a group `clip` is its name, and `about` a point of the axis that it turns about.
 
-        Raises
-        ------
-        UsageError
-            If `change_motion` changes frames, rate or trim_start.
+        Raises UsageError: if `change_motion` changes frames, rate or trim_start.
         """
         changed = (
             self.augmentation.change_motion(motion, clip)
@@ -116,10 +111,7 @@ def copies_per_clip(specs: tuple[CopySpec, ...], split: str) -> int:
 def check_ids(clips: Iterable[tuple[str, str]], specs: tuple[CopySpec, ...]) -> None:
     """Raise SourceError if a copy would get the id of a clip or of another copy.
 
-    Parameters
-    ----------
-    clips
-        Id and split of every clip.
+    `clips`: Id and split of every clip.
     """
     clips = list(clips)
     taken = {clip for clip, _ in clips}

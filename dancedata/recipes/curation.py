@@ -28,16 +28,10 @@ _MAX = 1e6
 class CurateRule:
     """What is left out for one score.
 
-    Attributes
-    ----------
-    score
-        A key of `MEASURES`.
-    limit
-        Values above it are a fault.
-    leave_out
-        The windows that touch such a span, or the clip.
-    splits
-        Splits that are curated; None for all.
+    `score`: A key of `MEASURES`.
+    `limit`: Values above it are a fault.
+    `leave_out`: The windows that touch such a span, or the clip.
+    `splits`: Splits that are curated; None for all.
     """
 
     score: str

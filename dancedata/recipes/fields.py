@@ -55,14 +55,10 @@ class WindowSpec(WindowGrid):
 class FieldSpec(ABC):
     """One field: its name, the grid of its rows, and the plug-in that makes it.
 
-    Attributes
-    ----------
-    name
-        The plug-in's name, or PLUGIN.NAME where a recipe has several of one plug-in.
-    grid
-        Grid of the rows.
-    optional
-        Whether clips whose motion the plug-in cannot take are kept, without rows of this field; never of music.
+    `name`: The plug-in's name, or PLUGIN.NAME where a recipe has several of one plug-in.
+    `grid`: Grid of the rows.
+    `optional`: Whether clips whose motion the plug-in cannot take are kept, without rows of this field; never of
+        music.
     """
 
     kind: ClassVar[Kind]
@@ -105,10 +101,7 @@ class FieldSpec(ABC):
 class MotionField(FieldSpec):
     """A field that follows from a clip's motion: a representation with its contact rule.
 
-    Attributes
-    ----------
-    repaired
-        False for the motion as it was before the recipe's repairs.
+    `repaired`: False for the motion as it was before the recipe's repairs.
     """
 
     kind: ClassVar[Literal["motion"]] = "motion"
@@ -174,12 +167,8 @@ class KeyMotionField(FieldSpec):
 class FeatureJob(FieldSpec):
     """A field of music, and all that units of work need to compute it: of whole songs, or of windows.
 
-    Attributes
-    ----------
-    windows
-        In window scope, windows in frames of the recipe; None in track scope.
-    own_rate
-        Whether `grid` was given for this field, not for the whole recipe.
+    `windows`: In window scope, windows in frames of the recipe; None in track scope.
+    `own_rate`: Whether `grid` was given for this field, not for the whole recipe.
     """
 
     kind: ClassVar[Kind] = "audio"

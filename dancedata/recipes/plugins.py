@@ -88,12 +88,9 @@ def make_slots(
 ) -> Slots:
     """Make all plug-ins of a recipe document.
 
-    Parameters
-    ----------
-    grid, windows
-        None if they are wrong; fields are checked all the same, so that their errors come in the same message.
-    by_window
-        Whether features are computed by window.
+    `grid`, `windows`: None if they are wrong; fields are checked all the same, so that their errors come in the same
+        message.
+    `by_window`: Whether features are computed by window.
     """
     any_grid = grid or FrameGrid.of(30)
     dataset = one_of(DATASETS, "dataset", document.get("dataset"), problems)
@@ -136,10 +133,7 @@ def make_slots(
 def frame_grid(fps: Any, key: str = "fps") -> FrameGrid:
     """Return the grid of a rate in a recipe.
 
-    Raises
-    ------
-    UsageError
-        If it is not a number above 0, or above MAX_FPS.
+    Raises UsageError: if it is not a number above 0, or above MAX_FPS.
     """
     try:
         # A boolean is a number to Python.
@@ -291,14 +285,9 @@ def make_plugin(
 ) -> P | None:
     """Make one plug-in. If there are problems, all of them are added to the list, and None is returned.
 
-    Parameters
-    ----------
-    where
-        Key of the slot.
-    beside
-        All that the slot holds: if `name` is not a plug-in, it may be a misplaced key of one of these.
-    several
-        Whether the slot takes several of one plug-in, named PLUGIN.NAME.
+    `where`: Key of the slot.
+    `beside`: All that the slot holds: if `name` is not a plug-in, it may be a misplaced key of one of these.
+    `several`: Whether the slot takes several of one plug-in, named PLUGIN.NAME.
     """
     also = _SLOT_KEYS.get(where, ()) if several else ()
     plugin, label = registry.split(name) if several else (name, None)
@@ -344,12 +333,8 @@ def one_of(registry: Registry[P], where: str, plugin: Any, problems: list[str]) 
 def make_named(registry: Registry[P], where: str, name: str, parameters: dict[str, Any]) -> P:
     """Make one plug-in for a call from Python, where a problem is raised at once.
 
-    Raises
-    ------
-    UsageError
-        For an unknown name.
-    RecipeError
-        For parameters that it does not take, all of them.
+    Raises UsageError: for an unknown name.
+    Raises RecipeError: for parameters that it does not take, all of them.
     """
     registry.get(name)  # an unknown name is a separate error, with the closest known one
     problems: list[str] = []

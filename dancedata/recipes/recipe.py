@@ -127,9 +127,6 @@ class Recipe:
 def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:
     """Return the recipe with everything fixed that depends on this machine, such as the precision of a network.
 
-    Parameters
-    ----------
-    hash_file
-        Function that returns the SHA-256 of a file, such as `Cache.file_sha256`.
+    `hash_file`: Function that returns the SHA-256 of a file, such as `Cache.file_sha256`.
     """
     return replace(recipe, audio=tuple(replace(job, feature=job.feature.resolved(hash_file)) for job in recipe.audio))

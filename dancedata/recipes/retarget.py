@@ -20,16 +20,10 @@ _KEYS = ("skeleton", "joint_map", "scale", "feet")
 class RetargetSpec:
     """What a recipe asks for.
 
-    Attributes
-    ----------
-    skeleton
-        Name of a skeleton of the SMPL family.
-    joint_map
-        SMPL joint -> names; None for the map of the package that matches most joints.
-    scale
-        Of the world; None for the ratio of the legs, and for 1 in groups.
-    feet
-        Whether feet are kept where they stand.
+    `skeleton`: Name of a skeleton of the SMPL family.
+    `joint_map`: SMPL joint -> names; None for the map of the package that matches most joints.
+    `scale`: Of the world; None for the ratio of the legs, and for 1 in groups.
+    `feet`: Whether feet are kept where they stand.
     """
 
     skeleton: str

@@ -25,12 +25,8 @@ _KEYS = ("facts", "genre", "lexicon")
 class FactsSpec:
     """Computed events.
 
-    Attributes
-    ----------
-    kinds
-        Some of turns, jumps, travel, energy, floor_work, contacts.
-    turn_degrees, flight_s, travel_m
-        Least turn, time in the air, and distance.
+    `kinds`: Some of turns, jumps, travel, energy, floor_work, contacts.
+    `turn_degrees`, `flight_s`, `travel_m`: Least turn, time in the air, and distance.
     """
 
     kinds: tuple[str, ...] = KINDS

@@ -28,16 +28,10 @@ LOOPBACK = ("localhost", "127.0.0.1", "::1")
 class Address:
     """The place of a dataset.
 
-    Attributes
-    ----------
-    scheme
-        hf, s3, gs, az, https or, on this machine, http.
-    place
-        Repository ORG/NAME of a hub; else bucket or host, and the folder in it.
-    folder
-        Folder in a repository; "" for its top.
-    revision
-        Branch, tag or commit of a repository; "" elsewhere.
+    `scheme`: hf, s3, gs, az, https or, on this machine, http.
+    `place`: Repository ORG/NAME of a hub; else bucket or host, and the folder in it.
+    `folder`: Folder in a repository; "" for its top.
+    `revision`: Branch, tag or commit of a repository; "" elsewhere.
     """
 
     scheme: str

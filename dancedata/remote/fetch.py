@@ -90,10 +90,7 @@ def fetch_file(source: Client, address: Address, file: RemoteFile, folder: Path,
     What arrives goes to ``FOLDER.parts/NAME.part`` and is kept if the process is killed, so that the next one asks
     for the rest. Wrong bytes are deleted and asked for once more.
 
-    Raises
-    ------
-    StoreError
-        If the server fails, has another file, or the disk is full.
+    Raises StoreError: if the server fails, has another file, or the disk is full.
     """
     target, parts = folder / file.name, folder.with_name(f"{folder.name}.parts")
     with written(target, file.size):

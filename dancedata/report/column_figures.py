@@ -14,12 +14,8 @@ from dancedata.report.svg import strips
 def column_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
     """Return the figures of each field.
 
-    Parameters
-    ----------
-    columns
-        Columns of each field.
-    heat_maps
-        The heat map of each field that has one.
+    `columns`: Columns of each field.
+    `heat_maps`: The heat map of each field that has one.
     """
     figures = []
     for name, field in d.numbers.fields.items():

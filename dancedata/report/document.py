@@ -138,14 +138,9 @@ class Tempo:
 class SongShift:
     """Key motions against the beats of one song.
 
-    Attributes
-    ----------
-    shift_ms
-        Mean offset on the circle of a beat; positive if the dance is late.
-    strength
-        Share of the phases that agree, 0 to 1.
-    counts
-        Key motions in the bins of `Music.offset_ms`.
+    `shift_ms`: Mean offset on the circle of a beat; positive if the dance is late.
+    `strength`: Share of the phases that agree, 0 to 1.
+    `counts`: Key motions in the bins of `Music.offset_ms`.
     """
 
     song: str

@@ -24,12 +24,9 @@ _T = TypeVar("_T")
 class Drawing:
     """Numbers that figures are drawn from.
 
-    Attributes
-    ----------
-    numbers, other
-        The document, and that of the dataset it is compared with.
-    links, group_links, lists
-        Address of the clips and groups that the page plays, and of its lists of a genre, song or dancer, for HTML.
+    `numbers`, `other`: The document, and that of the dataset it is compared with.
+    `links`, `group_links`, `lists`: Address of the clips and groups that the page plays, and of its lists of a genre,
+        song or dancer, for HTML.
     """
 
     numbers: Document
@@ -82,10 +79,7 @@ def histogram_figure(
 
     Values of clips that are nearly equal are one sentence.
 
-    Parameters
-    ----------
-    of
-        What the heights are shares of.
+    `of`: What the heights are shares of.
     """
     this, other = d.both(part)
     values = [h.distinct for h in (this, other) if isinstance(h, ClipHistogram)]

@@ -22,14 +22,9 @@ _UNEVEN = 5
 class Finding:
     """A sentence.
 
-    Attributes
-    ----------
-    kind
-        "bad": an error of the dataset. "look": worth a look. "note": good to know.
-    text
-        The sentence.
-    figure
-        Key of the figure that shows it.
+    `kind`: "bad": an error of the dataset. "look": worth a look. "note": good to know.
+    `text`: The sentence.
+    `figure`: Key of the figure that shows it.
     """
 
     kind: str

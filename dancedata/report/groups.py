@@ -30,30 +30,17 @@ COLLIDING = 0.05
 class GroupRow:
     """A group that is not a copy; None where nothing was measured.
 
-    Attributes
-    ----------
-    group, split
-        Its name and split.
-    clips, members, roles
-        Of its dancers.
-    n_source
-        Dancers in the source.
-    frames, windows
-        Frames of the group, and windows of it.
-    distance_min_m, distance_p50_m, distance_max_m
-        Distances of two roots, over pairs and frames.
-    nearest
-        Clips of the two with the least distance.
-    facing_share
-        Share of frames in which two dancers look at each other, over pairs.
-    contacts, contact_share
-        Stretches of a hand near another dancer, and the share of frames with one.
-    collision_share
-        Share of frames in which two bodies intersect.
-    intersections
-        Intersecting pairs per frame, each in both orders (TIF of `intersection_frequency`).
-    colliding
-        Clips of the two that intersect in most frames; empty without.
+    `group`, `split`: Its name and split.
+    `clips`, `members`, `roles`: Of its dancers.
+    `n_source`: Dancers in the source.
+    `frames`, `windows`: Frames of the group, and windows of it.
+    `distance_min_m`, `distance_p50_m`, `distance_max_m`: Distances of two roots, over pairs and frames.
+    `nearest`: Clips of the two with the least distance.
+    `facing_share`: Share of frames in which two dancers look at each other, over pairs.
+    `contacts`, `contact_share`: Stretches of a hand near another dancer, and the share of frames with one.
+    `collision_share`: Share of frames in which two bodies intersect.
+    `intersections`: Intersecting pairs per frame, each in both orders (TIF of `intersection_frequency`).
+    `colliding`: Clips of the two that intersect in most frames; empty without.
     """
 
     group: str
@@ -80,12 +67,8 @@ class GroupRow:
 class MeasuredGroups:
     """Groups that were measured, and counts over their frames.
 
-    Attributes
-    ----------
-    distance
-        Distances of two roots, metres, over pairs and frames.
-    facing
-        Angles between where a dancer faces and another, degrees, over ordered pairs and frames.
+    `distance`: Distances of two roots, metres, over pairs and frames.
+    `facing`: Angles between where a dancer faces and another, degrees, over ordered pairs and frames.
     """
 
     rows: list[GroupRow] = field(default_factory=list)
@@ -95,14 +78,9 @@ class MeasuredGroups:
     def add(self, store: Store, dancers: Sequence[ClipView], pieces: Sequence[Sequence[Piece]], windows: int) -> None:
         """Measure a group.
 
-        Parameters
-        ----------
-        dancers
-            Its clips.
-        pieces
-            What is stored of each, of equal frames.
-        windows
-            Windows of the group.
+        `dancers`: Its clips.
+        `pieces`: What is stored of each, of equal frames.
+        `windows`: Windows of the group.
         """
         first = dancers[0]
         table = store.tables(first.split).groups
@@ -170,14 +148,10 @@ def _touches(part: Together) -> npt.NDArray[np.bool_]:
 class Groups:
     """The groups of a dataset, without copies; empty in a dataset of single dancers.
 
-    Attributes
-    ----------
-    by_size
-        Groups by number of dancers, then by split.
-    dancer_hours, group_hours
-        Lengths of the clips of groups, and of the groups.
-    distance_m, facing_deg
-        Distances of two roots; angles between where a dancer faces and another: over pairs and frames.
+    `by_size`: Groups by number of dancers, then by split.
+    `dancer_hours`, `group_hours`: Lengths of the clips of groups, and of the groups.
+    `distance_m`, `facing_deg`: Distances of two roots; angles between where a dancer faces and another: over pairs
+        and frames.
     """
 
     by_size: Mapping[str, Mapping[str, int]]

@@ -31,12 +31,8 @@ _COLOURS = 32
 class Timeline:
     """The time below a heat map.
 
-    Attributes
-    ----------
-    seconds
-        Its length.
-    beats
-        Instants of the beats, seconds.
+    `seconds`: Its length.
+    `beats`: Instants of the beats, seconds.
     """
 
     seconds: float

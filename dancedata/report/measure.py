@@ -39,42 +39,26 @@ PROMINENT = 0.03
 class ClipNumbers:
     """Numbers of one clip; None where it has no value.
 
-    Attributes
-    ----------
-    seconds
-        Length of what was measured.
-    speed, speed_p95
-        Mean over joints of the speed of a joint, over frames: mean and 95 % quantile; metres per second.
-    still
-        Share of frames below STILL_M_S.
-    root_extent_m, root_path_m
-        Larger of the two horizontal extents of the root's path, and the length of the path.
-    floor_m, feet_m, low_m, high_m
-        Floor, from the toes in contact (see `floor_height`); 2 % quantile of the heights of the feet; lowest and
-        highest joint. In window scope the floor is the median over windows.
-    turns
-        Largest difference between two directions that the hips face, in full turns.
-    sliding
-        Share of the frames of feet in contact in which they slide.
-    key_motions, key_beat_ms, key_shifted_ms
-        Number of key motions; their mean distance to the nearest beat, and to the nearest of the beats moved by half
-        a period, milliseconds.
-    bas, bas_chance
-        Beat alignment score and its chance level; see `BeatAlignment`.
-    tempo_found
-        60 / median distance of beats, beats per minute.
-    music_s
-        Length of the music from the first frame on.
-    floor_drift_m
-        Largest difference of the lowest foot joints of two stretches of 2 s.
-    below_floor_m
-        Depth of the lowest joint below the floor.
-    jerk
-        Mean over joints and frames of the third derivative, metres per cubic second.
-    bone_spread_m
-        Largest range of the length of a bone, 1 to 99 %.
-    path
-        (P, 2) root on the floor, metres, relative to its first position.
+    `seconds`: Length of what was measured.
+    `speed`, `speed_p95`: Mean over joints of the speed of a joint, over frames: mean and 95 % quantile; metres per
+        second.
+    `still`: Share of frames below STILL_M_S.
+    `root_extent_m`, `root_path_m`: Larger of the two horizontal extents of the root's path, and the length of the
+        path.
+    `floor_m`, `feet_m`, `low_m`, `high_m`: Floor, from the toes in contact (see `floor_height`); 2 % quantile of the
+        heights of the feet; lowest and highest joint. In window scope the floor is the median over windows.
+    `turns`: Largest difference between two directions that the hips face, in full turns.
+    `sliding`: Share of the frames of feet in contact in which they slide.
+    `key_motions`, `key_beat_ms`, `key_shifted_ms`: Number of key motions; their mean distance to the nearest beat,
+        and to the nearest of the beats moved by half a period, milliseconds.
+    `bas`, `bas_chance`: Beat alignment score and its chance level; see `BeatAlignment`.
+    `tempo_found`: 60 / median distance of beats, beats per minute.
+    `music_s`: Length of the music from the first frame on.
+    `floor_drift_m`: Largest difference of the lowest foot joints of two stretches of 2 s.
+    `below_floor_m`: Depth of the lowest joint below the floor.
+    `jerk`: Mean over joints and frames of the third derivative, metres per cubic second.
+    `bone_spread_m`: Largest range of the length of a bone, 1 to 99 %.
+    `path`: (P, 2) root on the floor, metres, relative to its first position.
     """
 
     seconds: float = 0.0
@@ -107,16 +91,10 @@ class ClipNumbers:
 class SongOffsets:
     """Offsets of key motions from the beats of one song.
 
-    Attributes
-    ----------
-    clips
-        Number of clips.
-    tally
-        Milliseconds after the nearest beat.
-    phase
-        Sum of the offsets as phases of the beat: ``exp(2 pi i offset / period)``.
-    period_s
-        Sum of the beat periods of the offsets.
+    `clips`: Number of clips.
+    `tally`: Milliseconds after the nearest beat.
+    `phase`: Sum of the offsets as phases of the beat: ``exp(2 pi i offset / period)``.
+    `period_s`: Sum of the beat periods of the offsets.
     """
 
     clips: int = 0
@@ -151,28 +129,16 @@ class SongOffsets:
 class Measured:
     """A dataset's numbers: those of clips, and counts over the frames of all.
 
-    Attributes
-    ----------
-    windows
-        Number of windows of each clip.
-    song_offsets
-        Offsets of key motions from beats, by song.
-    split_speed
-        Speeds of the body as in `speed`, by split.
-    clips
-        Numbers of each clip that is not a copy of another one.
-    joints
-        Names of the joints whose speed is counted.
-    feet
-        Names of the foot joints with stored contacts.
-    contact
-        Frames in contact and all frames, by foot joint, (F, 2).
-    groups
-        The groups.
-    space
-        The poses of the splits.
-    stage
-        Where dancers stand and face.
+    `windows`: Number of windows of each clip.
+    `song_offsets`: Offsets of key motions from beats, by song.
+    `split_speed`: Speeds of the body as in `speed`, by split.
+    `clips`: Numbers of each clip that is not a copy of another one.
+    `joints`: Names of the joints whose speed is counted.
+    `feet`: Names of the foot joints with stored contacts.
+    `contact`: Frames in contact and all frames, by foot joint, (F, 2).
+    `groups`: The groups.
+    `space`: The poses of the splits.
+    `stage`: Where dancers stand and face.
     """
 
     reader: ClipReader
@@ -203,10 +169,7 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
 
     Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
 
-    Raises
-    ------
-    DataError, StoreError
-        If a clip cannot be read.
+    Raises DataError, StoreError: if a clip cannot be read.
     """
     windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
@@ -245,16 +208,11 @@ def _clip(measured: Measured, clip: ClipView, pieces: Sequence[Piece]) -> ClipNu
 class _Part:
     """A piece, measured.
 
-    Attributes
-    ----------
-    speed
-        (T - 1, J) metres per second.
-    sliding
-        Horizontal speeds of feet in contact in this frame and the next, (n,).
-    contact
-        (F, 2) frames in contact and all frames.
-    offsets, shifted
-        Seconds from the nearest beat to each key motion; the same with beats moved by half a period.
+    `speed`: (T - 1, J) metres per second.
+    `sliding`: Horizontal speeds of feet in contact in this frame and the next, (n,).
+    `contact`: (F, 2) frames in contact and all frames.
+    `offsets`, `shifted`: Seconds from the nearest beat to each key motion; the same with beats moved by half a
+        period.
     """
 
     piece: Piece

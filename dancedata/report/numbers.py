@@ -57,10 +57,7 @@ _FACING_DEG = tuple(float(angle) for angle in range(0, 181, 10))
 def document(measured: Measured, scales: Scales) -> Document:
     """Return every number of a report of one dataset.
 
-    Parameters
-    ----------
-    scales
-        Borders of the bins of histograms; those of two datasets that are compared are the same.
+    `scales`: Borders of the bins of histograms; those of two datasets that are compared are the same.
     """
     store = measured.store
     return Document(

@@ -38,14 +38,9 @@ def sections(
 ) -> list[Section]:
     """Return (id, title, HTML) of the sections, without those that are empty.
 
-    Parameters
-    ----------
-    chosen
-        Clips whose paths are drawn.
-    columns
-        Columns of each field.
-    heat_maps
-        The heat map of each field that has one.
+    `chosen`: Clips whose paths are drawn.
+    `columns`: Columns of each field.
+    `heat_maps`: The heat map of each field that has one.
     """
     parts = [
         ("look", "Look at these first", _look(d)),
@@ -219,20 +214,12 @@ _DIFFERENCES = 60
 class PageParts:
     """Contents of the page that are not in the document.
 
-    Attributes
-    ----------
-    chosen
-        Clips whose paths are drawn.
-    columns
-        Columns of each field.
-    heat_maps
-        The heat map of each field that has one.
-    stills
-        A pose of each of some clips: the clip and an SVG image.
-    differences
-        Kind and text of each difference from the other dataset.
-    player
-        The clips of the page.
+    `chosen`: Clips whose paths are drawn.
+    `columns`: Columns of each field.
+    `heat_maps`: The heat map of each field that has one.
+    `stills`: A pose of each of some clips: the clip and an SVG image.
+    `differences`: Kind and text of each difference from the other dataset.
+    `player`: The clips of the page.
     """
 
     chosen: Sequence[str]

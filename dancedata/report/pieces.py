@@ -31,18 +31,11 @@ _KEY_COLUMNS = ("speed", "minimum", "prominence")
 class Piece:
     """A part of a clip that is stored in one piece: the whole clip, in window scope a window.
 
-    Attributes
-    ----------
-    start
-        First frame, at the store's rate.
-    figure
-        Joints and contacts.
-    key
-        Its key motions, frames of the figure's grid.
-    beats
-        Beats of the music from the first frame on; None without music.
-    music_s
-        Length of the music from the first frame on, seconds; None without music.
+    `start`: First frame, at the store's rate.
+    `figure`: Joints and contacts.
+    `key`: Its key motions, frames of the figure's grid.
+    `beats`: Beats of the music from the first frame on; None without music.
+    `music_s`: Length of the music from the first frame on, seconds; None without music.
     """
 
     start: int
@@ -71,14 +64,9 @@ def figure_key_motion(figure: Figure) -> KeyMotion:
 class ClipReader:
     """Reads the clips of a store.
 
-    Attributes
-    ----------
-    motion
-        Motion field that joints and contacts are read from; None if no field has joints.
-    reader
-        Decodes the motion field.
-    keymotion, music
-        Field with key motions, and with beats; None if there is none.
+    `motion`: Motion field that joints and contacts are read from; None if no field has joints.
+    `reader`: Decodes the motion field.
+    `keymotion`, `music`: Field with key motions, and with beats; None if there is none.
     """
 
     store: Store
@@ -109,15 +97,8 @@ class ClipReader:
     def pieces(self, clip: ClipView, windows: Sequence[Window]) -> Iterator[Piece]:
         """Yield the stored pieces of a clip, each frame at most once.
 
-        Parameters
-        ----------
-        windows
-            The clip's windows, by start; they are read in window scope.
-
-        Raises
-        ------
-        DataError
-            If columns are not those of the representation.
+        `windows`: The clip's windows, by start; they are read in window scope.
+        Raises DataError: if columns are not those of the representation.
         """
         if self.motion is None or self.reader is None or not clip.has_field(self.motion.name):
             return

@@ -28,16 +28,11 @@ INLINE = 12
 class Player:
     """Clips in a report.
 
-    Attributes
-    ----------
-    links, group_links
-        Address of each clip and of each group, for HTML.
-    lists
-        Address of the list of clips of each genre, song and dancer, from the first of them.
-    css, body, scripts
-        Texts for the page: style, HTML after the report, and the scripts that its policy allows.
-    side
-        Names of the files next to the page and the number of the clip in each; read one at a time.
+    `links`, `group_links`: Address of each clip and of each group, for HTML.
+    `lists`: Address of the list of clips of each genre, song and dancer, from the first of them.
+    `css`, `body`, `scripts`: Texts for the page: style, HTML after the report, and the scripts that its policy
+        allows.
+    `side`: Names of the files next to the page and the number of the clip in each; read one at a time.
     """
 
     links: Mapping[str, Markup] = field(default_factory=dict)
@@ -85,14 +80,9 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSoun
 def scene_player(scenes: SceneList, items: Sequence[Item], folder: str, sound: PageSound | None = None) -> Player:
     """Return the player of items.
 
-    Parameters
-    ----------
-    items
-        The first INLINE of them are inside the page.
-    folder
-        Name of the folder with the others, next to the page.
-    sound
-        Music by the number of the item in `items`.
+    `items`: The first INLINE of them are inside the page.
+    `folder`: Name of the folder with the others, next to the page.
+    `sound`: Music by the number of the item in `items`.
     """
     if not items:
         return NO_PLAYER
@@ -133,13 +123,9 @@ def _payload(scenes: SceneList, item: Item, number: int) -> dict[str, Any]:
 def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, may_share: bool) -> PageSound:
     """Return the music of clips as Opus, mono, each exactly as long as its clip.
 
-    Raises
-    ------
-    UsageError
-        If the licence does not allow it and the caller does not state the right, without a source, or if the source
-        has the music of none of the clips.
-    DataError, SourceError
-        If the music cannot be read.
+    Raises UsageError: if the licence does not allow it and the caller does not state the right, without a source, or
+        if the source has the music of none of the clips.
+    Raises DataError, SourceError: if the music cannot be read.
     """
     notice = require_shareable(store, allowed_by_caller=may_share)
     if source is None:

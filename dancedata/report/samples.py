@@ -64,35 +64,18 @@ def write_samples_report(
 ) -> SamplesReport:
     """Compare samples of a model with the dataset that it was trained on, as ``dancedata report S --against D`` does.
 
-    Parameters
-    ----------
-    samples
-        A folder of motion files, or one file, as `dancedata.evaluate` reads them.
-    against
-        The built dataset: its rate, columns, scaler, music and ground truth.
-    to
-        HTML file to write; None: numbers alone.
-    protocol
-        Name of the protocol of the scores.
-    split
-        Splits of the ground truth beside them. Default: "test" where the dataset has it, else all.
-    clips
-        Number of samples that the page plays, the most suspicious first.
-    field, normalized, scaler, clip_to_range, fps
-        What columns of arrays are, as in `dancedata.evaluate`.
-    source, music_of
-        Music files of the songs, and a CSV file with the columns clip and song.
-    bootstrap
-        As in `dancedata.evaluate`.
-    max_mb, overwrite, progress
-        As in `write_report`.
-
-    Raises
-    ------
-    UsageError
-        If the samples cannot be read as stated, or the page cannot be written.
-    DataError
-        If no sample can be measured.
+    `samples`: A folder of motion files, or one file, as `dancedata.evaluate` reads them.
+    `against`: The built dataset: its rate, columns, scaler, music and ground truth.
+    `to`: HTML file to write; None: numbers alone.
+    `protocol`: Name of the protocol of the scores.
+    `split`: Splits of the ground truth beside them. Default: "test" where the dataset has it, else all.
+    `clips`: Number of samples that the page plays, the most suspicious first.
+    `field`, `normalized`, `scaler`, `clip_to_range`, `fps`: What columns of arrays are, as in `dancedata.evaluate`.
+    `source`, `music_of`: Music files of the songs, and a CSV file with the columns clip and song.
+    `bootstrap`: As in `dancedata.evaluate`.
+    `max_mb`, `overwrite`, `progress`: As in `write_report`.
+    Raises UsageError: if the samples cannot be read as stated, or the page cannot be written.
+    Raises DataError: if no sample can be measured.
     """
     path, reporter = Path(samples).expanduser(), Progress(quiet=not progress)
     target = None
@@ -184,10 +167,7 @@ def _windows(store: Store, record: ClipRecord) -> list[Window]:
 def _nearest(space: Space, first: int) -> tuple[tuple[NearestPose, ...], dict[str, float]]:
     """Return of each sample the pose farthest from train, and the median distance of its poses.
 
-    Parameters
-    ----------
-    first
-        Number of the first pose of the samples.
+    `first`: Number of the first pose of the samples.
     """
     poses = np.concatenate(space.poses).astype(np.float64) if space.poses else np.zeros((0, 1))
     train = np.array([k for k, (_, split, _) in enumerate(space.pose_of) if split == "train"], dtype=np.int64)

@@ -31,14 +31,9 @@ def sample_of(name: str) -> str:
 class NearestPose:
     """The pose of a sample that is farthest from all poses of train, and the pose of train nearest to it.
 
-    Attributes
-    ----------
-    seconds, train_seconds
-        Times of both in their clips.
-    distance_m
-        Rms distance over joints.
-    pose, train_pose
-        (22, 3) joints relative to the root, turned to the front, metres.
+    `seconds`, `train_seconds`: Times of both in their clips.
+    `distance_m`: Rms distance over joints.
+    `pose`, `train_pose`: (22, 3) joints relative to the root, turned to the front, metres.
     """
 
     clip: str
@@ -68,24 +63,14 @@ class SampleRow:
 class SamplesReport:
     """Samples of a model beside the dataset that it was trained on.
 
-    Attributes
-    ----------
-    scores, truth
-        The samples and the ground truth under one protocol.
-    split
-        Split of the ground truth; "" for all of it.
-    rows
-        The samples.
-    outliers
-        Samples with a number far above the median of the dataset's clips.
-    nearest
-        Of each sample the pose farthest from train, the farthest first.
-    dataset
-        The numbers of the dataset; its map of poses has the samples, too.
-    clips
-        Numbers of the clips of the dataset.
-    path
-        The page; None if none was written.
+    `scores`, `truth`: The samples and the ground truth under one protocol.
+    `split`: Split of the ground truth; "" for all of it.
+    `rows`: The samples.
+    `outliers`: Samples with a number far above the median of the dataset's clips.
+    `nearest`: Of each sample the pose farthest from train, the farthest first.
+    `dataset`: The numbers of the dataset; its map of poses has the samples, too.
+    `clips`: Numbers of the clips of the dataset.
+    `path`: The page; None if none was written.
     """
 
     name: str

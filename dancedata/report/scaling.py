@@ -19,20 +19,12 @@ EXPLODES = 10.0
 class ScaledGroup:
     """A group of columns and its scaler, EDGE's of the range in training.
 
-    Attributes
-    ----------
-    min, max
-        Over train windows, in the group's unit.
-    std
-        Median over columns of the standard deviation.
-    five_sigma
-        Largest normalised value, without its sign, of a sample five standard deviations from the mean.
-    largest
-        The same of the rows of other splits; None without them.
-    narrow
-        Columns with a range below NARROW that is not 0.
-    exploding
-        Columns with rows of other splits beyond EXPLODES, and that value.
+    `min`, `max`: Over train windows, in the group's unit.
+    `std`: Median over columns of the standard deviation.
+    `five_sigma`: Largest normalised value, without its sign, of a sample five standard deviations from the mean.
+    `largest`: The same of the rows of other splits; None without them.
+    `narrow`: Columns with a range below NARROW that is not 0.
+    `exploding`: Columns with rows of other splits beyond EXPLODES, and that value.
     """
 
     group: str

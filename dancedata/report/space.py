@@ -42,12 +42,8 @@ def frontal(joints: Float64Array, names: Sequence[str]) -> Float64Array:
 
     A body of SMPL then faces +Z. Bodies without named hips are not turned.
 
-    Parameters
-    ----------
-    joints
-        Metres, +Y up; joint 0 is the root.
-    names
-        Names of the joints.
+    `joints`: Metres, +Y up; joint 0 is the root.
+    `names`: Names of the joints.
     """
     poses = joints - joints[:, :1]
     if "left_hip" not in names or "right_hip" not in names:
@@ -74,16 +70,10 @@ class Nearness:
 class Hexagon:
     """Poses near each other on the map.
 
-    Attributes
-    ----------
-    x, y
-        Its centre, metres along the first two components.
-    counts
-        Poses by split.
-    clip, seconds
-        The pose nearest to the centre.
-    pose
-        (J, 2) that pose from the front, millimetres.
+    `x`, `y`: Its centre, metres along the first two components.
+    `counts`: Poses by split.
+    `clip`, `seconds`: The pose nearest to the centre.
+    `pose`: (J, 2) that pose from the front, millimetres.
     """
 
     x: float
@@ -118,28 +108,17 @@ class FrechetLevels:
 class Poses:
     """Poses of the splits; see `Space`.
 
-    Attributes
-    ----------
-    joints
-        Names of the joints of a pose.
-    n
-        Poses by split.
-    every_s
-        Seconds between two poses of a clip.
-    variance
-        Shares of the variance along the first five components.
-    radius
-        Of a hexagon, metres.
-    hexagons
-        The map.
-    to_train, chance
-        Distances of each other split to train, and of one random half of the clips of train to the other.
-    frechet
-        By features ("kinetic", "geometric") and split.
-    windows
-        Compared windows by split.
-    n_duplicates, duplicates
-        Pairs of windows of two splits nearer than DUPLICATE_M, and the nearest of them.
+    `joints`: Names of the joints of a pose.
+    `n`: Poses by split.
+    `every_s`: Seconds between two poses of a clip.
+    `variance`: Shares of the variance along the first five components.
+    `radius`: Of a hexagon, metres.
+    `hexagons`: The map.
+    `to_train`, `chance`: Distances of each other split to train, and of one random half of the clips of train to the
+        other.
+    `frechet`: By features ("kinetic", "geometric") and split.
+    `windows`: Compared windows by split.
+    `n_duplicates`, `duplicates`: Pairs of windows of two splits nearer than DUPLICATE_M, and the nearest of them.
     """
 
     joints: tuple[str, ...]

@@ -32,19 +32,12 @@ class Balance:
 class StageNumbers:
     """Where dancers stand and face.
 
-    Attributes
-    ----------
-    balance
-        By joint without its side: "wrist".
-    every_s, facing
-        Width of the columns, seconds, and frames by column and direction, of 15 degrees from -180 on; 0 is +Z,
-        90 is +X.
-    square_m, first_m
-        Side of the squares of the floor, metres, and the lower corner (x, z) of the first.
-    floor
-        Frames with the root in each square, by x, then z; only the part that holds all.
-    beyond
-        Frames farther than 20 m from the origin.
+    `balance`: By joint without its side: "wrist".
+    `every_s`, `facing`: Width of the columns, seconds, and frames by column and direction, of 15 degrees from -180
+        on; 0 is +Z, 90 is +X.
+    `square_m`, `first_m`: Side of the squares of the floor, metres, and the lower corner (x, z) of the first.
+    `floor`: Frames with the root in each square, by x, then z; only the part that holds all.
+    `beyond`: Frames farther than 20 m from the origin.
     """
 
     balance: Mapping[str, Balance]
@@ -80,16 +73,10 @@ class Stage:
     ) -> None:
         """Count the frames of a piece.
 
-        Parameters
-        ----------
-        names, speed
-            Joints, and their speeds (T - 1, J), metres per second.
-        root
-            (T, 3) metres.
-        facing
-            (T,) direction of the left hip from the right one, radians from +X to +Z; empty where it is unknown.
-        seconds
-            (T,) time within the clip.
+        `names`, `speed`: Joints, and their speeds (T - 1, J), metres per second.
+        `root`: (T, 3) metres.
+        `facing`: (T,) direction of the left hip from the right one, radians from +X to +Z; empty where it is unknown.
+        `seconds`: (T,) time within the clip.
         """
         for name, total in zip(names, speed.sum(axis=0).tolist(), strict=True):
             self.speed[name] = self.speed.get(name, 0.0) + total

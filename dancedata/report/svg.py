@@ -80,14 +80,9 @@ def histogram(
 ) -> str:
     """Return stacked bars in per cent of all, and the outlines of other counts in per cent of theirs.
 
-    Parameters
-    ----------
-    lines
-        Counts of parts of the data, which are lines in their colours, over pale bars.
-    other, chance
-        Counts of another dataset, and those to be expected by chance.
-    marks
-        Values with a name that a line marks, such as a median.
+    `lines`: Counts of parts of the data, which are lines in their colours, over pale bars.
+    `other`, `chance`: Counts of another dataset, and those to be expected by chance.
+    `marks`: Values with a name that a line marks, such as a median.
     """
     counts = {name: np.asarray(values, dtype=np.float64) for name, values in groups.items()}
     total = sum(float(c.sum()) for c in counts.values())
@@ -175,12 +170,8 @@ def boxes(
 ) -> str:
     """Return one box per row: a line from p5 to p95, a box from p25 to p75, a mark at p50.
 
-    Parameters
-    ----------
-    classes
-        Class of the colour of each row.
-    other
-        The same of another dataset: the outline of its box, with its p50.
+    `classes`: Class of the colour of each row.
+    `other`: The same of another dataset: the outline of its box, with its p50.
     """
     beside = {name: row for name, row in (other or {}).items() if name in rows and row.p50 is not None}
     all_rows = [*rows.values(), *beside.values()]
@@ -219,12 +210,8 @@ Pair = tuple[float, float, str]
 def points(pairs: Sequence[Pair], labels: tuple[str, str], *, other: Sequence[Pair] = ()) -> str:
     """Return points with the diagonal on which both numbers are equal, and those of its double and its half.
 
-    Parameters
-    ----------
-    pairs
-        Two numbers and a name.
-    other
-        Those of another dataset, which are rings.
+    `pairs`: Two numbers and a name.
+    `other`: Those of another dataset, which are rings.
     """
     values = [v for a, b, _ in (*pairs, *other) for v in (a, b)]
     low, high = min(values), max(values)
@@ -292,10 +279,7 @@ def strips(columns: Columns, rows: Sequence[ColumnRange], other: Mapping[str, Co
 
     Several columns of a joint are one mark, of the range of them all; columns of 0 and 1 are bars: their share of 1.
 
-    Parameters
-    ----------
-    other
-        Rows of another dataset by the name of their column: the outlines of their ranges.
+    `other`: Rows of another dataset by the name of their column: the outlines of their ranges.
     """
     panels = []
     for group in columns.groups:

@@ -28,14 +28,9 @@ _SLACK = 1e-9
 class Tally:
     """Values counted in bins of equal width; values outside count in the first or the last bin.
 
-    Attributes
-    ----------
-    low, width
-        Lower end of the first bin, and the width of each.
-    counts
-        (B,) numbers of values.
-    total
-        Sum of the values.
+    `low`, `width`: Lower end of the first bin, and the width of each.
+    `counts`: (B,) numbers of values.
+    `total`: Sum of the values.
     """
 
     low: float
@@ -159,16 +154,10 @@ class Quantiles:
 class Histogram:
     """Counts in bins, of one or several groups.
 
-    Attributes
-    ----------
-    edges
-        (B + 1,) borders.
-    counts
-        (B,) counts of each group.
-    n
-        Number of values.
-    by_split
-        (B,) counts of each split; empty where `counts` has them.
+    `edges`: (B + 1,) borders.
+    `counts`: (B,) counts of each group.
+    `n`: Number of values.
+    `by_split`: (B,) counts of each split; empty where `counts` has them.
     """
 
     edges: tuple[float, ...]
@@ -181,11 +170,8 @@ class Histogram:
 class ClipHistogram(FiveNumbers, Histogram):
     """Histogram of one value per clip, with their five numbers.
 
-    Attributes
-    ----------
-    distinct
-        Number of clips with each value, to a tenth of a bin, where there are at most two; values within one bin
-        count as their median.
+    `distinct`: Number of clips with each value, to a tenth of a bin, where there are at most two; values within one
+        bin count as their median.
     """
 
     distinct: tuple[tuple[float, int], ...] = field(default=(), kw_only=True)

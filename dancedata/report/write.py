@@ -291,12 +291,8 @@ _MB = 1_000_000
 class Target:
     """Destination of a report.
 
-    Attributes
-    ----------
-    path
-        The page.
-    max_mb
-        Largest page, megabytes.
+    `path`: The page.
+    `max_mb`: Largest page, megabytes.
     """
 
     path: Path
@@ -306,11 +302,8 @@ class Target:
     def of(cls, to: Path, stores: Sequence[Path], what: str = "report", *, max_mb: float, overwrite: bool) -> Self:
         """Check the destination of a report or card.
 
-        Raises
-        ------
-        UsageError
-            If the file exists and is not to be replaced, or is inside one of the datasets; if the folder holds files
-            that no report of this name wrote, or that were changed since.
+        Raises UsageError: if the file exists and is not to be replaced, or is inside one of the datasets; if the
+            folder holds files that no report of this name wrote, or that were changed since.
         """
         target = cls(require_free(to, stores, what, overwrite=overwrite), max_mb)
         if not overwrite and os.path.lexists(target.folder):
@@ -327,17 +320,9 @@ class Target:
     def write(self, html: bytes, side: Mapping[str, Callable[[], bytes]]) -> None:
         """Write the page last, so that it never names missing files.
 
-        Parameters
-        ----------
-        side
-            Files of the folder, made one at a time.
-
-        Raises
-        ------
-        UsageError
-            If the page is too large; then nothing is written.
-        StoreError
-            If a file cannot be written.
+        `side`: Files of the folder, made one at a time.
+        Raises UsageError: if the page is too large; then nothing is written.
+        Raises StoreError: if a file cannot be written.
         """
         self._require_size(len(html))
         try:

@@ -31,12 +31,8 @@ ROLES: Mapping[str, Role] = MappingProxyType(
 class SixD:
     """Contacts 4, root translation 3, J x 6D, for the joints of a skeleton.
 
-    Attributes
-    ----------
-    name
-        Name of the representation, for messages.
-    skeleton
-        J joints.
+    `name`: Name of the representation, for messages.
+    `skeleton`: J joints.
     """
 
     name: str
@@ -69,12 +65,8 @@ class SixD:
 
         Six columns need not be orthonormal: Gram-Schmidt turns them into a rotation.
 
-        Raises
-        ------
-        UsageError
-            The array has another shape.
-        DataError
-            "nan", or "bad_rotation" where six columns do not span a plane.
+        Raises UsageError: The array has another shape.
+        Raises DataError: "nan", or "bad_rotation" where six columns do not span a plane.
         """
         numbers = parts.checked(array, self.width, self.name, first=4)
         rows = numbers[:, 3:].reshape(len(numbers), self.skeleton.n_joints, 6)

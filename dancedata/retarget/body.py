@@ -21,18 +21,11 @@ _SMPL_LEGS = sum(norm(SMPL24.offsets[b]) for _, b in LEGS)
 class Body:
     """A motion on SMPL's joints, before its bones change.
 
-    Attributes
-    ----------
-    motion
-        On a skeleton that begins with SMPL's 22 body joints.
-    places
-        Positions (T, K, 3) of the joints that the source has, metres.
-    joints
-        (K,) their indices in the motion's skeleton.
-    unmapped
-        Joints of the source that no joint of `motion` stands for.
-    missing
-        Joints of `motion` that the source lacks.
+    `motion`: On a skeleton that begins with SMPL's 22 body joints.
+    `places`: Positions (T, K, 3) of the joints that the source has, metres.
+    `joints`: (K,) their indices in the motion's skeleton.
+    `unmapped`: Joints of the source that no joint of `motion` stands for.
+    `missing`: Joints of `motion` that the source lacks.
     """
 
     motion: Motion
@@ -47,10 +40,7 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
 
     A motion that already has SMPL's body joints, in their order, is returned as it is, whatever the map.
 
-    Parameters
-    ----------
-    names
-        Joint map; default: the one of the package that matches most joints.
+    `names`: Joint map; default: the one of the package that matches most joints.
     """
     source = motion.skeleton
     if has_body(source):

@@ -58,14 +58,9 @@ def with_planted_feet(motion: Motion, wanted: Float64Array, spans: list[list[tup
     The foot keeps its rotation in the world, the knee its direction. A foot that is out of reach comes as near as a
     straight leg allows.
 
-    Parameters
-    ----------
-    motion
-        On a skeleton that begins with SMPL's 22 body joints.
-    wanted
-        (T, 2, 3) toes of the source, left and right, scaled; their place on the ground is that of `motion`.
-    spans
-        Contacts of each foot.
+    `motion`: On a skeleton that begins with SMPL's 22 body joints.
+    `wanted`: (T, 2, 3) toes of the source, left and right, scaled; their place on the ground is that of `motion`.
+    `spans`: Contacts of each foot.
     """
     skeleton, rate = motion.skeleton, float(motion.grid.rate)
     world = world_matrices(skeleton, motion.matrices).copy()

@@ -35,15 +35,8 @@ def map_names() -> tuple[str, ...]:
 def load_map(map_or_path: str | Path | Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
     """Return a joint map.
 
-    Parameters
-    ----------
-    map_or_path
-        Name of a map of the package, path of a JSON file, or SMPL joint -> name or list of names.
-
-    Raises
-    ------
-    UsageError
-        If it does not exist, cannot be read, or names a joint that SMPL lacks.
+    `map_or_path`: Name of a map of the package, path of a JSON file, or SMPL joint -> name or list of names.
+    Raises UsageError: if it does not exist, cannot be read, or names a joint that SMPL lacks.
     """
     if isinstance(map_or_path, Mapping):
         return _checked(map_or_path, "joint map")
@@ -86,16 +79,9 @@ def _checked(joints: Any, where: str) -> dict[str, tuple[str, ...]]:
 def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, int]:
     """Return the index in SMPL24 -> index in a skeleton.
 
-    Parameters
-    ----------
-    names
-        A joint map; default: that of the package that matches most joints.
-
-    Raises
-    ------
-    UsageError
-        If a required joint is missing (pelvis, hips, knees, ankles, shoulders, elbows, and neck or head), or the
-        skeleton's tree differs from SMPL's.
+    `names`: A joint map; default: that of the package that matches most joints.
+    Raises UsageError: if a required joint is missing (pelvis, hips, knees, ankles, shoulders, elbows, and neck or
+        head), or the skeleton's tree differs from SMPL's.
     """
     tables = [names] if names is not None else [_shipped(name) for name in map_names()]
     joints = dict(enumerate(map(plain, skeleton.joints)))
@@ -153,12 +139,8 @@ def affixed(
 ) -> Iterator[tuple[tuple[str, str], dict[int, str]]]:
     """Yield what joints may all have before and behind their names, and the names of those that have it, without it.
 
-    Parameters
-    ----------
-    joints
-        `plain` names by index: {0: "character1hips", 1: "character1leftleg"}.
-    known
-        Names of each joint that a body needs, all of which have the prefix and the suffix.
+    `joints`: `plain` names by index: {0: "character1hips", 1: "character1leftleg"}.
+    `known`: Names of each joint that a body needs, all of which have the prefix and the suffix.
     """
     shared: set[tuple[str, str]] | None = None
     for names in known:

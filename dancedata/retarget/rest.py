@@ -70,18 +70,11 @@ def anchor(joint: int, places: Mapping[int, Floats]) -> int:
 class Aligner:
     """Computes the constant rotations from the root outwards.
 
-    Parameters
-    ----------
-    places
-        SMPL joint -> position (3,) at rest of the other skeleton's joint.
-    point
-        Bones below this length have no direction.
-    up
-        (3,) the other skeleton's up axis.
-    turns
-        SMPL joint -> its rotations (n, 3, 3) in the world; may be empty.
-    level
-        Whether SMPL's hips and shoulders count as level; else their own lines are compared.
+    `places`: SMPL joint -> position (3,) at rest of the other skeleton's joint.
+    `point`: Bones below this length have no direction.
+    `up`: (3,) the other skeleton's up axis.
+    `turns`: SMPL joint -> its rotations (n, 3, 3) in the world; may be empty.
+    `level`: Whether SMPL's hips and shoulders count as level; else their own lines are compared.
     """
 
     def __init__(

@@ -29,19 +29,12 @@ _UNSEEN = "twists of limbs are copied and cannot be checked by joint positions"
 class Retargeted:
     """A motion on another body.
 
-    Attributes
-    ----------
-    motion
-        The same frames on the requested skeleton.
-    scale
-        Metres of the result per metre of the source's world.
-    residual_m
-        (T,) largest distance of a joint from the place that the scaled source has for it, metres; of the pelvis
-        and the joints of arms and legs, as skeletons place those of the trunk and head differently.
-    joint
-        (T,) that joint, an index of the skeleton.
-    notes
-        What could not be mapped.
+    `motion`: The same frames on the requested skeleton.
+    `scale`: Metres of the result per metre of the source's world.
+    `residual_m`: (T,) largest distance of a joint from the place that the scaled source has for it, metres; of the
+        pelvis and the joints of arms and legs, as skeletons place those of the trunk and head differently.
+    `joint`: (T,) that joint, an index of the skeleton.
+    `notes`: What could not be mapped.
     """
 
     motion: Motion
@@ -77,24 +70,13 @@ def retargeted(
     pelvis is scaled about the origin, and moved up or down by one constant, so that the toes stand at the height that
     the scaled source has. In contacts, each foot then moves as in the scaled source.
 
-    Parameters
-    ----------
-    motion
-        On any skeleton that a joint map fits.
-    skeleton
-        Of the SMPL family.
-    joint_map
-        SMPL joint -> names; default: the map of the package that matches most joints.
-    scale
-        Of the world; default: the ratio of the lengths of the legs. Dancers of one group need one scale, see
+    `motion`: On any skeleton that a joint map fits.
+    `skeleton`: Of the SMPL family.
+    `joint_map`: SMPL joint -> names; default: the map of the package that matches most joints.
+    `scale`: Of the world; default: the ratio of the lengths of the legs. Dancers of one group need one scale, see
         `group_scale`, or 1.
-    feet
-        Whether legs are bent so that feet do not slide.
-
-    Raises
-    ------
-    UsageError
-        If either skeleton cannot be used.
+    `feet`: Whether legs are bent so that feet do not slide.
+    Raises UsageError: if either skeleton cannot be used.
 
     Examples
     --------

@@ -91,22 +91,13 @@ class ClipRecord:
 class ClipColumn:
     """One column of the table /clips.
 
-    Attributes
-    ----------
-    name
-        Name of /clips/<name>, and of the attribute of `ClipRecord`.
-    type
-        Name of its type in dataset.json; "int32" is "int" there.
-    default
-        Value of clips of a dataset that does not have the column.
-    problem
-        Returns why a value of the attribute cannot be stored; "" if it can.
-    encode, decode
-        Turn a value of the attribute into one of the column, and back.
-    heading
-        Heading in the table that ``dancedata info --clips`` prints; empty if it is not shown there.
-    show
-        Returns a value as that table shows it.
+    `name`: Name of /clips/<name>, and of the attribute of `ClipRecord`.
+    `type`: Name of its type in dataset.json; "int32" is "int" there.
+    `default`: Value of clips of a dataset that does not have the column.
+    `problem`: Returns why a value of the attribute cannot be stored; "" if it can.
+    `encode`, `decode`: Turn a value of the attribute into one of the column, and back.
+    `heading`: Heading in the table that ``dancedata info --clips`` prints; empty if it is not shown there.
+    `show`: Returns a value as that table shows it.
     """
 
     name: str

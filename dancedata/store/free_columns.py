@@ -18,18 +18,11 @@ _VALUES = 12
 class FreeColumn:
     """One free column, over the clips that are not copies.
 
-    Attributes
-    ----------
-    name
-        With the prefix, "x/level".
-    clips, of
-        Clips with a value, and all.
-    least, middle, most
-        Of numbers, also of those in lists; None for others.
-    values
-        Texts and truth values, also those in lists: number of clips of the most frequent ones.
-    distinct
-        Number of different values, or entries of lists.
+    `name`: With the prefix, "x/level".
+    `clips`, `of`: Clips with a value, and all.
+    `least`, `middle`, `most`: Of numbers, also of those in lists; None for others.
+    `values`: Texts and truth values, also those in lists: number of clips of the most frequent ones.
+    `distinct`: Number of different values, or entries of lists.
     """
 
     name: str

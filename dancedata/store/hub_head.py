@@ -68,18 +68,11 @@ def size_category(n: int) -> str:
 class Publication:
     """Additional content of the card of a published dataset.
 
-    Attributes
-    ----------
-    address
-        Where it is read, with tag or commit.
-    rights
-        Statement by which the publisher may pass the data on although a licence does not allow it; "" without.
-    overridden
-        What these licences say.
-    gated
-        Whether users accept the terms first.
-    recipe_only
-        Whether only what rebuilds the data is published.
+    `address`: Where it is read, with tag or commit.
+    `rights`: Statement by which the publisher may pass the data on although a licence does not allow it; "" without.
+    `overridden`: What these licences say.
+    `gated`: Whether users accept the terms first.
+    `recipe_only`: Whether only what rebuilds the data is published.
     """
 
     address: str
@@ -104,14 +97,9 @@ def head(
 ) -> str:
     """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup.
 
-    Parameters
-    ----------
-    files
-        By configuration, the first being the default: path of a split's files, such as ``data/{}-*.parquet``.
-    place
-        Where and how it is published, if it is.
-    viewer
-        Whether a hub can show the files as a table.
+    `files`: By configuration, the first being the default: path of a split's files, such as ``data/{}-*.parquet``.
+    `place`: Where and how it is published, if it is.
+    `viewer`: Whether a hub can show the files as a table.
     """
     name, licence = strictest(store)
     n = sum(len(store.windows(split, fields=store.required_fields)) for split in splits) or len(store.clips)

@@ -60,21 +60,12 @@ def scaling_of(
 ) -> Scaling:
     """Return the scaling of a field that a caller states.
 
-    Parameters
-    ----------
-    like
-        A dataset, whose stored scaler it is; or a reader, which states its scaler and whether it normalises.
-    field, columns
-        Name of the field, and names of its columns.
-    scaler
-        Another scaler, or its file: the columns are then normalised.
-
-    Raises
-    ------
-    UsageError
-        For statements that contradict each other, no scaler, or one that is not of these columns or this dataset.
-    StoreError
-        If the dataset has no scaler, and columns are stated to be normalised.
+    `like`: A dataset, whose stored scaler it is; or a reader, which states its scaler and whether it normalises.
+    `field`, `columns`: Name of the field, and names of its columns.
+    `scaler`: Another scaler, or its file: the columns are then normalised.
+    Raises UsageError: for statements that contradict each other, no scaler, or one that is not of these columns or
+        this dataset.
+    Raises StoreError: if the dataset has no scaler, and columns are stated to be normalised.
     """
     store = None if like is None else store_of(like)
     if scaler is not None:

@@ -90,18 +90,11 @@ def stored_contacts(recipe: object, field: str) -> ContactRule | None:
 class Pose:
     """One clip in canonical axes: metres, +Y up.
 
-    Attributes
-    ----------
-    joints
-        (T, J, 3) float64.
-    names
-        Names of the J joints.
-    grid
-        Rate of the frames.
-    true_pelvis
-        Whether the pelvis is where the body has it.
-    motion
-        Root and rotations, where they are known.
+    `joints`: (T, J, 3) float64.
+    `names`: Names of the J joints.
+    `grid`: Rate of the frames.
+    `true_pelvis`: Whether the pelvis is where the body has it.
+    `motion`: Root and rotations, where they are known.
     """
 
     joints: Float64Array
@@ -142,14 +135,9 @@ class Pose:
 class ColumnsReader:
     """Turns (T, D) columns into a pose.
 
-    Attributes
-    ----------
-    representation
-        Plug-in of the columns.
-    grid
-        Rate of the rows.
-    scaling
-        Whether columns are normalised, and by which scaler.
+    `representation`: Plug-in of the columns.
+    `grid`: Rate of the rows.
+    `scaling`: Whether columns are normalised, and by which scaler.
     """
 
     representation: Representation
@@ -216,10 +204,7 @@ def clip_stretches(store: RowQueries, clip_id: str, field: str = "") -> Iterator
     In track scope that is the whole clip. In window scope windows are joined where they hold the same motion in the
     frames that they share; windows that share none, or whose rows are relative to the window, are yielded one by one.
 
-    Raises
-    ------
-    UsageError
-        As `clip_motion`.
+    Raises UsageError: As `clip_motion`.
     """
     if store.scope == "track":
         yield 0, clip_motion(store, clip_id, field)

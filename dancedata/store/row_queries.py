@@ -43,32 +43,17 @@ class RowQueries(StoreTables):
     ) -> WindowList:
         """List the windows of a split, in the store's order: shard by shard.
 
-        Parameters
-        ----------
-        split
-            One of `splits`.
-        length_s, length_frames, stride_s, stride_frames
-            Length and stride of the windows, at most one of each pair; default: as stored. Other values need a
-            store of track scope.
-        fields
-            Fields in which these windows have to begin and end at whole rows, and that their clips have. Default:
-            all.
-        trim
-            Begin at each clip's trim_start: skip the frames that the source would cut (track scope only).
-        whole
-            One window per clip instead, as long as all of `fields` have whole rows (track scope only).
-
-        Returns
-        -------
-        WindowList
-            A Sequence[Window].
-
-        Raises
-        ------
-        UsageError
-            For an unknown split, two lengths or strides, or ones that are not a whole number of frames and rows.
-        StoreError
-            For another length or stride in window scope.
+        `split`: One of `splits`.
+        `length_s`, `length_frames`, `stride_s`, `stride_frames`: Length and stride of the windows, at most one of
+            each pair; default: as stored. Other values need a store of track scope.
+        `fields`: Fields in which these windows have to begin and end at whole rows, and that their clips have.
+            Default: all.
+        `trim`: Begin at each clip's trim_start: skip the frames that the source would cut (track scope only).
+        `whole`: One window per clip instead, as long as all of `fields` have whole rows (track scope only).
+        Returns: A Sequence[Window].
+        Raises UsageError: for an unknown split, two lengths or strides, or ones that are not a whole number of frames
+            and rows.
+        Raises StoreError: for another length or stride in window scope.
         """
         tables = self.tables(split)
         requested = self.window_grid(
@@ -127,12 +112,8 @@ class RowQueries(StoreTables):
 
         `fields` and `trim` are those of `windows`.
 
-        Raises
-        ------
-        UsageError
-            For an unknown clip.
-        StoreError
-            In window scope, which holds only the stored windows.
+        Raises UsageError: for an unknown clip.
+        Raises StoreError: In window scope, which holds only the stored windows.
         """
         if self.scope == "window":
             raise self._only_built_windows()
@@ -161,15 +142,8 @@ class RowQueries(StoreTables):
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
 
-        Parameters
-        ----------
-        window
-            One of `windows`; in track scope any window within its clip.
-
-        Returns
-        -------
-        ndarray
-            (length * rate / fps, D) in the field's dtype: a new, writable array.
+        `window`: One of `windows`; in track scope any window within its clip.
+        Returns: (length * rate / fps, D) in the field's dtype: a new, writable array.
         """
         span = self.locate(window, field)
         f = self._fields[field]
@@ -188,13 +162,9 @@ class RowQueries(StoreTables):
     def locate(self, window: Window, field: str) -> RowSpan:
         """Find the shard and the rows of a window, for readers that map files themselves.
 
-        Raises
-        ------
-        UsageError
-            For an unknown clip or field, a window that is not a whole number of rows or extends beyond its clip, and
-            anything except a Window.
-        StoreError
-            In window scope, for a window that is not stored.
+        Raises UsageError: for an unknown clip or field, a window that is not a whole number of rows or extends beyond
+            its clip, and anything except a Window.
+        Raises StoreError: In window scope, for a window that is not stored.
         """
         if not isinstance(window, Window):
             raise UsageError(
@@ -212,10 +182,8 @@ class RowQueries(StoreTables):
     def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
 
-        Raises
-        ------
-        UsageError, StoreError
-            As `locate`, for the first window that the store does not have; if there are no windows.
+        Raises UsageError, StoreError: As `locate`, for the first window that the store does not have; if there are no
+            windows.
         """
         f = self.field(field)
         if not len(windows):

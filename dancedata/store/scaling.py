@@ -52,14 +52,9 @@ def stated_in(arrays: ArrayFile) -> bool | None:
 class Scaling:
     """Scaling of the columns of a field.
 
-    Attributes
-    ----------
-    scaler
-        The scaler that normalised columns have; None if nothing names one.
-    normalized
-        Whether columns are normalised; None if only their file can state that.
-    clip
-        Whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do.
+    `scaler`: The scaler that normalised columns have; None if nothing names one.
+    `normalized`: Whether columns are normalised; None if only their file can state that.
+    `clip`: Whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do.
     """
 
     scaler: Scaler | None = None
@@ -85,15 +80,9 @@ class Scaling:
     ) -> npt.NDArray[Any]:
         """Return columns (..., D) as they are stored: float64 if they were normalised.
 
-        Parameters
-        ----------
-        file
-            What the file of the columns states.
-
-        Raises
-        ------
-        UsageError
-            If nothing states whether they are normalised, call and file differ, or the columns are not as stated.
+        `file`: What the file of the columns states.
+        Raises UsageError: if nothing states whether they are normalised, call and file differ, or the columns are not
+            as stated.
         """
         normalized = self.normalized if file is None else file
         if file is not None and self.normalized not in (None, file) and self.scaler is not None:

@@ -21,18 +21,11 @@ IntArray = npt.NDArray[np.int64]
 class LayerNumbers:
     """Numbers of a layer, over clips that are not copies.
 
-    Attributes
-    ----------
-    segments, clips, texts, words
-        Numbers of segments, of clips with one, of texts, and of words in them.
-    median_s
-        Length of a segment in seconds, median; None without segments.
-    coverage
-        Share of all frames that at least one of its segments covers.
-    labels
-        The most frequent labels.
-    still
-        Segments within one span of the facts in which the dancer keeps still; None without facts.
+    `segments`, `clips`, `texts`, `words`: Numbers of segments, of clips with one, of texts, and of words in them.
+    `median_s`: Length of a segment in seconds, median; None without segments.
+    `coverage`: Share of all frames that at least one of its segments covers.
+    `labels`: The most frequent labels.
+    `still`: Segments within one span of the facts in which the dancer keeps still; None without facts.
     """
 
     name: str

@@ -29,10 +29,7 @@ class SegmentOverlay:
     ) -> "SegmentOverlay":
         """Read files of segments for a dataset; `length_of` returns the seconds of a clip, None without one.
 
-        Raises
-        ------
-        SourceError
-            For a mistake in a file, and clips or partners that the dataset does not have.
+        Raises SourceError: for a mistake in a file, and clips or partners that the dataset does not have.
         """
         by_clip: dict[str, list[Segment]] = defaultdict(list)
         notes = []

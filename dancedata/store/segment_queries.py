@@ -40,10 +40,7 @@ class SegmentQueries(RowQueries):
     def segments(self, clip_id: str, layer: str | None = None) -> list[Segment]:
         """Return the segments of a clip by their first frames; with `layer` those of the layers of this name.
 
-        Raises
-        ------
-        UsageError
-            For an unknown clip or layer.
+        Raises UsageError: for an unknown clip or layer.
         """
         self.require_layer(layer)
         tables, row = self._place(clip_id)
@@ -57,10 +54,7 @@ class SegmentQueries(RowQueries):
 
         Segments of the whole group are among those of each of its dancers.
 
-        Raises
-        ------
-        UsageError
-            For an unknown clip or layer.
+        Raises UsageError: for an unknown clip or layer.
         """
         self.require_layer(layer)
         return [placed.loaded() for placed in self.segment_rows_in(window, layer)]
@@ -77,10 +71,7 @@ class SegmentQueries(RowQueries):
     def mask(self, window: Window, layer: str) -> npt.NDArray[np.bool_]:
         """Return which frames of a window segments of a layer cover, (length,).
 
-        Raises
-        ------
-        UsageError
-            For an unknown clip or layer.
+        Raises UsageError: for an unknown clip or layer.
         """
         mask = np.zeros(window.length, dtype=np.bool_)
         self.require_layer(layer)

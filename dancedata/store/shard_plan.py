@@ -28,18 +28,11 @@ class Span:
 class ShardPlan:
     """One shard to be written: its clips in order, and their rows. Clips are added one by one.
 
-    Attributes
-    ----------
-    rows
-        Rows so far, per field.
-    motion
-        Per motion field: the span of every clip.
-    audio
-        Per field that clips share: the span of every clip (track scope; empty in window scope).
-    blocks
-        Per field that clips share: block key -> (first row, array), each stored once.
-    first_bytes
-        Per field: where its rows begin in the file; known when the shard is written.
+    `rows`: Rows so far, per field.
+    `motion`: Per motion field: the span of every clip.
+    `audio`: Per field that clips share: the span of every clip (track scope; empty in window scope).
+    `blocks`: Per field that clips share: block key -> (first row, array), each stored once.
+    `first_bytes`: Per field: where its rows begin in the file; known when the shard is written.
     """
 
     header: StoreHeader

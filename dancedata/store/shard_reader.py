@@ -32,12 +32,8 @@ _CHECK = "run dancedata check on the dataset"
 class WindowRows:
     """Rows of a field for the windows of a list; any number of threads may read. Made by `Store.window_rows`.
 
-    Attributes
-    ----------
-    shape, dtype
-        (rows, D) of each window, and its type.
-    unmapped
-        Why shards are read by position instead of from mapped files; "" if all are mapped.
+    `shape`, `dtype`: (rows, D) of each window, and its type.
+    `unmapped`: Why shards are read by position instead of from mapped files; "" if all are mapped.
     """
 
     def __init__(

@@ -78,16 +78,10 @@ def joined_sets(groups: Iterable[Iterable[T]]) -> list[set[T]]:
 class AlikeSongs(NamedTuple):
     """Two songs of different splits, or of different datasets, that sound as one recording.
 
-    Attributes
-    ----------
-    songs, splits
-        Their names, and the splits that each is in.
-    likeness
-        1 for equal features, about 0 for music that has nothing in common.
-    shift_s
-        Seconds from an instant of the first to the same one of the second.
-    between
-        Whether they are of different datasets, and the splits those of each.
+    `songs`, `splits`: Their names, and the splits that each is in.
+    `likeness`: 1 for equal features, about 0 for music that has nothing in common.
+    `shift_s`: Seconds from an instant of the first to the same one of the second.
+    `between`: Whether they are of different datasets, and the splits those of each.
     """
 
     songs: tuple[str, str]
@@ -115,14 +109,9 @@ class AlikeSongs(NamedTuple):
 class _Recording:
     """Rows of a song that are compared.
 
-    Attributes
-    ----------
-    rows
-        (T, D), each column of mean 0 and deviation 1; 0 where the dataset lacks them.
-    stored
-        (T,) bool: where it has them.
-    dataset
-        Number of the dataset, where songs of several are compared.
+    `rows`: (T, D), each column of mean 0 and deviation 1; 0 where the dataset lacks them.
+    `stored`: (T,) bool: where it has them.
+    `dataset`: Number of the dataset, where songs of several are compared.
     """
 
     song: str
@@ -161,20 +150,9 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     silence or cuts at the ends do not matter; at least 5 s have to be in both. Another speed or key is another song.
     In window scope the clip of a song with the most windows is taken, and frames between windows do not count.
 
-    Parameters
-    ----------
-    songs
-        See `songs_of`; songs that are known to be one are not compared.
-
-    Returns
-    -------
-    list of AlikeSongs or None
-        By falling likeness; none where no field shows the sound. None: there are more than MAX_PAIRS pairs.
-
-    Raises
-    ------
-    StoreError
-        If rows cannot be read.
+    `songs`: See `songs_of`; songs that are known to be one are not compared.
+    Returns: By falling likeness; none where no field shows the sound. None: there are more than MAX_PAIRS pairs.
+    Raises StoreError: if rows cannot be read.
     """
     field = sound_field(store)
     if field is None or len(store.splits) < 2:
@@ -193,20 +171,9 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
 def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = ()) -> list[AlikeSongs] | str:
     """Find songs of one dataset that sound as a song of another, as `alike_songs` does within one.
 
-    Parameters
-    ----------
-    equal
-        Pairs of names of songs that are known to be one, and are not compared.
-
-    Returns
-    -------
-    list of AlikeSongs or str
-        By falling likeness. Text: why they cannot be compared.
-
-    Raises
-    ------
-    StoreError
-        If rows cannot be read.
+    `equal`: Pairs of names of songs that are known to be one, and are not compared.
+    Returns: By falling likeness. Text: why they cannot be compared.
+    Raises StoreError: if rows cannot be read.
     """
     fields = next(
         (
@@ -349,11 +316,8 @@ def _pairs(
 def _likeness(a: _Recording, b: _Recording, sums: npt.NDArray[Any], rate: float) -> tuple[float, int]:
     """Return the likeness of two songs, and the shift in rows from `a` to `b` at which they are most alike.
 
-    Parameters
-    ----------
-    sums
-        (4, n) over the rows t that both have, with ``t + shift`` of `b`, at index `shift`; negative shifts count from
-        the end: of the products, the energy of `a`, the energy of `b`, and their number.
+    `sums`: (4, n) over the rows t that both have, with ``t + shift`` of `b`, at index `shift`; negative shifts count
+        from the end: of the products, the energy of `a`, the energy of `b`, and their number.
     """
     least = round(_OVERLAP_S * rate)
     shifts = np.arange(least - len(a.rows), len(b.rows) - least + 1)

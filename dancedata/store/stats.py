@@ -35,20 +35,11 @@ KeyedRows = tuple[Hashable, int, int]
 def covered(shards: Iterable[tuple[IntArray, int, Iterable[KeyedRows]]], length: int, *, once: bool) -> list[Block]:
     """Count how many windows cover each row of a field.
 
-    Parameters
-    ----------
-    shards
-        First rows of the windows of a shard, (W,), its number of rows, and its clips or timelines. Those of one key
-        have equal rows in all shards, and are counted in the first.
-    length
-        Rows of a window.
-    once
-        Whether a row counts once, however many windows cover it.
-
-    Returns
-    -------
-    list of Block
-        One for each key, in order of appearance: the same for any sizes of shards.
+    `shards`: First rows of the windows of a shard, (W,), its number of rows, and its clips or timelines. Those of one
+        key have equal rows in all shards, and are counted in the first.
+    `length`: Rows of a window.
+    `once`: Whether a row counts once, however many windows cover it.
+    Returns: One for each key, in order of appearance: the same for any sizes of shards.
     """
     found: dict[Hashable, Block] = {}
     for number, (starts, n_rows, keyed) in enumerate(shards):
@@ -66,12 +57,9 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
     In track scope each row counts once, even if several windows cover it or several shards hold its timeline.
     In window scope every window has its own rows, so n is windows x rows, as in EDGE.
 
-    Returns
-    -------
-    dict
-        stats.json: per field n and, per column, mean, std (ddof 0), min, max and EDGE's min-max scaler; of codes n,
-        min, max and counts alone. Without train windows: no fields, and a note; an optional field that no train clip
-        has is left out.
+    Returns: stats.json: per field n and, per column, mean, std (ddof 0), min, max and EDGE's min-max scaler; of codes
+        n, min, max and counts alone. Without train windows: no fields, and a note; an optional field that no train
+        clip has is left out.
     """
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     n_windows = sum(len(c.starts) for p in train for c in p.clips)

@@ -80,12 +80,8 @@ class StoreTables:
     def tables(self, split: str) -> Tables:
         """Return the tables of a split: columns of its clips and windows, read on first use.
 
-        Raises
-        ------
-        UsageError
-            For an unknown split.
-        StoreError
-            If the tables do not fit the dataset.
+        Raises UsageError: for an unknown split.
+        Raises StoreError: if the tables do not fit the dataset.
         """
         if split not in self._shards:
             raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))

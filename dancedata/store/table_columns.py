@@ -113,14 +113,9 @@ class ListColumn(Sequence[tuple[Any, ...]]):
 class ColumnType:
     """A type of columns.
 
-    Attributes
-    ----------
-    problem
-        Returns why a value cannot be stored; "" if it can.
-    write
-        Writes values under a name into an HDF5 group.
-    read
-        Reads a column; its items are the values of the rows.
+    `problem`: Returns why a value cannot be stored; "" if it can.
+    `write`: Writes values under a name into an HDF5 group.
+    `read`: Reads a column; its items are the values of the rows.
     """
 
     problem: Callable[[Any], str]
@@ -266,10 +261,7 @@ def type_of(name: str) -> ColumnType:
 def free_type(values: Sequence[Any]) -> str:
     """Return the type of a free column by its values that are there.
 
-    Raises
-    ------
-    StoreError
-        For values of several types, or of none that tables hold.
+    Raises StoreError: for values of several types, or of none that tables hold.
     """
     kinds = dict.fromkeys(_kind(value) for value in values)
     kinds.pop("empty", None)

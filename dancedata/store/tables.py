@@ -25,14 +25,9 @@ _REMEMBERED = 1 << 17
 class FieldSpans:
     """Rows of a field by clip, (N,) each.
 
-    Attributes
-    ----------
-    first
-        Row in the shard that belongs to frame 0; of audio that begins later, no row of the clip lies there.
-    available
-        Rows from there to the end of the clip or its timeline.
-    offset
-        Row of the timeline that belongs to frame 0, negative where it begins later; None for rows of one clip.
+    `first`: Row in the shard that belongs to frame 0; of audio that begins later, no row of the clip lies there.
+    `available`: Rows from there to the end of the clip or its timeline.
+    `offset`: Row of the timeline that belongs to frame 0, negative where it begins later; None for rows of one clip.
     """
 
     first: IntArray
@@ -60,24 +55,15 @@ class FieldSpans:
 class Tables:
     """The tables of one split. Rows of clips count over the split; rows of fields count in the clip's shard.
 
-    Attributes
-    ----------
-    columns
-        Columns of the table of clips that the dataset has, by name; "x/<name>" are free ones.
-    types
-        Types of the free columns.
-    spans
-        Per field; not of audio in window scope.
-    shard_begin
-        (S + 1,) first clip of every shard, and the number of clips.
-    window_clip, window_start
-        (W,) clip and first frame of every stored window, in stored order.
-    window_length
-        Frames of a stored window.
-    window_rows
-        In window scope, per field: (W,) first row of every window. In track scope they follow from the spans.
-    groups, songs
-        Columns of these tables.
+    `columns`: Columns of the table of clips that the dataset has, by name; "x/<name>" are free ones.
+    `types`: Types of the free columns.
+    `spans`: Per field; not of audio in window scope.
+    `shard_begin`: (S + 1,) first clip of every shard, and the number of clips.
+    `window_clip`, `window_start`: (W,) clip and first frame of every stored window, in stored order.
+    `window_length`: Frames of a stored window.
+    `window_rows`: In window scope, per field: (W,) first row of every window. In track scope they follow from the
+        spans.
+    `groups`, `songs`: Columns of these tables.
     """
 
     split: str

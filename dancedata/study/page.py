@@ -48,18 +48,11 @@ COLUMNS = (
 class StudyRequest:
     """Options of `dancedata study`.
 
-    Attributes
-    ----------
-    systems
-        What each system shows, by name: datasets, or motion files. The music is that of the first.
-    songs, checks
-        Number of clips; number of pairs in which one dancer stands still.
-    seconds
-        Longest trial.
-    seed
-        Decides on clips, sides, and every rater's order.
-    question, reasons
-        Texts of the page.
+    `systems`: What each system shows, by name: datasets, or motion files. The music is that of the first.
+    `songs`, `checks`: Number of clips; number of pairs in which one dancer stands still.
+    `seconds`: Longest trial.
+    `seed`: Decides on clips, sides, and every rater's order.
+    `question`, `reasons`: Texts of the page.
     """
 
     systems: Mapping[str, ViewRequest]
@@ -99,23 +92,11 @@ def write_study(
 ) -> tuple[Trial, ...]:
     """Write the page of a study.
 
-    Parameters
-    ----------
-    shared
-        The caller states to have the right to pass the music on.
-
-    Returns
-    -------
-    tuple of Trial
-
-    Raises
-    ------
-    UsageError
-        If the systems have too few clips in common, there is no music or it may not be passed on, or the file exists.
-    DataError
-        If a dancer cannot be drawn.
-    StoreError
-        If the file cannot be written.
+    `shared`: The caller states to have the right to pass the music on.
+    Raises UsageError: if the systems have too few clips in common, there is no music or it may not be passed on, or
+        the file exists.
+    Raises DataError: if a dancer cannot be drawn.
+    Raises StoreError: if the file cannot be written.
     """
     to = require_free(to, [view.path for view in request.systems.values()], "page", overwrite=overwrite)
     if not 2 <= request.seconds <= 120:

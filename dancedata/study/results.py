@@ -53,16 +53,11 @@ class Answer:
 class Preference:
     """How often the first of two systems was preferred.
 
-    Attributes
-    ----------
-    first, second
-        The systems.
-    wins, answers
-        Answers for the first, and all.
-    interval
-        By the jackknife over songs, see `metrics.jackknife`; None for fewer than three songs, and without variation.
-    reasons
-        How often each reason was given, by the system that was chosen.
+    `first`, `second`: The systems.
+    `wins`, `answers`: Answers for the first, and all.
+    `interval`: By the jackknife over songs, see `metrics.jackknife`; None for fewer than three songs, and without
+        variation.
+    `reasons`: How often each reason was given, by the system that was chosen.
     """
 
     first: str
@@ -82,18 +77,12 @@ class Preference:
 class Results:
     """The results of one study.
 
-    Attributes
-    ----------
-    study
-        Its id.
-    participants
-        Raters who count, and those whose answers do not, as they failed a check.
-    preferences
-        Of each two systems.
-    strengths
-        Bradley-Terry's log strengths by system, of mean 0; empty for two systems, and where they are not finite.
-    notes
-        Sentences on what does not count or cannot be computed.
+    `study`: Its id.
+    `participants`: Raters who count, and those whose answers do not, as they failed a check.
+    `preferences`: Of each two systems.
+    `strengths`: Bradley-Terry's log strengths by system, of mean 0; empty for two systems, and where they are not
+        finite.
+    `notes`: Sentences on what does not count or cannot be computed.
     """
 
     study: str
@@ -122,10 +111,8 @@ class Results:
 def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
     """Read files of results, as the page saves them; returns the study's id and the answers.
 
-    Raises
-    ------
-    DataError
-        For other columns or choices, files of different studies, and two answers of a participant to one trial.
+    Raises DataError: for other columns or choices, files of different studies, and two answers of a participant to
+        one trial.
     """
     answers: dict[tuple[str, str], Answer] = {}
     studies: dict[str, Path] = {}
@@ -177,17 +164,9 @@ def _rows(path: Path) -> list[dict[str, str]]:
 def results_of(study: str, answers: Sequence[Answer], *, keep_failed: bool = False) -> Results:
     """Count the answers of a study.
 
-    Parameters
-    ----------
-    answers
-        Of all participants. One who failed a check, that is chose the dancer who stands still, does not count.
-    keep_failed
-        Count everyone.
-
-    Raises
-    ------
-    UsageError
-        If nobody is left.
+    `answers`: Of all participants. One who failed a check, that is chose the dancer who stands still, does not count.
+    `keep_failed`: Count everyone.
+    Raises UsageError: if nobody is left.
     """
     raters = list(dict.fromkeys(answer.participant for answer in answers))
     wrong = {a.participant for a in answers if a.expected and a.choice != a.expected}

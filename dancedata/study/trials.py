@@ -26,16 +26,10 @@ LEAST_S = 2.0
 class Trial:
     """One question.
 
-    Attributes
-    ----------
-    number
-        Place in the study; raters see an order of their own.
-    song
-        Song of the clip; its id where no song is known.
-    clip
-        Id of the clip, or the song where the systems name their clips differently.
-    left, right
-        Names of the systems; in a check one of them is `STILL`.
+    `number`: Place in the study; raters see an order of their own.
+    `song`: Song of the clip; its id where no song is known.
+    `clip`: Id of the clip, or the song where the systems name their clips differently.
+    `left`, `right`: Names of the systems; in a check one of them is `STILL`.
     """
 
     number: int
@@ -60,10 +54,7 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
 
     Of a song those that begin at the same second of it are preferred.
 
-    Raises
-    ------
-    UsageError
-        If there is none.
+    Raises UsageError: if there is none.
     """
     for by_song in (False, True):
         named: list[dict[str, list[Item]]] = []
@@ -104,21 +95,12 @@ def make_trials(
 ) -> tuple[Trial, ...]:
     """Return the trials of a study: each pair of systems on each of the songs, and checks.
 
-    Parameters
-    ----------
-    clips
-        Song by the name of each clip that all systems have.
-    songs
-        Number of clips; different songs come first.
-    checks
-        Number of checks; in each the first system dances beside the same dancer who stands still.
-    seed
-        Decides on clips and sides. Over a study every system is on the left as often as on the right, or once more.
-
-    Raises
-    ------
-    UsageError
-        For fewer than two systems, or more clips than there are.
+    `clips`: Song by the name of each clip that all systems have.
+    `songs`: Number of clips; different songs come first.
+    `checks`: Number of checks; in each the first system dances beside the same dancer who stands still.
+    `seed`: Decides on clips and sides. Over a study every system is on the left as often as on the right, or once
+        more.
+    Raises UsageError: for fewer than two systems, or more clips than there are.
     """
     if len(systems) < 2:
         raise UsageError("a study compares systems", found=listed(systems), allowed="two or more")
@@ -153,10 +135,7 @@ def shown_figures(
 
     Both begin at the second of the song at which the last of all systems does, see `begin_of`.
 
-    Raises
-    ------
-    DataError
-        If one of them cannot be drawn, or has too little of the song in common with the others.
+    Raises DataError: if one of them cannot be drawn, or has too little of the song in common with the others.
     """
     first = next(iter(systems))
     figures: dict[str, Figure] = {}

@@ -34,23 +34,14 @@ _ARMS = np.array([
 class MotionTruth:
     """Ground truth of one synthetic clip; foot joints are left ankle, right ankle, left toe, right toe.
 
-    Attributes
-    ----------
-    beat_times_s
-        (B,) seconds of the beats within the clip.
-    beat_frames
-        (B,) the nearest frames at 60 per second.
-    key_frames
-        (K,) frames of the key poses, where everything is at rest; a subset of the beat frames.
-    planted
-        (N, 4) bool, the joint stands still on the floor in this frame.
-    moving
-        (N, 4) bool, the joint moves more than 0.02 m in the 1/30 s from this frame. A joint that is
-        neither planted nor moving is just leaving the floor, just landing, or turning in the air.
-    foot_positions
-        (N, 4, 3) float32 metres, true pelvis, the intended positions of the joints.
-    floor_height_m
-        Height of the toe joints on the floor.
+    `beat_times_s`: (B,) seconds of the beats within the clip.
+    `beat_frames`: (B,) the nearest frames at 60 per second.
+    `key_frames`: (K,) frames of the key poses, where everything is at rest; a subset of the beat frames.
+    `planted`: (N, 4) bool, the joint stands still on the floor in this frame.
+    `moving`: (N, 4) bool, the joint moves more than 0.02 m in the 1/30 s from this frame. A joint that is neither
+        planted nor moving is just leaving the floor, just landing, or turning in the air.
+    `foot_positions`: (N, 4, 3) float32 metres, true pelvis, the intended positions of the joints.
+    `floor_height_m`: Height of the toe joints on the floor.
     """
 
     beat_times_s: Floats

@@ -23,20 +23,12 @@ _PROGRESSIONS = (
 class SyntheticSong:
     """A song and its ground truth.
 
-    Attributes
-    ----------
-    signal
-        Mono AudioSignal: the mean of the channels of `pcm`.
-    pcm
-        (n, channels) int16, the samples of the wav file.
-    beat_times_s
-        (B,) seconds of the beats, kick or snare on each.
-    downbeat_times_s
-        (M,) the first beats of the bars, where the chord changes.
-    chord_roots
-        (M,) pitch class 0..11 of each bar's chord (0 = C).
-    tempo_bpm
-        Beats per minute, exact.
+    `signal`: Mono AudioSignal: the mean of the channels of `pcm`.
+    `pcm`: (n, channels) int16, the samples of the wav file.
+    `beat_times_s`: (B,) seconds of the beats, kick or snare on each.
+    `downbeat_times_s`: (M,) the first beats of the bars, where the chord changes.
+    `chord_roots`: (M,) pitch class 0..11 of each bar's chord (0 = C).
+    `tempo_bpm`: Beats per minute, exact.
     """
 
     signal: AudioSignal

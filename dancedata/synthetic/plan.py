@@ -119,10 +119,7 @@ def beat_times(music: str, seed: int, length_s: float) -> NDArray[np.float64]:
 def make_plan(songs: int, clips_per_song: int, clip_s: float) -> Plan:
     """Plan a corpus.
 
-    Raises
-    ------
-    UsageError
-        If a number is outside the range of the names.
+    Raises UsageError: if a number is outside the range of the names.
     """
     _check("songs", songs, 2, len(CATALOGUE))
     _check("clips_per_song", clips_per_song, 2, 40)

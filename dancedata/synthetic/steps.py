@@ -32,20 +32,12 @@ LONGEST_SWING = 24
 class Timeline:
     """Key frames of a clip and the position of each frame between them.
 
-    Attributes
-    ----------
-    n_frames
-        Number of frames N.
-    beats
-        Frames (B,) of all beats, from before frame 0 to after frame N.
-    keys
-        Frames (K,) of the key poses, a subset of the beats; the first is <= 0 and the last >= N.
-    interval
-        (N,) index of the last key at or before each frame.
-    phase
-        (N,) position in that interval, 0 <= phase < 1.
-    beat_phase
-        (N,) position between two beats, 0 <= phase < 1.
+    `n_frames`: Number of frames N.
+    `beats`: Frames (B,) of all beats, from before frame 0 to after frame N.
+    `keys`: Frames (K,) of the key poses, a subset of the beats; the first is <= 0 and the last >= N.
+    `interval`: (N,) index of the last key at or before each frame.
+    `phase`: (N,) position in that interval, 0 <= phase < 1.
+    `beat_phase`: (N,) position between two beats, 0 <= phase < 1.
     """
 
     n_frames: int
@@ -67,23 +59,14 @@ class Timeline:
 class Footwork:
     """Movement of the feet, with values per key (K,) and per frame (N,).
 
-    Attributes
-    ----------
-    place, yaw
-        (K, 2, 2) x and z of the ankles and (K, 2) heading of the feet; left, right.
-    heading
-        (K,) heading of the body, continuous beyond pi.
-    actions
-        (K,) action of the interval that begins on the key.
-    ankle_xz, yaw_frames, pitch, rise
-        (N, 2, 2), (N, 2), (N, 2), (N, 2) for every frame; pitch > 0
-        is toe down, rise is the height above standing.
-    on_toe
-        (N, 2) True while the foot pivots on its toe joint instead of its ankle.
-    stepping
-        (N, 2) True while the foot is in the air.
-    jump
-        (N,) height of both feet and the pelvis in a jump.
+    `place`, `yaw`: (K, 2, 2) x and z of the ankles and (K, 2) heading of the feet; left, right.
+    `heading`: (K,) heading of the body, continuous beyond pi.
+    `actions`: (K,) action of the interval that begins on the key.
+    `ankle_xz`, `yaw_frames`, `pitch`, `rise`: (N, 2, 2), (N, 2), (N, 2), (N, 2) for every frame; pitch > 0 is toe
+        down, rise is the height above standing.
+    `on_toe`: (N, 2) True while the foot pivots on its toe joint instead of its ankle.
+    `stepping`: (N, 2) True while the foot is in the air.
+    `jump`: (N,) height of both feet and the pelvis in a jump.
     """
 
     place: Floats

@@ -33,12 +33,8 @@ class WindowSample:
 def sample_page(store: Store, field: str, reader: ColumnsReader, samples: Sequence[WindowSample], title: str) -> str:
     """Return a page with a wall for each sample: the dataset's dancer, and that of the model.
 
-    Parameters
-    ----------
-    field
-        Motion field of the truth.
-    reader
-        Reader of the columns of samples, as they are normalised.
+    `field`: Motion field of the truth.
+    `reader`: Reader of the columns of samples, as they are normalised.
     """
     truth = _Windows(store, field, [sample.window for sample in samples], title)
     wall = Wall(truth, [_Generated(name="sample", samples=tuple(samples), reader=reader)], "truth")

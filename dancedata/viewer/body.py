@@ -26,10 +26,7 @@ _STANDS_M = 0.2
 def standing_height(pose: Float64Array, skeleton: Skeleton) -> float:
     """Return the height of a body that stands, metres: its bones from a toe to the root and on to the head.
 
-    Parameters
-    ----------
-    pose
-        (J, 3) joints of one frame, metres.
+    `pose`: (J, 3) joints of one frame, metres.
     """
     length = np.zeros(skeleton.n_joints)
     for joint, parent in enumerate(skeleton.parents):
@@ -53,12 +50,8 @@ def floor_height(
     The median height of the joints of toes in contact, less their height above the sole. Where toes are in contact in
     fewer than 5 % of the frames, the 2 % quantile of the heights of the feet, less the same.
 
-    Parameters
-    ----------
-    joints
-        (T, J, 3), metres, +Y up.
-    contacts, contact_joints
-        (T, C) labels, and the joints that they are for.
+    `joints`: (T, J, 3), metres, +Y up.
+    `contacts`, `contact_joints`: (T, C) labels, and the joints that they are for.
     """
     scale = standing_height(joints[0], skeleton) / TALL
     low = lowest_feet(joints, skeleton.feet)

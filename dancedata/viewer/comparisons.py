@@ -145,28 +145,15 @@ def file_format(
 ) -> FileFormat:
     """Return the format in which files of motion are read.
 
-    Parameters
-    ----------
-    store
-        The dataset whose fields and scalers their columns have; None for none.
-    grid
-        Rate of files that do not state it, without `fps`. Default: the dataset's; without one they must.
-    representation
-        What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
-    normalized
-        Whether they are normalised by the scaler of the store's field of that name; has to be stated where the store
-        has it, here or by the entry ``normalized`` of the files.
-    scaler
-        Another scaler, or its file: they are normalised by it.
-    clip
-        Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
-    fps
-        Frames per second of files that do not state them. Default: the representation's rate, else `grid`.
-
-    Raises
-    ------
-    UsageError
-        For an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
+    `store`: The dataset whose fields and scalers their columns have; None for none.
+    `grid`: Rate of files that do not state it, without `fps`. Default: the dataset's; without one they must.
+    `representation`: What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
+    `normalized`: Whether they are normalised by the scaler of the store's field of that name; has to be stated where
+        the store has it, here or by the entry ``normalized`` of the files.
+    `scaler`: Another scaler, or its file: they are normalised by it.
+    `clip`: Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
+    `fps`: Frames per second of files that do not state them. Default: the representation's rate, else `grid`.
+    Raises UsageError: for an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
     """
     grid = grid or (None if store is None else store.grid)
     rate = grid if fps is None else FrameGrid.of(fps)
@@ -189,12 +176,8 @@ def file_format(
 def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison:
     """Return the comparison of scenes with a path: another dataset, a folder of motion files, or one file.
 
-    Raises
-    ------
-    UsageError
-        If nothing can be compared, or it is unknown whether columns are normalised.
-    StoreError
-        If the dataset cannot be opened.
+    Raises UsageError: if nothing can be compared, or it is unknown whether columns are normalised.
+    Raises StoreError: if the dataset cannot be opened.
     """
     if (path / "dataset.json").is_file():
         return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)

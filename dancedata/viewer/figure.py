@@ -34,18 +34,12 @@ _FARTHEST_M = 1e7
 class Movement:
     """Speed and key motions of a dancer.
 
-    Attributes
-    ----------
-    speed
-        (n,) mean speed of the joints, smoothed, metres per second; value k belongs to the instant (k + 1/2) / rate.
-    grid
-        Rate of `speed`.
-    key_times
-        (M,) instants of the key motions, seconds.
-    prominence
-        (M,) their depth, metres per second.
-    stored
-        Name of the stored field; "" if they were computed from the figure.
+    `speed`: (n,) mean speed of the joints, smoothed, metres per second; value k belongs to the instant (k + 1/2) /
+        rate.
+    `grid`: Rate of `speed`.
+    `key_times`: (M,) instants of the key motions, seconds.
+    `prominence`: (M,) their depth, metres per second.
+    `stored`: Name of the stored field; "" if they were computed from the figure.
     """
 
     speed: Float64Array

@@ -55,14 +55,9 @@ class Tip(NamedTuple):
 class Cones:
     """Round cones in the world, K of them.
 
-    Attributes
-    ----------
-    begin, end
-        (K, 3) metres.
-    radii
-        (K, 2) metres.
-    tones
-        (K,) 0 trunk and head, 1 left limbs, 2 right limbs, 3 face.
+    `begin`, `end`: (K, 3) metres.
+    `radii`: (K, 2) metres.
+    `tones`: (K,) 0 trunk and head, 1 left limbs, 2 right limbs, 3 face.
     """
 
     begin: Float64Array
@@ -75,20 +70,13 @@ class Cones:
 class Limbs:
     """Girth of the bones of a body.
 
-    Attributes
-    ----------
-    parents
-        Parent of each joint.
-    girths
-        Radii at the parent and at the joint of the bone to each joint, metres; 0 where nothing is drawn.
-    tones
-        Tone of the bone to each joint, as in `Cones`: bones from the spine to a hip or a collar are of the trunk.
-    tips
-        Heels, toes and fingers beyond the last joints.
-    head
-        Joint of the head; -1 without one.
-    scale
-        Height of the body, of 1.7 m.
+    `parents`: Parent of each joint.
+    `girths`: Radii at the parent and at the joint of the bone to each joint, metres; 0 where nothing is drawn.
+    `tones`: Tone of the bone to each joint, as in `Cones`: bones from the spine to a hip or a collar are of the
+        trunk.
+    `tips`: Heels, toes and fingers beyond the last joints.
+    `head`: Joint of the head; -1 without one.
+    `scale`: Height of the body, of 1.7 m.
     """
 
     parents: tuple[int, ...]

@@ -41,12 +41,8 @@ _FEATURE, _RATE = "librosa35", 30
 class MusicFiles:
     """Music files of clips that are not of a dataset.
 
-    Attributes
-    ----------
-    files
-        File by the id of a clip.
-    begins
-        Its second at the clip's first frame, where it is not 0.
+    `files`: File by the id of a clip.
+    `begins`: Its second at the clip's first frame, where it is not 0.
     """
 
     files: Mapping[str, Path]
@@ -56,19 +52,13 @@ class MusicFiles:
     def beside(cls, path: Path, clips: Sequence[str], like: Store | None = None) -> MusicFiles:
         """Return the music of clips.
 
-        Parameters
-        ----------
-        path
-            A music file, which is that of every clip; a folder of files that are named as a clip, or as a part of its
-            name between underscores; or a CSV file with the columns clip, song and, where clips do not begin with
+        `path`: A music file, which is that of every clip; a folder of files that are named as a clip, or as a part of
+            its name between underscores; or a CSV file with the columns clip, song and, where clips do not begin with
             their songs, start_s, with the songs in its folder.
-        like
-            The dataset whose windows clips with ids such as "clip@75" are: it knows where they begin in their songs.
-
-        Raises
-        ------
-        UsageError
-            If there is no such file, or none for any clip; if it is not known where a window begins in its song.
+        `like`: The dataset whose windows clips with ids such as "clip@75" are: it knows where they begin in their
+            songs.
+        Raises UsageError: if there is no such file, or none for any clip; if it is not known where a window begins in
+            its song.
         """
         if path.suffix.lower() in AUDIO_SUFFIXES:
             if not path.is_file():
@@ -115,25 +105,13 @@ class _Loaded:
 class MotionScenes(SceneList):
     """Motions that are not in a dataset, each an item; they are read at once.
 
-    Parameters
-    ----------
-    clips
-        The motions, by unique ids.
-    name
-        Name for the page.
-    music
-        Their music; None without any.
-    body
-        Body of positions whose joints have no names.
-    beats
-        Instants of the beats of clips whose music is not at hand, seconds.
-
-    Raises
-    ------
-    UsageError
-        If there is no clip.
-    DanceDataError
-        If not one of them can be read: the reason of the first.
+    `clips`: The motions, by unique ids.
+    `name`: Name for the page.
+    `music`: Their music; None without any.
+    `body`: Body of positions whose joints have no names.
+    `beats`: Instants of the beats of clips whose music is not at hand, seconds.
+    Raises UsageError: if there is no clip.
+    Raises DanceDataError: if not one of them can be read: the reason of the first.
     """
 
     def __init__(
@@ -250,12 +228,8 @@ def motion_scenes(
 ) -> MotionScenes:
     """Read the motion files of a folder, or one file; `like` is the dataset whose windows they may be.
 
-    Raises
-    ------
-    UsageError
-        If there is none, two have one name, or nothing states how their columns are scaled.
-    DataError
-        If none of them can be read.
+    Raises UsageError: if there is none, two have one name, or nothing states how their columns are scaled.
+    Raises DataError: if none of them can be read.
     """
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())

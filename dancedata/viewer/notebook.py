@@ -38,10 +38,7 @@ _CELL_WINDOWS = 24
 class View:
     """A page that plays motions: the output of a notebook cell, or a file.
 
-    Attributes
-    ----------
-    title, page
-        Title, and text of the HTML page, which is complete in itself.
+    `title`, `page`: Title, and text of the HTML page, which is complete in itself.
     """
 
     title: str
@@ -93,19 +90,10 @@ def motion_scenes_of(motions: Played, music: str | Path | None = None) -> Motion
 def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool = False) -> View:
     """Return a page that plays motions.
 
-    Parameters
-    ----------
-    motions
-        One Motion, or clip of a dataset; several, by name or in a sequence.
-    music
-        Music file, or folder of files named as the motions; it is put into the page.
-    wall
-        Whether all stand on one stage.
-
-    Raises
-    ------
-    UsageError
-        For something other than motions, and music that is not there.
+    `motions`: One Motion, or clip of a dataset; several, by name or in a sequence.
+    `music`: Music file, or folder of files named as the motions; it is put into the page.
+    `wall`: Whether all stand on one stage.
+    Raises UsageError: for something other than motions, and music that is not there.
 
     Examples
     --------

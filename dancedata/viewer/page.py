@@ -40,10 +40,8 @@ _BREAK = re.compile(r"(?<=[{,;(\[])\n|;?\n(?=\})|\n(?=[)\],])")
 class Parts:
     """The viewer's part of a page.
 
-    Attributes
-    ----------
-    css, html, script
-        Texts of a style element, of the body, and of a script element that follows the element with the data.
+    `css`, `html`, `script`: Texts of a style element, of the body, and of a script element that follows the element
+        with the data.
     """
 
     css: str
@@ -115,12 +113,8 @@ def source_hash(text: str) -> str:
 class PageSound:
     """Music inside a page.
 
-    Attributes
-    ----------
-    files
-        Bytes of an audio file by the number of its item, each exactly as long as the item.
-    notice
-        Sentence on their licence, for the foot of the page.
+    `files`: Bytes of an audio file by the number of its item, each exactly as long as the item.
+    `notice`: Sentence on their licence, for the foot of the page.
     """
 
     files: Mapping[int, bytes] = field(default_factory=dict)
@@ -141,24 +135,14 @@ def page_data(
 ) -> Json:
     """Return the data of a page.
 
-    Parameters
-    ----------
-    items
-        Entries of its list; they are numbered from 0.
-    clips
-        Payloads by number in that list. Default: none.
-    side
-        Addresses of scripts that call ``dancedataClip(number, payload)``, by number.
-    sound
-        Music inside the page, or whether its server has music.
-    comparisons
-        Names of what the clips can be compared with.
-    server
-        Whether clips are fetched from the server of the page.
-    single
-        Whether the list of clips is left out.
-    address
-        Fragment of the address that is followed where the page's own has none.
+    `items`: Entries of its list; they are numbered from 0.
+    `clips`: Payloads by number in that list. Default: none.
+    `side`: Addresses of scripts that call ``dancedataClip(number, payload)``, by number.
+    `sound`: Music inside the page, or whether its server has music.
+    `comparisons`: Names of what the clips can be compared with.
+    `server`: Whether clips are fetched from the server of the page.
+    `single`: Whether the list of clips is left out.
+    `address`: Fragment of the address that is followed where the page's own has none.
     """
     counts = tuple(scenes.flag_count(item) for item in items)
     inside = sound if isinstance(sound, PageSound) else PageSound()

@@ -36,33 +36,21 @@ _OF_FILES = ("compare_as", "normalized", "scaler", "clip_to_range", "fps", "up",
 class ViewRequest:
     """Options of `dancedata view`.
 
-    Attributes
-    ----------
-    path, clip
-        A dataset, a folder of motion files or one such file, and the clip or group to begin with; "" for the first. A
-        dancer of a group is shown alone.
-    field
-        Motion field to draw. Default: the best one.
-    source
-        Folder that the dataset was built from, for its music and the original motion.
-    columns, like
-        What columns of motion files at `path` are, and the dataset with their scaler and rate.
-    music
-        Music of motion files at `path`; see `MusicFiles.beside`.
-    compare
-        Datasets, folders of motion files, or files.
-    compare_as, normalized, scaler, clip_to_range, fps, up, unit
-        How motion files are read; see `file_format`.
-    at
-        Seconds to begin at.
-    window
-        Number of the clip's window to loop; in window scope the window to show.
-    mirrored, overlay
-        Whether the dancer is mirrored, and motions to compare with are drawn over him.
-    wall
-        Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
-    body_model, betas
-        File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape; default: its mean.
+    `path`, `clip`: A dataset, a folder of motion files or one such file, and the clip or group to begin with; "" for
+        the first. A dancer of a group is shown alone.
+    `field`: Motion field to draw. Default: the best one.
+    `source`: Folder that the dataset was built from, for its music and the original motion.
+    `columns`, `like`: What columns of motion files at `path` are, and the dataset with their scaler and rate.
+    `music`: Music of motion files at `path`; see `MusicFiles.beside`.
+    `compare`: Datasets, folders of motion files, or files.
+    `compare_as`, `normalized`, `scaler`, `clip_to_range`, `fps`, `up`, `unit`: How motion files are read; see
+        `file_format`.
+    `at`: Seconds to begin at.
+    `window`: Number of the clip's window to loop; in window scope the window to show.
+    `mirrored`, `overlay`: Whether the dancer is mirrored, and motions to compare with are drawn over him.
+    `wall`: Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
+    `body_model`, `betas`: File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape; default:
+        its mean.
     """
 
     path: Path
@@ -182,14 +170,9 @@ class ViewRequest:
 class Shown:
     """Contents of a request.
 
-    Attributes
-    ----------
-    item, loop
-        The item to begin with; first frame and end of the loop, None without one.
-    sounds
-        Music; None without any.
-    compared
-        The comparison that is shown at the beginning; "" for none.
+    `item`, `loop`: The item to begin with; first frame and end of the loop, None without one.
+    `sounds`: Music; None without any.
+    `compared`: The comparison that is shown at the beginning; "" for none.
     """
 
     request: ViewRequest
@@ -204,10 +187,8 @@ class Shown:
     def of(cls, request: ViewRequest) -> Shown:
         """Open the data of a request.
 
-        Raises
-        ------
-        UsageError, StoreError, SourceError, DataError
-            If the dataset, the files, the clip or the source cannot be used.
+        Raises UsageError, StoreError, SourceError, DataError: if the dataset, the files, the clip or the source
+            cannot be used.
         """
         scenes = request.scenes()
         sounds: Sounds | None = None
@@ -262,10 +243,7 @@ class Shown:
     def shared_music(self, *, allowed_by_caller: bool) -> tuple[AudioSignal, str]:
         """Return the music of the item, and the notice that goes with a copy of it.
 
-        Raises
-        ------
-        UsageError
-            If there is none, or nothing allows to pass it on.
+        Raises UsageError: if there is none, or nothing allows to pass it on.
         """
         notice = self.notice(allowed_by_caller=allowed_by_caller)
         if self.sounds is None:

@@ -34,18 +34,11 @@ HIT_S = 0.06
 class Rhythm:
     """Beats and onsets of a clip's music, as the dataset stores them.
 
-    Attributes
-    ----------
-    beats
-        (B,) instants of the beats, seconds from the clip's first frame.
-    onset
-        (n,) onset curve, 0 to 1; empty if none is stored.
-    onset_rate
-        Values of `onset` per second.
-    field
-        Audio field that they are read from; "" if there is none.
-    downbeats
-        Numbers of the beats that begin a bar; empty where the field does not tell.
+    `beats`: (B,) instants of the beats, seconds from the clip's first frame.
+    `onset`: (n,) onset curve, 0 to 1; empty if none is stored.
+    `onset_rate`: Values of `onset` per second.
+    `field`: Audio field that they are read from; "" if there is none.
+    `downbeats`: Numbers of the beats that begin a bar; empty where the field does not tell.
     """
 
     beats: Float64Array
@@ -156,16 +149,10 @@ def begins_after(item: Item, grid: FrameGrid, other: Item, other_grid: FrameGrid
 class Word:
     """A segment of an item: a span or an instant with words.
 
-    Attributes
-    ----------
-    layer
-        Name of its layer, with the language where there is one.
-    begin, end
-        Seconds from the item's first frame, half-open.
-    text
-        Its label, or its first text.
-    member
-        Place of the dancer in the group; -1 for a clip, and for segments of the whole group.
+    `layer`: Name of its layer, with the language where there is one.
+    `begin`, `end`: Seconds from the item's first frame, half-open.
+    `text`: Its label, or its first text.
+    `member`: Place of the dancer in the group; -1 for a clip, and for segments of the whole group.
     """
 
     layer: str
@@ -293,18 +280,11 @@ class Scene:
 class SceneList(ABC):
     """Items, each with a scene.
 
-    Attributes
-    ----------
-    place
-        What they are read from, for messages.
-    grid
-        Rate at which items are counted.
-    body
-        Body of positions whose joints have no names in a file.
-    fields
-        Motion fields that can be drawn; empty where there is no choice.
-    mesh
-        Body model that dancers are drawn as; None for limbs.
+    `place`: What they are read from, for messages.
+    `grid`: Rate at which items are counted.
+    `body`: Body of positions whose joints have no names in a file.
+    `fields`: Motion fields that can be drawn; empty where there is no choice.
+    `mesh`: Body model that dancers are drawn as; None for limbs.
     """
 
     place: str
@@ -322,12 +302,8 @@ class SceneList(ABC):
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
         """Read an item.
 
-        Parameters
-        ----------
-        field
-            Motion field to draw, one of `fields`. Default: the first.
-        first_s
-            Seconds of the dancers that are enough, from the first frame on. Default: all.
+        `field`: Motion field to draw, one of `fields`. Default: the first.
+        `first_s`: Seconds of the dancers that are enough, from the first frame on. Default: all.
         """
 
     def sliding(self, item: Item) -> float | None:
@@ -354,10 +330,7 @@ class SceneList(ABC):
     def items_of(self, name: str) -> list[Item]:
         """Return the items of a clip or a group, several in window scope; a dancer of a group is an item by himself.
 
-        Raises
-        ------
-        UsageError
-            For an unknown name.
+        Raises UsageError: for an unknown name.
         """
         named = self._by_name.get(name, [])
         if not named:
@@ -376,10 +349,7 @@ class SceneList(ABC):
     def find(self, name: str, frame: int = 0) -> Item:
         """Return the item of a clip or a group, in window scope the first one that has a frame of the clip.
 
-        Raises
-        ------
-        UsageError
-            For an unknown name.
+        Raises UsageError: for an unknown name.
         """
         named = self.items_of(name)
         return next((item for item in named if item.start <= frame < item.start + item.n_frames), named[0])

@@ -48,15 +48,8 @@ _KEPT, _KEPT_BYTES = 8, 64_000_000
 class ViewServer(ThreadingHTTPServer):
     """Serves a site on 127.0.0.1.
 
-    Parameters
-    ----------
-    port
-        0 for a free one.
-
-    Raises
-    ------
-    UsageError
-        If the port is taken.
+    `port`: 0 for a free one.
+    Raises UsageError: if the port is taken.
     """
 
     daemon_threads = True
@@ -169,14 +162,9 @@ class Answer:
 class Site:
     """Pages, clips, music and comparisons by number in the list of clips; no part of a path is a file name.
 
-    Parameters
-    ----------
-    scenes
-        The items of the page.
-    source
-        Their music; None without any.
-    comparisons
-        Other motions of its clips.
+    `scenes`: The items of the page.
+    `source`: Their music; None without any.
+    `comparisons`: Other motions of its clips.
     """
 
     def __init__(
@@ -197,14 +185,9 @@ class Site:
     def answer(self, path: str, name: str | None, *, part: str = "") -> Answer:
         """Answer a path.
 
-        Parameters
-        ----------
-        path
-            Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/clip/12/beside/7", "/sliding".
-        name
-            Motion field to draw; None: the default.
-        part
-            "first": the first minute of the dancers of a long clip is enough. "turns": the turns of their joints.
+        `path`: Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/clip/12/beside/7", "/sliding".
+        `name`: Motion field to draw; None: the default.
+        `part`: "first": the first minute of the dancers of a long clip is enough. "turns": the turns of their joints.
         """
         parts = path.removeprefix("/").split("/")
         try:

@@ -32,12 +32,8 @@ MAX_RATE, MAX_SECONDS = 48_000, 600.0
 class ClipSound:
     """The music of an item.
 
-    Attributes
-    ----------
-    signal
-        Mono, exactly as long as the item; silent where the music has ended.
-    notes
-        Notes for listeners, such as that the file has changed since the build.
+    `signal`: Mono, exactly as long as the item; silent where the music has ended.
+    `notes`: Notes for listeners, such as that the file has changed since the build.
     """
 
     signal: AudioSignal
@@ -54,17 +50,9 @@ class Sounds(Protocol):
 class ClipSource:
     """A folder with the files that a dataset was built from.
 
-    Parameters
-    ----------
-    store
-        The dataset.
-    folder
-        Its source, or a folder with audio files that have the names of its clips or songs.
-
-    Raises
-    ------
-    SourceError
-        If the folder does not exist.
+    `store`: The dataset.
+    `folder`: Its source, or a folder with audio files that have the names of its clips or songs.
+    Raises SourceError: if the folder does not exist.
     """
 
     def __init__(self, store: Store, folder: Path) -> None:
@@ -74,10 +62,7 @@ class ClipSource:
     def sound(self, item: Item) -> ClipSound | None:
         """Decode the music of an item and cut it to the item; None if the source has none.
 
-        Raises
-        ------
-        DataError
-            If the file cannot be decoded.
+        Raises DataError: if the file cannot be decoded.
         """
         clip = self.store.clip(item.clip.id)
         if clip.id not in self.music.files:
@@ -101,10 +86,7 @@ class ClipSource:
     def original(self, scene: Scene, item: Item) -> Figure:
         """Read the motion of an item from the source, on the body and at the rate of the figure of its scene.
 
-        Raises
-        ------
-        DataError
-            If the source does not have it, or it cannot be read.
+        Raises DataError: if the source does not have it, or it cannot be read.
         """
         figure = scene.figure
         ref = self._refs.get(item.clip.id)

@@ -14,12 +14,8 @@ _PARENT = 1e-4
 def rest_pose(joints: Float64Array, skeleton: Skeleton, measured: bool) -> Float64Array:
     """Return the joints at rest, (J, 3) metres, the root at 0.
 
-    Parameters
-    ----------
-    joints
-        (T, J, 3) positions, metres.
-    measured
-        Whether bones have their mean length in `joints`; else that of the skeleton.
+    `joints`: (T, J, 3) positions, metres.
+    `measured`: Whether bones have their mean length in `joints`; else that of the skeleton.
     """
     rest = np.zeros((skeleton.n_joints, 3))
     for joint, parent in list(enumerate(skeleton.parents))[1:]:
@@ -37,10 +33,7 @@ def turns_of_bones(joints: Float64Array, rest: Float64Array, skeleton: Skeleton)
     A joint of several bones has the rotation that fits them best (Kabsch 1976), one of a single bone the shortest
     from where its parent takes it, one without bones that of its parent.
 
-    Parameters
-    ----------
-    joints, rest
-        (T, J, 3) and (J, 3), metres.
+    `joints`, `rest`: (T, J, 3) and (J, 3), metres.
     """
     world = np.empty((len(joints), skeleton.n_joints, 3, 3))
     local = np.empty_like(world)

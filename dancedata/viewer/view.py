@@ -39,21 +39,11 @@ def serve(
 ) -> None:
     """Serve the page of a dataset on 127.0.0.1 until Ctrl-C.
 
-    Parameters
-    ----------
-    port
-        0 for a free one.
-    browser
-        Whether to open a browser, if there is a display.
-    say
-        Takes lines for the user; the first one is the address.
-    until
-        Ends the server when it is set; default: Ctrl-C.
-
-    Raises
-    ------
-    UsageError, StoreError, SourceError
-        If the dataset, the clip, the source or the port cannot be used.
+    `port`: 0 for a free one.
+    `browser`: Whether to open a browser, if there is a display.
+    `say`: Takes lines for the user; the first one is the address.
+    `until`: Ends the server when it is set; default: Ctrl-C.
+    Raises UsageError, StoreError, SourceError: if the dataset, the clip, the source or the port cannot be used.
     """
     mesh, opened = request.mesh(), Shown.of(request)
     scenes = opened.scenes if mesh is None else ModelScenes(opened.scenes, mesh)
@@ -87,21 +77,12 @@ def export_page(
 ) -> Path:
     """Write one clip as a separate page, which works from a file, without a network.
 
-    Parameters
-    ----------
-    audio
-        Whether its music goes into the page; the licence of the dataset has to allow that.
-    shared
-        The caller states to have the right to pass the music on.
-    say
-        Takes the name of the clip, where the request names none of several.
-
-    Raises
-    ------
-    UsageError
-        If the file exists or is inside the dataset, or the licence does not allow the music; for a body model.
-    StoreError
-        If it cannot be written.
+    `audio`: Whether its music goes into the page; the licence of the dataset has to allow that.
+    `shared`: The caller states to have the right to pass the music on.
+    `say`: Takes the name of the clip, where the request names none of several.
+    Raises UsageError: if the file exists or is inside the dataset, or the licence does not allow the music; for a
+        body model.
+    Raises StoreError: if it cannot be written.
     """
     if to.suffix.lower() in (".mp4", ".mov", ".webm", ".gif"):
         raise UsageError("a page is an HTML file", found=to.name, fix="write a video: --video FILE.mp4")

@@ -40,21 +40,11 @@ class Wall(SceneList):
     begins later or ends earlier stands still, and is measured without that, by his own beats. Clips of a song that
     share no second of it stand on walls of their own. Figures are drawn at the rate of the first.
 
-    Parameters
-    ----------
-    scenes
-        Whose items are shown; groups are left out.
-    comparisons
-        Motions that stand beside each clip; without any, a wall is a song.
-    name
-        What the clips themselves are called beside others.
-    apart
-        Whether each has a place of his own; if not, all are drawn where they are, one over the other.
-
-    Raises
-    ------
-    UsageError
-        If there are fewer than two motions for every wall.
+    `scenes`: Whose items are shown; groups are left out.
+    `comparisons`: Motions that stand beside each clip; without any, a wall is a song.
+    `name`: What the clips themselves are called beside others.
+    `apart`: Whether each has a place of his own; if not, all are drawn where they are, one over the other.
+    Raises UsageError: if there are fewer than two motions for every wall.
     """
 
     def __init__(

@@ -151,12 +151,8 @@ def compute(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floa
 def first_columns(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floats:
     """Compute all columns before the tempogram, (T, 54), of samples (n,) at `rate`, T = 1 + n // 512.
 
-    Parameters
-    ----------
-    onset_fmax
-        Upper limit in Hz of the mel bands of the onset envelope.
-    octaves
-        Of the chroma, from 32.7 Hz on.
+    `onset_fmax`: Upper limit in Hz of the mel bands of the onset envelope.
+    `octaves`: Of the chroma, from 32.7 Hz on.
     """
     import librosa
 

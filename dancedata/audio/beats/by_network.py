@@ -79,10 +79,7 @@ def _hertz(mel: torch.Tensor) -> torch.Tensor:
 def network_beats(signal: AudioSignal, network: BeatNetwork, device: torch.device) -> BeatTrack:
     """Return the beats and downbeats of a signal.
 
-    Raises
-    ------
-    DataError
-        "short_audio" for less than 24 ms; "overflow" if the network gives values that are not finite.
+    Raises DataError: "short_audio" for less than 24 ms; "overflow" if the network gives values that are not finite.
     """
     samples = resample(signal.samples, signal.sample_rate, SAMPLE_RATE)
     if len(samples) < MIN_SAMPLES:

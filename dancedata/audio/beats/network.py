@@ -24,20 +24,12 @@ _FRONTEND_FACTOR = 4
 class Sizes:
     """Sizes of a network; the defaults are the published large one, ``final0``.
 
-    Attributes
-    ----------
-    bands
-        Mel bands of the spectrum.
-    stem
-        Channels after the first convolution.
-    width, inner, layers
-        Of the transformer: columns, columns of its inner layers, blocks.
-    head
-        Columns of an attention head.
-    partial
-        Whether the front end attends across bands and across time.
-    summed
-        Whether the logit of a beat is the sum of both outputs.
+    `bands`: Mel bands of the spectrum.
+    `stem`: Channels after the first convolution.
+    `width`, `inner`, `layers`: Of the transformer: columns, columns of its inner layers, blocks.
+    `head`: Columns of an attention head.
+    `partial`: Whether the front end attends across bands and across time.
+    `summed`: Whether the logit of a beat is the sum of both outputs.
     """
 
     bands: int = 128
@@ -53,10 +45,7 @@ class Sizes:
     def of_shapes(cls, shapes: Mapping[str, tuple[int, ...]], summed: bool) -> Sizes:
         """Return the sizes of a network whose tensors have these shapes.
 
-        Raises
-        ------
-        KeyError, IndexError
-            A tensor that determines a size is missing, or has too few axes.
+        Raises KeyError, IndexError: A tensor that determines a size is missing, or has too few axes.
         """
         blocks = "transformer_blocks.layers."
         return cls(

@@ -23,14 +23,9 @@ Floats = npt.NDArray[np.float64]
 class BeatTrack:
     """The beats of a signal, and which of them begin a bar.
 
-    Attributes
-    ----------
-    frames
-        (B,) int64, frames of `grid`, ascending, each once.
-    downbeats
-        (B,) bool.
-    grid
-        Rate of `frames`; frame 0 is the first sample.
+    `frames`: (B,) int64, frames of `grid`, ascending, each once.
+    `downbeats`: (B,) bool.
+    `grid`: Rate of `frames`; frame 0 is the first sample.
     """
 
     frames: npt.NDArray[np.int64]
@@ -94,10 +89,7 @@ def bar_positions(downbeats: npt.NDArray[np.bool_]) -> Floats:
 
     Beats before the first downbeat are of a bar like the first, those after the last of one like the last whole one.
 
-    Parameters
-    ----------
-    downbeats
-        (B,), with at least one that is true.
+    `downbeats`: (B,), with at least one that is true.
     """
     first = np.flatnonzero(downbeats)
     lengths = np.diff(first) if len(first) > 1 else np.array([USUAL_BAR])

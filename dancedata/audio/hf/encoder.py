@@ -39,12 +39,8 @@ class _Item(NamedTuple):
 class FramesOfSignal:
     """Frames at an encoder's own rate.
 
-    Attributes
-    ----------
-    values
-        (K, D) float32.
-    stamps_s
-        (K,) the time of each frame, in seconds.
+    `values`: (K, D) float32.
+    `stamps_s`: (K,) the time of each frame, in seconds.
     """
 
     values: npt.NDArray[np.float32]
@@ -54,16 +50,10 @@ class FramesOfSignal:
 class HuggingFaceEncoder:
     """An encoder of the Hugging Face layout, on a device.
 
-    Parameters
-    ----------
-    settings
-        The model, and what of it is taken.
-    device
-        Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
-    precision
-        "fp32", "fp16" or "bf16".
-    weight_budget
-        Bytes that the weights may take on the device; the rest stays on the host. None: what is free.
+    `settings`: The model, and what of it is taken.
+    `device`: Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
+    `precision`: "fp32", "fp16" or "bf16".
+    `weight_budget`: Bytes that the weights may take on the device; the rest stays on the host. None: what is free.
     """
 
     def __init__(
@@ -88,17 +78,10 @@ class HuggingFaceEncoder:
     def frames(self, samples: npt.NDArray[np.float32], sample_rate: int) -> FramesOfSignal:
         """Compute the frames of a signal at the encoder's own rate.
 
-        Parameters
-        ----------
-        samples
-            (n,) float32.
-        sample_rate
-            In Hz.
-
-        Raises
-        ------
-        DataError
-            "short_audio" for a signal that is shorter than a frame, "overflow" for numbers that are not finite.
+        `samples`: (n,) float32.
+        `sample_rate`: In Hz.
+        Raises DataError: "short_audio" for a signal that is shorter than a frame, "overflow" for numbers that are not
+            finite.
         """
         resampled = resample(samples, sample_rate, self.settings.family.sample_rate)
         chunks = self._chunks(len(resampled))
@@ -120,27 +103,12 @@ class HuggingFaceEncoder:
     ) -> list[npt.NDArray[Any]]:
         """Compute rows of several signals of equal length, each by itself.
 
-        Parameters
-        ----------
-        signals
-            (n,) float32 each.
-        sample_rate
-            In Hz.
-        grid, n_rows
-            The rate and number of rows.
-        finish
-            Turns float32 rows into the type that is stored.
-        batch_size
-            Most chunks at once; None: 1 on a CPU, 16 on a card.
-
-        Returns
-        -------
-        list of (n_rows, D)
-
-        Raises
-        ------
-        DataError
-            As `frames`.
+        `signals`: (n,) float32 each.
+        `sample_rate`: In Hz.
+        `grid`, `n_rows`: The rate and number of rows.
+        `finish`: Turns float32 rows into the type that is stored.
+        `batch_size`: Most chunks at once; None: 1 on a CPU, 16 on a card.
+        Raises DataError: As `frames`.
         """
         family = self.settings.family
         resampled = [resample(samples, sample_rate, family.sample_rate) for samples in signals]

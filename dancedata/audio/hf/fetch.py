@@ -32,16 +32,10 @@ _CLIENT = ".cache"
 class FetchedModel:
     """A model that was fetched.
 
-    Attributes
-    ----------
-    path
-        Its folder.
-    id, revision
-        Its id on the hub, and the commit.
-    licence
-        What its card says, or "unknown, see the model's page".
-    files, left_out
-        Names of its files, and of the others of the repository: code, pickles, other formats.
+    `path`: Its folder.
+    `id`, `revision`: Its id on the hub, and the commit.
+    `licence`: What its card says, or "unknown, see the model's page".
+    `files`, `left_out`: Names of its files, and of the others of the repository: code, pickles, other formats.
     """
 
     path: Path
@@ -70,28 +64,15 @@ def fetch_model(
     Files are written to a folder next to `out`, which is renamed at the end; the same call resumes after an
     interruption. No code (``*.py``) is ever fetched.
 
-    Parameters
-    ----------
-    name
-        Id on the hub, ``OWNER/NAME``.
-    revision
-        Commit, 40 hexadecimal digits. For a branch, a tag or None the error names the commit to give.
-    out
-        Folder to make.
-    pickles
-        Whether to fetch pickled weights if the repository has no safetensors. They are read as data only.
-    endpoint
-        Address of another hub; default: $HF_ENDPOINT, else the public one.
-    show_licence
-        Called with the licence before the weights are fetched.
-
-    Raises
-    ------
-    UsageError
-        `revision` is not a commit, the hub refuses the model, it has no weights of this kind, `out` exists, or the
-        package huggingface_hub is missing or too old.
-    SourceError
-        The hub cannot be reached, its files are not what it announced, or they cannot be written.
+    `name`: Id on the hub, ``OWNER/NAME``.
+    `revision`: Commit, 40 hexadecimal digits. For a branch, a tag or None the error names the commit to give.
+    `out`: Folder to make.
+    `pickles`: Whether to fetch pickled weights if the repository has no safetensors. They are read as data only.
+    `endpoint`: Address of another hub; default: $HF_ENDPOINT, else the public one.
+    `show_licence`: Called with the licence before the weights are fetched.
+    Raises UsageError: `revision` is not a commit, the hub refuses the model, it has no weights of this kind, `out`
+        exists, or the package huggingface_hub is missing or too old.
+    Raises SourceError: The hub cannot be reached, its files are not what it announced, or they cannot be written.
     """
     out = Path(out).absolute()
     if not _NAME.fullmatch(name):

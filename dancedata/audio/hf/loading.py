@@ -28,13 +28,9 @@ _FOR_WEIGHTS = 0.6
 def load_network(folder: ModelFolder, family: Family, top: int, output: Output, dtype: torch.dtype) -> Any:
     """Load a model's blocks up to layer `top`, on the CPU, for inference.
 
-    Raises
-    ------
-    SourceError
-        A file is damaged, or weights are missing, unexpected or of another shape. transformers fills missing ones
-        with random numbers.
-    UsageError
-        transformers is missing, or torch is older than 2.6 and the weights are pickled.
+    Raises SourceError: A file is damaged, or weights are missing, unexpected or of another shape. transformers fills
+        missing ones with random numbers.
+    Raises UsageError: transformers is missing, or torch is older than 2.6 and the weights are pickled.
     """
     files = folder.weight_files()
     safe = files[0].suffix == ".safetensors"
@@ -147,10 +143,7 @@ def _quiet(package: Any) -> Iterator[None]:
 def place(network: Any, device: torch.device, budget: int | None = None) -> Any:
     """Put a network on a device.
 
-    Parameters
-    ----------
-    budget
-        Bytes that its weights may take there; None: 60 % of a card's free memory, all of a CPU's.
+    `budget`: Bytes that its weights may take there; None: 60 % of a card's free memory, all of a CPU's.
 
     Notes
     -----

@@ -23,18 +23,9 @@ def kaldi_log_mel(
     As the numpy extractors of transformers for w2v-BERT and AST, which copy Kaldi's; without torchaudio, whose
     presence changes what those compute.
 
-    Parameters
-    ----------
-    samples
-        (n,).
-    n_bins
-        Number of mel bins, from 20 Hz to half the sample rate.
-    window
-        Shape of the window.
-
-    Returns
-    -------
-    (M, n_bins) float32, M = (n - 400) // 160 + 1; none for fewer than 400 samples.
+    `samples`: (n,).
+    `n_bins`: Number of mel bins, from 20 Hz to half the sample rate.
+    `window`: Shape of the window.
     """
     n_frames = max(0, (len(samples) - _FIELD) // _HOP + 1)
     mel = np.empty((n_frames, n_bins), np.float32)

@@ -57,20 +57,13 @@ _MAX_LICENCE = 200
 class ModelFolder:
     """A folder in the layout that transformers saves models in.
 
-    Attributes
-    ----------
-    path
-        The folder.
-    config
-        config.json.
-    extractor
-        preprocessor_config.json, or the feature extractor of processor_config.json; empty where there is neither.
-    source
-        The hub id, or the folder's name where that is not known.
-    revision
-        The commit on the hub; "" where it is not known.
-    from_hub
-        Whether it was named by its id, and found in the cache of the hub.
+    `path`: The folder.
+    `config`: config.json.
+    `extractor`: preprocessor_config.json, or the feature extractor of processor_config.json; empty where there is
+        neither.
+    `source`: The hub id, or the folder's name where that is not known.
+    `revision`: The commit on the hub; "" where it is not known.
+    `from_hub`: Whether it was named by its id, and found in the cache of the hub.
     """
 
     path: Path
@@ -83,10 +76,8 @@ class ModelFolder:
     def weight_files(self) -> tuple[Path, ...]:
         """Return the files of the weights: safetensors where there are any, or else pickles of torch.
 
-        Raises
-        ------
-        SourceError
-            There are none, an index names files that are missing or in other folders, or the folder holds an adapter.
+        Raises SourceError: There are none, an index names files that are missing or in other folders, or the folder
+            holds an adapter.
         """
         if (self.path / "adapter_config.json").exists():
             raise SourceError("hf: the folder holds an adapter, which changes the network when it is loaded",
@@ -126,19 +117,10 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
 
     Nothing is downloaded.
 
-    Parameters
-    ----------
-    model
-        Folder or hub id; "": $DANCEDATA_HF_MODEL.
-    revision
-        Commit of a hub id, 40 hex digits. None: the one commit that the cache has as "main".
-
-    Raises
-    ------
-    UsageError
-        There is no model by this name on this machine, or `revision` is not a commit.
-    SourceError
-        The folder has no config.json, or one that cannot be read.
+    `model`: Folder or hub id; "": $DANCEDATA_HF_MODEL.
+    `revision`: Commit of a hub id, 40 hex digits. None: the one commit that the cache has as "main".
+    Raises UsageError: There is no model by this name on this machine, or `revision` is not a commit.
+    Raises SourceError: The folder has no config.json, or one that cannot be read.
     """
     named = model or os.environ.get(ENVIRONMENT, "")
     if not named:

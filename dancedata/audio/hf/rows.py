@@ -29,18 +29,11 @@ _MAX_INT64 = 1 << 61
 class Frames:
     """Frames of all chunks of a signal, in order, in whole numbers of a unit of time.
 
-    Attributes
-    ----------
-    ticks
-        Units per second.
-    chunk, number
-        (K,) chunk of each frame, and its number there.
-    stamp
-        (K,) times.
-    begin, end
-        (K,) the stretch that a frame represents: its hop, within what its chunk keeps.
-    row_half
-        Half of the time from one row to the next.
+    `ticks`: Units per second.
+    `chunk`, `number`: (K,) chunk of each frame, and its number there.
+    `stamp`: (K,) times.
+    `begin`, `end`: (K,) the stretch that a frame represents: its hop, within what its chunk keeps.
+    `row_half`: Half of the time from one row to the next.
     """
 
     ticks: int
@@ -56,14 +49,9 @@ class Frames:
 class RowMap:
     """Each row as a weighted sum of frames: entries (frame, row, weight), by frame.
 
-    Attributes
-    ----------
-    frame, row, weight
-        (E,) each; the weights of a row add up to 1.
-    frames
-        The frames that are counted.
-    n_rows
-        Number of rows.
+    `frame`, `row`, `weight`: (E,) each; the weights of a row add up to 1.
+    `frames`: The frames that are counted.
+    `n_rows`: Number of rows.
     """
 
     frame: npt.NDArray[np.int64]

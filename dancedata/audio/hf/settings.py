@@ -29,14 +29,9 @@ MAX_FRAMES_PER_S, MAX_WINDOW_FRAMES = 500, 30_000
 class Settings:
     """A model, the layers or codes that are taken of it, how it is cut into chunks.
 
-    Attributes
-    ----------
-    layers
-        Layers in the order of the columns; (0,) of an output without layers.
-    reduce
-        Whether layers are concatenated or averaged.
-    chunk_samples, overlap_samples
-        At the encoder's rate.
+    `layers`: Layers in the order of the columns; (0,) of an output without layers.
+    `reduce`: Whether layers are concatenated or averaged.
+    `chunk_samples`, `overlap_samples`: At the encoder's rate.
     """
 
     folder: ModelFolder
@@ -88,12 +83,10 @@ def settings_of(
 ) -> Settings:
     """Check keys of a recipe against a model.
 
-    Raises
-    ------
-    UsageError
-        A layer that the model does not have, an output that it does not offer, or chunks that it cannot take.
-    SourceError
-        The config is of no model that is supported, or has more than MAX_FRAMES_PER_S or MAX_WINDOW_FRAMES.
+    Raises UsageError: A layer that the model does not have, an output that it does not offer, or chunks that it
+        cannot take.
+    Raises SourceError: The config is of no model that is supported, or has more than MAX_FRAMES_PER_S or
+        MAX_WINDOW_FRAMES.
     """
     from dancedata.audio.hf.families import family_of
 

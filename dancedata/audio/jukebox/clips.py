@@ -20,24 +20,11 @@ _MARGIN_S = 1
 def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDArray[np.float32]:
     """Average the channels, resample to the config's rate (soxr HQ, as librosa does), divide by the largest value.
 
-    Parameters
-    ----------
-    samples
-        (m,) or (channels, m), floating point.
-    sample_rate
-        In Hz.
-
-    Returns
-    -------
-    NDArray[np.float32]
-        (n,) at the config's rate, between -1 and 1; silence stays zero. One gain for the clip, no DC removal.
-
-    Raises
-    ------
-    UsageError
-        Another shape or type, or a sample rate below 1.
-    DataError
-        "empty_audio", "nan", or "short_audio" (less than one code, 128 samples).
+    `samples`: (m,) or (channels, m), floating point.
+    `sample_rate`: In Hz.
+    Returns: (n,) at the config's rate, between -1 and 1; silence stays zero. One gain for the clip, no DC removal.
+    Raises UsageError: Another shape or type, or a sample rate below 1.
+    Raises DataError: "empty_audio", "nan", or "short_audio" (less than one code, 128 samples).
     """
     signal = np.asarray(samples)
     shaped = signal.ndim == 1 or (signal.ndim == 2 and 1 <= len(signal) <= _MAX_CHANNELS)
@@ -89,12 +76,8 @@ def require_length(n_codes: int, max_codes: int, config: JukeboxConfig) -> None:
 def fitted(audio: NDArray[np.float32], max_codes: int, config: JukeboxConfig, too_long: str) -> NDArray[np.float32]:
     """Return the part of a prepared clip that the VQ-VAE encodes.
 
-    Raises
-    ------
-    DataError
-        "long_audio" for a clip of more than `max_codes` codes, unless `too_long` is "truncate".
-    UsageError
-        `too_long` has another value.
+    Raises DataError: "long_audio" for a clip of more than `max_codes` codes, unless `too_long` is "truncate".
+    Raises UsageError: `too_long` has another value.
     """
     if too_long not in ("error", "truncate"):
         raise UsageError("jukebox: invalid value for too_long", found=too_long,
@@ -138,10 +121,7 @@ def resampling_matrix(n_in: int, n_out: int) -> NDArray[np.float32]:
     It keeps the lowest n_out // 2 + 1 bins of the real Fourier transform and transforms back at the new length. The
     clip is treated as periodic, so its ends ring into each other, as in the reference's features.
 
-    Returns
-    -------
-    NDArray[np.float32]
-        (n_out, n_in).
+    Returns: (n_out, n_in).
     """
     shorter = min(n_in, n_out)
     k = np.arange(shorter // 2 + 1)

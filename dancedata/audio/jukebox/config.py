@@ -31,18 +31,16 @@ _FIXED: dict[str, dict[str, Any]] = {
 class JukeboxConfig:
     """Sizes of the level-2 VQ-VAE encoder and of the level-2 prior; the defaults are the real 5b model.
 
-    Attributes
-    ----------
-    downs : halvings of the time axis in each level-block of the encoder; their sum is log2 of the hop.
-    conv_width, conv_depth : channels, and residual units per halving, of the level-2 encoder.
-    dilation_growth : dilation of residual unit r is dilation_growth ** r.
-    code_width, codebook_size : a code is one of codebook_size vectors (code_width,).
-    width, depth, heads : of the transformer: residual stream, blocks, attention heads.
-    attn_width, mlp_width : summed width of the heads; hidden width of the MLP.
-    n_ctx, n_rows : longest sequence in codes, and its rows in factored attention.
-    n_artists, n_genres, time_bins : rows of the label tables.
-    min_duration_s, max_duration_s : the range of the bins of the length label.
-    sample_rate : of the input of the VQ-VAE, in Hz.
+    `downs`
+    `conv_width`, `conv_depth`
+    `dilation_growth`
+    `code_width`, `codebook_size`
+    `width`, `depth`, `heads`
+    `attn_width`, `mlp_width`
+    `n_ctx`, `n_rows`
+    `n_artists`, `n_genres`, `time_bins`
+    `min_duration_s`, `max_duration_s`
+    `sample_rate`
     """
 
     downs: tuple[int, ...] = (3, 2, 2)
@@ -109,17 +107,10 @@ class JukeboxConfig:
     def from_hparams(cls, hparams: Mapping[str, Any]) -> JukeboxConfig:
         """Make a config from OpenAI's hyperparameters.
 
-        Parameters
-        ----------
-        hparams
-            ``{"vqvae": {"downs_t", "width", "depth", "hvqvae_multipliers", ...}, "prior": {"prior_width",
+        `hparams`: ``{"vqvae": {"downs_t", "width", "depth", "hvqvae_multipliers", ...}, "prior": {"prior_width",
             "prior_depth", "heads", ...}}``. Names that inference does not use are ignored; those that would change
             the arithmetic must have the value of the 5b model.
-
-        Raises
-        ------
-        UsageError
-            A name is missing, or the network is of another kind (lyrics, other attention patterns).
+        Raises UsageError: A name is missing, or the network is of another kind (lyrics, other attention patterns).
         """
         vqvae, prior = (_part(hparams, name) for name in _FIXED)
         strides = tuple(vqvae["strides_t"])

@@ -66,26 +66,14 @@ def convert(
 
     Memory: one block. Files appear once all are written, jukebox.json last: without it the folder does not load.
 
-    Parameters
-    ----------
-    folder
-        With OpenAI's two files.
-    out
-        Created if it does not exist. If it holds the finished conversion of the same files, to this layer, nothing is
-        done.
-    layer
-        The highest layer that the conversion can compute, from 1.
-    config
-        Sizes; None: the real 5b model.
-
-    Raises
-    ------
-    SourceError
-        As `JukeboxEncoder.from_openai`.
-    UsageError
-        `layer` is out of range, or `out` holds another conversion, or other files of the same names.
-    DanceDataError
-        `out` cannot be written, or another process is writing there.
+    `folder`: With OpenAI's two files.
+    `out`: Created if it does not exist. If it holds the finished conversion of the same files, to this layer, nothing
+        is done.
+    `layer`: The highest layer that the conversion can compute, from 1.
+    `config`: Sizes; None: the real 5b model.
+    Raises SourceError: As `JukeboxEncoder.from_openai`.
+    Raises UsageError: `layer` is out of range, or `out` holds another conversion, or other files of the same names.
+    Raises DanceDataError: `out` cannot be written, or another process is writing there.
     """
     require("jukebox", what="jukebox: a conversion")
     folder, out, config = Path(folder), Path(out), config or JukeboxConfig()
@@ -145,15 +133,8 @@ def write_converted(
 def open_converted(folder: Path, description: Description, layer: int, *, verify: bool = False) -> Checkpoint:
     """Open the files that `layer` needs.
 
-    Parameters
-    ----------
-    verify
-        Compare the SHA-256 of every file, not only its size.
-
-    Raises
-    ------
-    SourceError
-        A file is missing, or its size or hash differs from jukebox.json.
+    `verify`: Compare the SHA-256 of every file, not only its size.
+    Raises SourceError: A file is missing, or its size or hash differs from jukebox.json.
     """
     files = [_VQVAE, _TABLES, *(_block_file(index) for index in range(layer))]
     for name in files:

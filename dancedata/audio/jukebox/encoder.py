@@ -49,14 +49,12 @@ class JukeboxEncoder:
     Every clip is encoded by itself, with its own gain and its own time from 0. Clips do not influence each other,
     whatever the batches.
 
-    Attributes
-    ----------
-    config : sizes of the network.
-    layers : layers that are returned, in this order; layer n is the residual stream after the n-th block.
-    device : the device to compute on.
-    precision : "fp32", "fp16" or "bf16"; "auto" is resolved.
-    max_codes : length of the longest clip, in codes (344.53125 per second).
-    placement : which blocks are on the device; the others are copied from the host when they are needed.
+    `config`
+    `layers`
+    `device`
+    `precision`
+    `max_codes`
+    `placement`
     """
 
     def __init__(
@@ -106,31 +104,18 @@ class JukeboxEncoder:
     ) -> JukeboxEncoder:
         """Load OpenAI's own files.
 
-        Parameters
-        ----------
-        folder
-            With vqvae.pth.tar and prior_level_2.pth.tar. Only the tensors that the layers need are read.
-        config
-            Sizes; None: the real 5b model.
-        layers
-            1 to depth, any subset in any order.
-        device
-            Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
-        precision
-            "auto" (fp16 on CUDA, fp32 elsewhere), "fp32", "fp16" or "bf16": type of weights and matrix products. The
-            residual stream, norms and softmax are always fp32.
-        max_codes
-            Length of the longest clip, in codes; position tables are loaded up to it. None: the whole context, 8192.
-        memory_budget
-            Bytes that may be used on the device. Blocks that do not fit stay on the host and are copied when they are
-            needed. None: the free memory of a card, no limit on a CPU.
-
-        Raises
-        ------
-        SourceError
-            A file or tensor is missing, truncated, of another shape, or of another network.
-        UsageError
-            A parameter is out of range, or the memory of the device is too small.
+        `folder`: With vqvae.pth.tar and prior_level_2.pth.tar. Only the tensors that the layers need are read.
+        `config`: Sizes; None: the real 5b model.
+        `layers`: 1 to depth, any subset in any order.
+        `device`: Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
+        `precision`: "auto" (fp16 on CUDA, fp32 elsewhere), "fp32", "fp16" or "bf16": type of weights and matrix
+            products. The residual stream, norms and softmax are always fp32.
+        `max_codes`: Length of the longest clip, in codes; position tables are loaded up to it. None: the whole
+            context, 8192.
+        `memory_budget`: Bytes that may be used on the device. Blocks that do not fit stay on the host and are copied
+            when they are needed. None: the free memory of a card, no limit on a CPU.
+        Raises SourceError: A file or tensor is missing, truncated, of another shape, or of another network.
+        Raises UsageError: A parameter is out of range, or the memory of the device is too small.
         """
         config = config or JukeboxConfig()
         chosen = require_layers(layers, config.depth)
@@ -151,12 +136,8 @@ class JukeboxEncoder:
     ) -> JukeboxEncoder:
         """Load a folder that `convert` wrote. As `from_openai`, except for the two parameters below.
 
-        Parameters
-        ----------
-        config
-            None: that of the folder; another one is an error.
-        layers
-            None: the highest layer that was converted.
+        `config`: None: that of the folder; another one is an error.
+        `layers`: None: the highest layer that was converted.
         """
         folder = Path(folder)
         description = read_description(folder)
@@ -199,32 +180,18 @@ class JukeboxEncoder:
     ) -> list[NDArray[np.int64]]:
         """Encode several clips as `encode` does; consecutive ones of equal length at once.
 
-        Parameters
-        ----------
-        batch_size
-            Most clips at once; None: from the free memory (1 on a CPU).
+        `batch_size`: Most clips at once; None: from the free memory (1 on a CPU).
         """
         return self._encode_prepared([prepare(clip, sample_rate, self.config) for clip in clips], batch_size)
 
     def activations(self, codes: ArrayLike) -> Features:
         """Compute the residual stream of one clip after each of `layers`.
 
-        Parameters
-        ----------
-        codes
-            (n,) integers, n up to `max_codes`.
-
-        Returns
-        -------
-        dict[int, NDArray[np.float32]]
-            (n, W) by layer.
-
-        Raises
-        ------
-        DataError
-            "short_audio" (no code) or "long_audio" (more than `max_codes`).
-        JukeboxOverflowError
-            In fp16, a value left the range of its type; the message suggests another precision.
+        `codes`: (n,) integers, n up to `max_codes`.
+        Returns: (n, W) by layer.
+        Raises DataError: "short_audio" (no code) or "long_audio" (more than `max_codes`).
+        Raises JukeboxOverflowError: In fp16, a value left the range of its type; the message suggests another
+            precision.
         """
         return self.activations_batch([codes])[0]
 
@@ -240,20 +207,11 @@ class JukeboxEncoder:
     ) -> Features:
         """Embed one clip: encode, compute the layers, resample them to `fps`.
 
-        Parameters
-        ----------
-        samples, sample_rate
-            As for `encode`.
-        fps
-            Frames per second.
-        too_long
-            How to treat a clip of more than `max_codes` codes (23.78 s): "error", or "truncate": the rest is dropped,
-            as the reference does silently.
-
-        Returns
-        -------
-        dict[int, NDArray[np.float32]]
-            (T, W) by layer; T = ceil(n fps / 344.53125) for n codes: 150 for 5 s at 30.
+        `samples`, `sample_rate`: As for `encode`.
+        `fps`: Frames per second.
+        `too_long`: How to treat a clip of more than `max_codes` codes (23.78 s): "error", or "truncate": the rest is
+            dropped, as the reference does silently.
+        Returns: (T, W) by layer; T = ceil(n fps / 344.53125) for n codes: 150 for 5 s at 30.
         """
         return self.embed_batch([samples], sample_rate, fps, too_long=too_long)[0]
 
@@ -268,10 +226,8 @@ class JukeboxEncoder:
     ) -> list[Features]:
         """Embed several clips of any lengths as `__call__` does.
 
-        Parameters
-        ----------
-        batch_size
-            Most clips at once; None: from the free memory (1 on a CPU). Halved when the device runs out of memory.
+        `batch_size`: Most clips at once; None: from the free memory (1 on a CPU). Halved when the device runs out of
+            memory.
         """
         prepared = [
             fitted(prepare(clip, sample_rate, self.config), self.max_codes, self.config, too_long) for clip in clips
@@ -283,17 +239,10 @@ class JukeboxEncoder:
     ) -> list[Features]:
         """Embed prepared clips, such as parts of a song that was prepared as a whole and has one gain.
 
-        Parameters
-        ----------
-        clips
-            Each (n,) float32 at the config's sample rate, as `clips.prepare` returns it.
-        fps, batch_size
-            As for `embed_batch`.
-
-        Raises
-        ------
-        DataError
-            "short_audio" for a clip of less than one code, "long_audio" for one of more than `max_codes`.
+        `clips`: Each (n,) float32 at the config's sample rate, as `clips.prepare` returns it.
+        `fps`, `batch_size`: As for `embed_batch`.
+        Raises DataError: "short_audio" for a clip of less than one code, "long_audio" for one of more than
+            `max_codes`.
         """
         for clip in clips:
             require_audio(len(clip), self.config)

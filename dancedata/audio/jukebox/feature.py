@@ -215,14 +215,9 @@ def _named_folder() -> Path | None:
 class Context:
     """A part of a song that the transformer processes at once.
 
-    Attributes
-    ----------
-    first_code, n_codes
-        Codes of the song.
-    first_row
-        Row of the song at the beginning of the context.
-    keep_from, keep_to
-        Rows of the context that become rows of the song.
+    `first_code`, `n_codes`: Codes of the song.
+    `first_row`: Row of the song at the beginning of the context.
+    `keep_from`, `keep_to`: Rows of the context that become rows of the song.
     """
 
     first_code: int
@@ -245,10 +240,7 @@ def contexts_of(
     Each begins at an instant of both a code and a row. Except in the song's first context, the first rows are warm-up
     and dropped; except in its last one, so is a short tail. The rows that are kept join without a gap.
 
-    Raises
-    ------
-    UsageError
-        If a context is too short for the overlap, or for one unit of codes and rows.
+    Raises UsageError: if a context is too short for the overlap, or for one unit of codes and rows.
     """
     codes, rows = unit_of(code_rate, fps)
     per_context = n_ctx // codes

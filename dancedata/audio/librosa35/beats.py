@@ -63,12 +63,8 @@ def _local_score(envelopes: Floats, period: NDArray[np.int64]) -> Doubles:
 def _best_paths(score: Doubles, period: NDArray[np.int64], tightness: float) -> tuple[NDArray[np.int64], Doubles]:
     """Find for each frame the previous beat, and the score of the best path that ends at it.
 
-    Returns
-    -------
-    links
-        (W, T) frame of the previous beat, or -1.
-    total
-        (W, T).
+    Returns: (W, T) frame of the previous beat, or -1.
+    Returns: (W, T).
     """
     n_windows, n_frames = score.shape
     # A beat is half a period to two periods after the previous one; halves round to even.

@@ -45,10 +45,7 @@ _FRAMES_AT_ONCE = 64
 def near_ties(chroma: Floats, largest: Floats) -> NDArray[np.bool_]:
     """Return in which frames of chroma (W, T, 12) a share is within rounding of a step; (W, T).
 
-    Parameters
-    ----------
-    largest
-        (W,) largest magnitude of each window's samples.
+    `largest`: (W,) largest magnitude of each window's samples.
     """
     loudness = chroma.sum(axis=2)
     relative = largest[:, np.newaxis] / np.maximum(loudness, np.finfo(np.float32).tiny)
@@ -88,12 +85,8 @@ def decide_near_ties(
 ) -> None:
     """Replace frames of chroma (W, T, 12) in which a share is too close to a step by librosa's.
 
-    Parameters
-    ----------
-    largest, tunings
-        Largest magnitude of each window's samples, and its tuning.
-    samples_of
-        Returns the samples of a window, resampled by itself.
+    `largest`, `tunings`: Largest magnitude of each window's samples, and its tuning.
+    `samples_of`: Returns the samples of a window, resampled by itself.
     """
     near = near_ties(chroma, largest)
     for window in np.flatnonzero(near.any(axis=1)).tolist():
@@ -104,12 +97,8 @@ def decide_near_ties(
 def librosa_chroma(samples: Floats, frames: NDArray[np.int64], tuning: int, rate: int) -> Floats:
     """Return librosa's `chroma_cqt` (F, 12), not normalised, of some frames of a signal.
 
-    Parameters
-    ----------
-    samples
-        (n,) float32 at the features' rate.
-    frames
-        (F,) indices of frames.
+    `samples`: (n,) float32 at the features' rate.
+    `frames`: (F,) indices of frames.
     """
     filters, lengths = sparse_filters(tuning, rate)
     magnitudes = np.zeros((N_OCTAVES * BINS_PER_OCTAVE, 1 + len(samples) // HOP), dtype=np.float32, order="F")
@@ -208,10 +197,7 @@ def track_features(samples: Floats, settings: Settings) -> Floats:
 def window_features(samples: Floats, starts: NDArray[np.int64], n_samples: int, settings: Settings) -> Floats:
     """Compute the features (W, T, 35) of windows of a signal, each as if it were a separate 16-bit wav.
 
-    Parameters
-    ----------
-    starts
-        (W,) first samples, in any order. Windows that begin a whole number of frames after the signal does
+    `starts`: (W,) first samples, in any order. Windows that begin a whole number of frames after the signal does
         share work, unless `why_not_shared`; others are computed by themselves, at a third of the speed.
     """
     sample_rate, rate = settings.sample_rate, settings.rate
@@ -256,12 +242,8 @@ def _features(
 ) -> Floats:
     """Compute the features (W, T, 35) of windows at the features' rate that begin on multiples of 512 samples.
 
-    Parameters
-    ----------
-    bpms
-        Where the search for the tempo starts, one per window; `settings.start_bpm` is not used.
-    samples_of
-        Returns the samples of a window, resampled by itself.
+    `bpms`: Where the search for the tempo starts, one per window; `settings.start_bpm` is not used.
+    `samples_of`: Returns the samples of a window, resampled by itself.
     """
     rate = settings.rate
     spectra = window_spectra(windows, rate)

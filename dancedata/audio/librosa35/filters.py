@@ -37,11 +37,8 @@ _HANN_BANDWIDTH = 1.50018310546875
 class FilterBank:
     """Filters of an octave, for frames of `2 * len(even)` samples.
 
-    Attributes
-    ----------
-    even, odd
-        (n / 2, 36) float32: real parts, for the sums, and imaginary parts, for the differences, of samples at
-        equal distances from the point of symmetry, the nearest first.
+    `even`, `odd`: (n / 2, 36) float32: real parts, for the sums, and imaginary parts, for the differences, of samples
+        at equal distances from the point of symmetry, the nearest first.
     """
 
     even: Floats

@@ -13,16 +13,10 @@ TEMPO_SAMPLE_RATE = 22050
 class Settings:
     """Parameters of the analysis of a signal.
 
-    Attributes
-    ----------
-    sample_rate
-        Of the signal, in Hz.
-    rate
-        Sample rate at which the features are computed, in Hz: `HOP` times the frame rate.
-    start_bpm
-        Where the search for the tempo starts, in beats per minute; None: at an estimate from the signal.
-    tightness
-        How closely beats keep to the tempo (librosa's `beat_track`).
+    `sample_rate`: Of the signal, in Hz.
+    `rate`: Sample rate at which the features are computed, in Hz: `HOP` times the frame rate.
+    `start_bpm`: Where the search for the tempo starts, in beats per minute; None: at an estimate from the signal.
+    `tightness`: How closely beats keep to the tempo (librosa's `beat_track`).
     """
 
     sample_rate: int

@@ -28,12 +28,8 @@ _DELTA = np.float64(np.float32(0.07))
 def envelope_and_mfcc(db: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Compute the onset envelopes (W, T) and MFCC (W, T, 20) of windows.
 
-    Parameters
-    ----------
-    db
-        (R, 128) rows of the mel spectrum in dB.
-    rows
-        (W, T) the rows of each window.
+    `db`: (R, 128) rows of the mel spectrum in dB.
+    `rows`: (W, T) the rows of each window.
     """
     n_windows, n_frames = rows.shape
     envelope = np.zeros((n_windows, n_frames), dtype=np.float32)
@@ -136,14 +132,9 @@ _BLOCK = 64
 class Spectra:
     """Rows of all windows of a track.
 
-    Attributes
-    ----------
-    db
-        (R, 128) mel spectrum in dB, at least -100, not yet limited to the upper 80 dB of a window.
-    peaks
-        Spectral peaks of the R rows.
-    rows
-        (W, T) row of frame t of window w.
+    `db`: (R, 128) mel spectrum in dB, at least -100, not yet limited to the upper 80 dB of a window.
+    `peaks`: Spectral peaks of the R rows.
+    `rows`: (W, T) row of frame t of window w.
     """
 
     db: Floats

@@ -29,16 +29,11 @@ _ROUNDING = np.float32(3e-6)
 class Peaks:
     """Spectral peaks of rows, row by row.
 
-    Attributes
-    ----------
-    first
-        (R + 1,) peaks first[r] .. first[r + 1] - 1 are those of row r.
-    magnitude
-        (P,) float32, interpolated.
-    tuning
-        (P,) index of the deviation from the nearest bin, of `N_TUNINGS`.
-    is_vague
-        (P,) whether rounding may decide that it is a peak: it barely stands out, as in the flat spectrum of a click.
+    `first`: (R + 1,) peaks first[r] .. first[r + 1] - 1 are those of row r.
+    `magnitude`: (P,) float32, interpolated.
+    `tuning`: (P,) index of the deviation from the nearest bin, of `N_TUNINGS`.
+    `is_vague`: (P,) whether rounding may decide that it is a peak: it barely stands out, as in the flat spectrum of a
+        click.
     """
 
     first: NDArray[np.int64]
@@ -64,10 +59,7 @@ def find_peaks(spectrum: Floats, rate: int, *, is_power: bool) -> Peaks:
     Frequency and magnitude are interpolated by a parabola, as in librosa's `piptrack` (Smith, Spectral Audio
     Signal Processing), with its float32 roundings.
 
-    Parameters
-    ----------
-    is_power
-        Whether the spectrum is one of power, whose peaks are turned into magnitudes, or of magnitude.
+    `is_power`: Whether the spectrum is one of power, whose peaks are turned into magnitudes, or of magnitude.
     """
     n_fft = 2 * (spectrum.shape[1] - 1)
     frequencies = np.fft.rfftfreq(n_fft, 1.0 / rate)
@@ -98,10 +90,7 @@ def find_peaks(spectrum: Floats, rate: int, *, is_power: bool) -> Peaks:
 def window_tuning(peaks: Peaks, rows: NDArray[np.int64]) -> tuple[int, bool]:
     """Return the most frequent deviation among the louder half of the rows' peaks, and whether it is certain.
 
-    Parameters
-    ----------
-    rows
-        (T,) indices of a window's rows.
+    `rows`: (T,) indices of a window's rows.
     """
     magnitude, tuning, n_vague = _of_rows(peaks, rows)
     count = len(magnitude)

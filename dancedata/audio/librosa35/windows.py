@@ -21,16 +21,10 @@ END = reach_in(2, 1)
 class Windows:
     """Windows of a track, all of one length.
 
-    Attributes
-    ----------
-    track
-        (m,) float32.
-    starts
-        (W,) first sample of each window.
-    length
-        Samples per window.
-    heads, tails
-        (W, e) float32: replace the track's samples at the ends of the windows.
+    `track`: (m,) float32.
+    `starts`: (W,) first sample of each window.
+    `length`: Samples per window.
+    `heads`, `tails`: (W, e) float32: replace the track's samples at the ends of the windows.
     """
 
     track: Floats
@@ -82,14 +76,9 @@ def resampled_windows(
 ) -> Windows:
     """Resample windows of a signal, each as if it were cut out first.
 
-    Parameters
-    ----------
-    samples
-        (n,) at `from_rate`.
-    starts
-        (W,) first sample of each window; each at an instant that has a sample at `to_rate`, too.
-    length
-        Samples per window, at least `shortest(from_rate, to_rate)`.
+    `samples`: (n,) at `from_rate`.
+    `starts`: (W,) first sample of each window; each at an instant that has a sample at `to_rate`, too.
+    `length`: Samples per window, at least `shortest(from_rate, to_rate)`.
     """
     new_starts = starts * to_rate // from_rate
     new_length = resampled_length(length, from_rate, to_rate)

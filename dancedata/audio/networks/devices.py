@@ -80,10 +80,7 @@ def _card(device: str) -> str:
 class Batches:
     """Runs batches; keeps the largest size that the device has memory for.
 
-    Parameters
-    ----------
-    fix
-        What to do where a single item is too large, for the message.
+    `fix`: What to do where a single item is too large, for the message.
     """
 
     def __init__(self, fix: str = "end other programs on the device") -> None:
@@ -95,17 +92,9 @@ class Batches:
     ) -> Iterator[list[Result]]:
         """Compute items in order, `size` at once; the size is halved whenever the device runs out of memory.
 
-        Yields
-        ------
-        list
-            Results of the next items.
-
-        Raises
-        ------
-        UsageError
-            `size` is below 1.
-        DanceDataError
-            The memory is too small for a single item.
+        Yields: Results of the next items.
+        Raises UsageError: `size` is below 1.
+        Raises DanceDataError: The memory is too small for a single item.
         """
         if size < 1:
             raise UsageError("invalid value for batch_size", found=size, allowed="1 or more")

@@ -42,11 +42,8 @@ class Sizes:
 def read_sizes(path: Path) -> Sizes:
     """Return the sizes of a sequence.
 
-    Raises
-    ------
-    DataError
-        reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``contradiction`` (root rotations
-        twice), ``length_mismatch`` or ``empty``.
+    Raises DataError: reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``contradiction``
+        (root rotations twice), ``length_mismatch`` or ``empty``.
     """
     with open_arrays(path) as arrays:
         return _sizes(arrays)
@@ -55,21 +52,10 @@ def read_sizes(path: Path) -> Sizes:
 def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
     """Read the motions of some dancers; the pickle is read once.
 
-    Parameters
-    ----------
-    members
-        Numbers of the dancers, from 0.
-
-    Returns
-    -------
-    list of Motion
-        30 FPS; rotations (T, 24, 3) axis-angle in radians, hands zero where the file has none; translation (T, 3) in
-        metres as in the file, +Y up, in one world; SMPL24.
-
-    Raises
-    ------
-    DataError
-        As `read_sizes`, ``nan`` and ``not_rotations`` with the dancer, or ``missing_dancer``.
+    `members`: Numbers of the dancers, from 0.
+    Returns: 30 FPS; rotations (T, 24, 3) axis-angle in radians, hands zero where the file has none; translation (T,
+        3) in metres as in the file, +Y up, in one world; SMPL24.
+    Raises DataError: As `read_sizes`, ``nan`` and ``not_rotations`` with the dancer, or ``missing_dancer``.
     """
     with open_arrays(path) as arrays:
         sizes = _sizes(arrays)

@@ -44,18 +44,11 @@ IGNORE_LIST = "ignore_list.txt"
 class Splits:
     """The chosen split.
 
-    Attributes
-    ----------
-    name
-        The parameter in the recipe.
-    of
-        Sequence name -> split, without the sequences in none.
-    from_files
-        Whether split files decide, in place of a rule over the names.
-    expected
-        Names that should have a pickle, from the split files or from ``cameras/mapping.txt``.
-    notes
-        The files that were read.
+    `name`: The parameter in the recipe.
+    `of`: Sequence name -> split, without the sequences in none.
+    `from_files`: Whether split files decide, in place of a rule over the names.
+    `expected`: Names that should have a pickle, from the split files or from ``cameras/mapping.txt``.
+    `notes`: The files that were read.
     """
 
     name: str
@@ -78,18 +71,12 @@ class Ignored:
 class Copy:
     """A copy of AIST++.
 
-    Attributes
-    ----------
-    layout
-        "official", "edge" or "mixed".
-    sequences
-        Parts of the name of each sequence with a motion file; sequences that are left out of the dataset count.
-    music
-        Audio files by stem: a sequence name or a music id.
-    recordings, songs
-        Stems of the audio files in use: those of one sequence, and those of a song.
-    rejects
-        Audio files that no sequence uses, and entries that are not read.
+    `layout`: "official", "edge" or "mixed".
+    `sequences`: Parts of the name of each sequence with a motion file; sequences that are left out of the dataset
+        count.
+    `music`: Audio files by stem: a sequence name or a music id.
+    `recordings`, `songs`: Stems of the audio files in use: those of one sequence, and those of a song.
+    `rejects`: Audio files that no sequence uses, and entries that are not read.
     """
 
     folders: Folders
@@ -107,10 +94,7 @@ class Copy:
 def find_copy(source: Path, split: str, split_dir: str | None, ignore: bool, music_dir: Path | None = None) -> Copy:
     """List the files of a copy and read its lists.
 
-    Raises
-    ------
-    SourceError
-        If the folder is not an AIST++ copy, or its lists are unusable.
+    Raises SourceError: if the folder is not an AIST++ copy, or its lists are unusable.
     """
     folders, motions = LAYOUT.list_motions(source)
     music_folders = [place / name for place in folders.places for name in MUSIC_FOLDERS]

@@ -27,23 +27,11 @@ Floats = NDArray[np.float64]
 def load_motion(path: Path, frame_rate: int) -> Motion:
     """Read a pickle with ``smpl_poses``, ``smpl_trans`` and ``smpl_scaling``; other keys are not used.
 
-    Parameters
-    ----------
-    path
-        The pickle; read with the allow-list unpickler, so nothing in it is executed.
-    frame_rate
-        Frames per second, 60 for AIST++.
-
-    Returns
-    -------
-    Motion
-        rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3) in metres,
-        ``smpl_trans / smpl_scaling`` in float64; +Y up; skeleton SMPL24.
-
-    Raises
-    ------
-    DataError
-        reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
+    `path`: The pickle; read with the allow-list unpickler, so nothing in it is executed.
+    `frame_rate`: Frames per second, 60 for AIST++.
+    Returns: rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3) in metres, ``smpl_trans /
+        smpl_scaling`` in float64; +Y up; skeleton SMPL24.
+    Raises DataError: reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
         ``length_mismatch``, ``nan``, ``not_rotations`` or ``bad_scaling``.
     """
     arrays = _read(path)

@@ -38,25 +38,13 @@ Floats = NDArray[np.float64]
 def load_dancer(path: Path, up: str = "z") -> Motion:
     """Read one dancer.
 
-    Parameters
-    ----------
-    path
-        An .npy file that holds a dict; nothing in it is executed.
-    up
-        Axis that is up in the file, "z" or "y".
-
-    Returns
-    -------
-    Motion
-        30 FPS; rotations (T, 55, 3) axis-angle in radians; translation (T, 3) in metres; turned to +Y up about the
-        world's origin, so partners stay in one world; SMPLX55: betas are not used.
-
-    Raises
-    ------
-    DataError
-        reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``length_mismatch``, ``empty``,
-        ``nan``, ``not_rotations``, ``contradiction`` (the root's two rotations), or ``bad_axes`` if heads are not
-        above pelvises.
+    `path`: An .npy file that holds a dict; nothing in it is executed.
+    `up`: Axis that is up in the file, "z" or "y".
+    Returns: 30 FPS; rotations (T, 55, 3) axis-angle in radians; translation (T, 3) in metres; turned to +Y up about
+        the world's origin, so partners stay in one world; SMPLX55: betas are not used.
+    Raises DataError: reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``length_mismatch``,
+        ``empty``, ``nan``, ``not_rotations``, ``contradiction`` (the root's two rotations), or ``bad_axes`` if heads
+        are not above pelvises.
     """
     content = load_object(path)
     arrays = ValueArrays(path, content)

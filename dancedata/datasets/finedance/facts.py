@@ -42,16 +42,10 @@ class Trim:
 class Facts:
     """The content of the manifest.
 
-    Attributes
-    ----------
-    ids
-        All published ids, "001" to "211".
-    protocols, ignore_lists
-        By name.
-    genre_ids
-        Lodge's number of each genre, by its canonical name.
-    genre_names
-        Canonical name of each genre in the labels; keys are case-folded.
+    `ids`: All published ids, "001" to "211".
+    `protocols`, `ignore_lists`: By name.
+    `genre_ids`: Lodge's number of each genre, by its canonical name.
+    `genre_names`: Canonical name of each genre in the labels; keys are case-folded.
     """
 
     ids: tuple[str, ...]

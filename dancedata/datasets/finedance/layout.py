@@ -21,12 +21,8 @@ SHOWN = 40
 class Label:
     """The content of a label.
 
-    Attributes
-    ----------
-    genre
-        Canonical name of the genre, "" if the label has none.
-    reason, problem
-        The problem, as a code ("missing_label", "broken_label", "unknown_genre") and in words.
+    `genre`: Canonical name of the genre, "" if the label has none.
+    `reason`, `problem`: The problem, as a code ("missing_label", "broken_label", "unknown_genre") and in words.
     """
 
     genre: str = ""
@@ -37,12 +33,8 @@ class Label:
 def read_label(path: Path | None, clip: str) -> Label:
     """Read ``label_json/NNN.json``: ``style2`` is the genre; ``style1`` (coarse) and the song's name are not used.
 
-    Parameters
-    ----------
-    path
-        The file; None if it does not exist.
-    clip
-        Id, for messages.
+    `path`: The file; None if it does not exist.
+    `clip`: Id, for messages.
     """
     name = f"label_json/{clip}.json"
     if path is None:

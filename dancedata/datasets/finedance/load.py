@@ -49,27 +49,13 @@ COLUMNS = 3 + 6 * JOINTS
 def load_motion(path: Path, frame_rate: int, skeleton: Skeleton, trim_start: int = 0) -> Motion:
     """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
 
-    Parameters
-    ----------
-    path
-        .npy file. Nothing in it is executed; its header is checked before memory is allocated.
-    frame_rate
-        Frames per second, 30 for FineDance.
-    skeleton
-        SMPL-X's 55 joints with the bones to use.
-    trim_start
-        First frame of the dance.
-
-    Returns
-    -------
-    Motion
-        rotations (T, 55, 3) axis-angle in radians, jaw and eyes zero; translation (T, 3) in metres as in the file;
-        +Y up. The 6D columns of the result equal the file's within the precision of float32.
-
-    Raises
-    ------
-    DataError
-        reason ``broken_file``, ``unsafe_pickle``, ``too_large``, ``bad_shape``, ``empty``, ``nan``,
+    `path`: .npy file. Nothing in it is executed; its header is checked before memory is allocated.
+    `frame_rate`: Frames per second, 30 for FineDance.
+    `skeleton`: SMPL-X's 55 joints with the bones to use.
+    `trim_start`: First frame of the dance.
+    Returns: rotations (T, 55, 3) axis-angle in radians, jaw and eyes zero; translation (T, 3) in metres as in the
+        file; +Y up. The 6D columns of the result equal the file's within the precision of float32.
+    Raises DataError: reason ``broken_file``, ``unsafe_pickle``, ``too_large``, ``bad_shape``, ``empty``, ``nan``,
         ``bad_rotation`` or ``too_short`` (no frame is left after the trim).
     """
     with open_arrays(path) as arrays:

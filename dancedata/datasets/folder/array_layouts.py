@@ -87,26 +87,15 @@ def same_rate(stated: FrameGrid | None, grid: FrameGrid) -> bool:
 class Layout:
     """The layout of a file.
 
-    Attributes
-    ----------
-    name
-        "amass" or another layout.
-    body
-        "smpl", "smplh", "smplx", "finedance" or "positions": how the columns are read.
-    poses
-        Name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
-    translation
-        Name of its array; None if it is in the same array.
-    up, unit, rate
-        As defined by the layout, None where it defines nothing.
-    scaling
-        Name of the array that divides the translation.
-    matrices
-        Whether the rotations are matrices, row by row, in place of axis-angle.
-    keyed
-        Whether the recipe names the arrays.
-    joints
-        Set of joints of positions, as `positions.JOINT_SETS` has them; "" where names decide.
+    `name`: "amass" or another layout.
+    `body`: "smpl", "smplh", "smplx", "finedance" or "positions": how the columns are read.
+    `poses`: Name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
+    `translation`: Name of its array; None if it is in the same array.
+    `up`, `unit`, `rate`: As defined by the layout, None where it defines nothing.
+    `scaling`: Name of the array that divides the translation.
+    `matrices`: Whether the rotations are matrices, row by row, in place of axis-angle.
+    `keyed`: Whether the recipe names the arrays.
+    `joints`: Set of joints of positions, as `positions.JOINT_SETS` has them; "" where names decide.
     """
 
     name: str
@@ -130,10 +119,8 @@ class Layout:
 def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None = None) -> Layout:
     """Recognise the layout by names and shapes, and check it against the declared one.
 
-    Raises
-    ------
-    DataError
-        ``missing_key`` or ``bad_shape`` for an unknown layout; ``bad_declaration`` if another one was declared.
+    Raises DataError: ``missing_key`` or ``bad_shape`` for an unknown layout; ``bad_declaration`` if another one was
+        declared.
     """
     names = arrays.names
     if keys is not None and "positions" in keys and keys["positions"] in names:
@@ -272,11 +259,8 @@ def _as_declared(arrays: ArrayFile, layout: Layout, declared: str) -> Layout:
 def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
     """Return translation (T, 3) in the file's unit and rotations (T, J, 3), axis-angle.
 
-    Raises
-    ------
-    DataError
-        ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``, ``out_of_range``, ``bad_scaling``, ``bad_rotation`` or
-        ``not_rotations``.
+    Raises DataError: ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``, ``out_of_range``, ``bad_scaling``,
+        ``bad_rotation`` or ``not_rotations``.
     """
     if layout.name == "motionx":
         array = finite(arrays, layout.poses or "")

@@ -53,10 +53,7 @@ def scaling(arrays: ArrayFile, name: str) -> float:
 def stored_rate(arrays: ArrayFile, key: str) -> Fraction:
     """Return the frame rate that a file states, as one number or as its text ("120", b"120.0", "30000/1001").
 
-    Raises
-    ------
-    DataError
-        ``bad_rate``.
+    Raises DataError: ``bad_rate``.
     """
     try:
         text = arrays.text(key)

@@ -126,16 +126,10 @@ class Fact(Generic[T]):
 class Declared:
     """Declarations for one file or for all; None where nothing is declared.
 
-    Attributes
-    ----------
-    fps
-        As text, such as "30" or "30000/1001".
-    unit
-        A name in UNITS, "guess", or metres per unit as text.
-    person
-        The file's own name for one of its people.
-    joint_map
-        SMPL joint -> name in the BVH, or the name of a producer, as JSON.
+    `fps`: As text, such as "30" or "30000/1001".
+    `unit`: A name in UNITS, "guess", or metres per unit as text.
+    `person`: The file's own name for one of its people.
+    `joint_map`: SMPL joint -> name in the BVH, or the name of a producer, as JSON.
     """
 
     fps: str | None = None

@@ -59,18 +59,11 @@ Floats = NDArray[np.float64]
 class Reading:
     """Declarations for one file and for all files, which decide how it is read.
 
-    Attributes
-    ----------
-    manifest
-        Declarations for this file.
-    recipe
-        Declarations for all files.
-    joint_map
-        SMPL joint -> name in BVH files, or the name of a producer.
-    body_model
-        File or folder; None for the mean body.
-    keys, joints
-        The recipe's names of arrays, and of the joints of positions, as in `Folder`.
+    `manifest`: Declarations for this file.
+    `recipe`: Declarations for all files.
+    `joint_map`: SMPL joint -> name in BVH files, or the name of a producer.
+    `body_model`: File or folder; None for the mean body.
+    `keys`, `joints`: The recipe's names of arrays, and of the joints of positions, as in `Folder`.
     """
 
     manifest: Declared
@@ -84,10 +77,7 @@ class Reading:
 def load_motion(path: Path, reading: Reading) -> Motion:
     """Read a motion file: metres, +Y up, radians, exact frame rate.
 
-    Raises
-    ------
-    DataError
-        If the file is unusable, or contradicts its declarations.
+    Raises DataError: if the file is unusable, or contradicts its declarations.
     """
     if path.suffix.lower() == ".bvh":
         return _load_bvh(path, reading)

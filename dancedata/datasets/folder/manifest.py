@@ -49,18 +49,11 @@ _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tabulator"}
 class Row:
     """A line of the manifest.
 
-    Attributes
-    ----------
-    line
-        Its number, for messages.
-    values
-        The cells that are not empty, by column.
-    declared
-        The declarations for the motion file.
-    seconds
-        The columns of seconds that it has, exactly.
-    columns
-        Its free columns, without the prefix.
+    `line`: Its number, for messages.
+    `values`: The cells that are not empty, by column.
+    `declared`: The declarations for the motion file.
+    `seconds`: The columns of seconds that it has, exactly.
+    `columns`: Its free columns, without the prefix.
     """
 
     line: int
@@ -82,10 +75,7 @@ class Row:
 def read_manifest(path: Path) -> list[Row]:
     """Read and check a manifest, but not whether its files exist.
 
-    Raises
-    ------
-    SourceError
-        For any mistake, with its line.
+    Raises SourceError: for any mistake, with its line.
     """
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
@@ -127,10 +117,7 @@ def guess_notes(rows: Sequence[Row]) -> list[str]:
 def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> Path:
     """Return a path of the manifest below the source folder; it need not exist.
 
-    Raises
-    ------
-    SourceError
-        If it is outside the source folder: an absolute path, one with "..", or a symbolic link.
+    Raises SourceError: if it is outside the source folder: an absolute path, one with "..", or a symbolic link.
     """
     allowed, fix = "a path below the source folder", "move the file into the source folder"
     try:

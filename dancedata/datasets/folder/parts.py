@@ -14,10 +14,7 @@ from dancedata.core.text import counted
 def part_of(motion: Motion, ref: ClipRef) -> Motion:
     """Return the frames of a file that are the clip; see `ClipRef.source_start`.
 
-    Raises
-    ------
-    DataError
-        ``too_short`` if no frame is left, ``bad_declaration`` if the file ends before the part does.
+    Raises DataError: ``too_short`` if no frame is left, ``bad_declaration`` if the file ends before the part does.
     """
     if ref.source_start is None and ref.source_end is None:
         return motion

@@ -64,10 +64,7 @@ def people_of(path: Path) -> tuple[str, ...]:
 def open_person(path: Path, person: str | None) -> Iterator[ArrayFile]:
     """Open the arrays of one person; None for the only one.
 
-    Raises
-    ------
-    DataError
-        As `open_arrays` does; ``several_people`` if none of several is chosen, ``missing_person``.
+    Raises DataError: As `open_arrays` does; ``several_people`` if none of several is chosen, ``missing_person``.
     """
     if not holds_values(path):
         with open_arrays(path) as arrays:
@@ -101,12 +98,8 @@ def _missing(path: Path, person: str | None, found: str) -> DataError:
 class Seen:
     """Frames of the video in which a person is seen.
 
-    Attributes
-    ----------
-    first, stop
-        The first frame in which it is seen, and the one after the last.
-    missing
-        Frames between them in which it is not.
+    `first`, `stop`: The first frame in which it is seen, and the one after the last.
+    `missing`: Frames between them in which it is not.
     """
 
     first: int
@@ -122,10 +115,7 @@ class Seen:
 def seen_in(arrays: ArrayFile) -> tuple[Seen, NDArray[np.int64]] | None:
     """Return when the person of a file is seen, and in which frames of the video; None where the file has no frames.
 
-    Raises
-    ------
-    DataError
-        ``missing_frames``: not in order, or with longer gaps than MAX_GAP.
+    Raises DataError: ``missing_frames``: not in order, or with longer gaps than MAX_GAP.
     """
     frames = arrays.frames if isinstance(arrays, PersonArrays) else None
     if frames is None or not len(frames):
@@ -150,15 +140,8 @@ def on_video_frames(arrays: ArrayFile, translation: Floats, rotations: Floats) -
 
     Gaps are interpolated: linear, and along the shortest arc. Before the person appears it keeps its first pose.
 
-    Returns
-    -------
-    tuple
-        Translation (F, 3), rotations (F, J, 3), and the frame in which the person is first seen.
-
-    Raises
-    ------
-    DataError
-        ``missing_frames``, ``length_mismatch``.
+    Returns: Translation (F, 3), rotations (F, J, 3), and the frame in which the person is first seen.
+    Raises DataError: ``missing_frames``, ``length_mismatch``.
     """
     span = seen_in(arrays)
     if span is None:

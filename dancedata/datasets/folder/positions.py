@@ -100,10 +100,7 @@ def _is_positions(arrays: ArrayFile, name: str) -> bool:
 def joint_names(arrays: ArrayFile, name: str, declared: Sequence[str] | str | None) -> tuple[tuple[str, ...], str]:
     """Return the names of the joints of an array (T, J, 3), and where they come from.
 
-    Raises
-    ------
-    DataError
-        ``unknown_joints`` if nothing names them, ``bad_declaration`` if their number differs.
+    Raises DataError: ``unknown_joints`` if nothing names them, ``bad_declaration`` if their number differs.
     """
     count = arrays.shape(name)[1]
     stored = next((names for key in JOINT_NAMES if key in arrays.names and (names := arrays.texts(key))), ())
@@ -141,10 +138,7 @@ def _has_proportions(arrays: ArrayFile, name: str, joints: Sequence[str]) -> boo
 def map_names(path: Path, names: Sequence[str], joint_map: Mapping[str, str] | str | None) -> dict[int, int]:
     """Return the index in SMPL24 -> index of a joint, by SMPL's names, those of producers, and `joint_map`.
 
-    Raises
-    ------
-    DataError
-        ``unknown_joints`` if limbs are missing; ``ambiguous_joint_map`` as for BVH.
+    Raises DataError: ``unknown_joints`` if limbs are missing; ``ambiguous_joint_map`` as for BVH.
     """
     chosen, declared = (joint_map, {}) if isinstance(joint_map, str) else ("", dict(joint_map or {}))
     declared = {joint: name for joint, name in declared.items() if not name or name in names}
@@ -224,10 +218,7 @@ def body_at(
 ) -> tuple[Floats, list[int]]:
     """Return positions (T, 24, 3) of SMPL's joints in a file's axes and unit, and the leaves that are not known.
 
-    Raises
-    ------
-    DataError
-        As `joint_names` and `map_names` do; ``empty``, ``nan``, ``out_of_range``.
+    Raises DataError: As `joint_names` and `map_names` do; ``empty``, ``nan``, ``out_of_range``.
     """
     names, _ = joint_names(arrays, name, joints)
     rows = finite(arrays, name)
@@ -237,10 +228,7 @@ def body_at(
 def humanml_at(arrays: ArrayFile) -> tuple[Floats, list[int]]:
     """Return positions (T, 24, 3) of HumanML3D's columns (T, 263), metres, +Y up, and the leaves that they lack.
 
-    Raises
-    ------
-    DataError
-        ``empty``, ``nan``; ``out_of_range``, also for normalised columns.
+    Raises DataError: ``empty``, ``nan``; ``out_of_range``, also for normalised columns.
     """
     columns = finite(arrays, "")
     height = float(np.median(columns[:, 3]))
@@ -275,10 +263,7 @@ def height_of(at: Floats) -> float:
 def fit_body(path: Path, at: Floats, unseen: Sequence[int], grid: FrameGrid) -> Motion:
     """Return the motion of positions (T, 24, 3), metres, +Y up, on SMPL's joints with the bones of the positions.
 
-    Raises
-    ------
-    DataError
-        ``bad_skeleton`` for limbs or a trunk without length.
+    Raises DataError: ``bad_skeleton`` for limbs or a trunk without length.
     """
     lengths = bone_lengths(at)
     size = height_of(at)

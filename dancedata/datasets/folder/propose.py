@@ -39,18 +39,11 @@ _ASKED = re.compile(r"declare (fps|up|unit):(?: (\S+))?")
 class ProposedRow:
     """A row of a proposed manifest.
 
-    Attributes
-    ----------
-    id, motion, audio
-        As in a manifest; paths below the source, "" without music.
-    fps, up, unit
-        What the file does not state.
-    guessed
-        Columns that are guesses.
-    evidence
-        How each was found.
-    motion_s, audio_s
-        Lengths, seconds; None if unknown.
+    `id`, `motion`, `audio`: As in a manifest; paths below the source, "" without music.
+    `fps`, `up`, `unit`: What the file does not state.
+    `guessed`: Columns that are guesses.
+    `evidence`: How each was found.
+    `motion_s`, `audio_s`: Lengths, seconds; None if unknown.
     """
 
     id: str
@@ -78,12 +71,8 @@ class ProposedRow:
 class Proposal:
     """A proposed manifest.
 
-    Attributes
-    ----------
-    rows
-        A clip each.
-    unused
-        Music that no clip has.
+    `rows`: A clip each.
+    `unused`: Music that no clip has.
     """
 
     rows: tuple[ProposedRow, ...]
@@ -110,10 +99,7 @@ class Proposal:
 def propose(source: Path) -> Proposal:
     """Propose a manifest; reads every motion file, and the lengths of music.
 
-    Raises
-    ------
-    SourceError
-        If the folder does not exist or has no motion files.
+    Raises SourceError: if the folder does not exist or has no motion files.
     """
     source = Path(source)
     require_folder("folder", source, "motion files and music")

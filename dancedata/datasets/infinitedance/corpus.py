@@ -75,10 +75,7 @@ class Styles:
     def find(cls, root: Path, source: Path, names: Collection[str]) -> "Styles":
         """Read the styles of some clips; the file of a clip and the map of all have to agree.
 
-        Raises
-        ------
-        SourceError
-            For a map that is not one of names to styles.
+        Raises SourceError: for a map that is not one of names to styles.
         """
         folder, rejects, differ = root / "styles", [], []
         styles = _style_map(folder / _STYLE_MAP)

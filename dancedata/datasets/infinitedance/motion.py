@@ -49,25 +49,13 @@ Floats = NDArray[np.float64]
 def load_fit(path: Path, up: str = "auto") -> Motion:
     """Read a fit of SMPL-X's body.
 
-    Parameters
-    ----------
-    path
-        A file of joblib, or a pickle; read with the allow-list unpickler, so nothing in it is executed.
-    up
-        Axis that is up in the file, "y", "z" or "-y" (a camera's axes); "auto": that along which the head is above
+    `path`: A file of joblib, or a pickle; read with the allow-list unpickler, so nothing in it is executed.
+    `up`: Axis that is up in the file, "y", "z" or "-y" (a camera's axes); "auto": that along which the head is above
         the pelvis, on average over the frames.
-
-    Returns
-    -------
-    Motion
-        30 FPS, metres, +Y up; rotations (T, 22, 3) of SMPLX22; ``transl`` is SMPL-X's translation. Of a ``body_pose``
-        of 69 numbers the last two joints, SMPL's hands, are not used.
-
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``,
-        ``not_rotations``, or ``bad_axes`` if no axis is clearly up.
+    Returns: 30 FPS, metres, +Y up; rotations (T, 22, 3) of SMPLX22; ``transl`` is SMPL-X's translation. Of a
+        ``body_pose`` of 69 numbers the last two joints, SMPL's hands, are not used.
+    Raises DataError: ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``length_mismatch``,
+        ``empty``, ``nan``, ``not_rotations``, or ``bad_axes`` if no axis is clearly up.
     """
     with open_arrays(path) as arrays:
         require_keys(arrays, KEYS)
@@ -97,15 +85,8 @@ def load_fit(path: Path, up: str = "auto") -> Motion:
 def load_columns(path: Path) -> Motion:
     """Read a file of 264 columns as the joints that they hold, with rotations fitted to them.
 
-    Returns
-    -------
-    Motion
-        As `Humanml264.decode`, 30 FPS: a clip begins at the origin, facing +Z.
-
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``bad_shape``, ``empty``, or ``nan`` with frame and column.
+    Returns: As `Humanml264.decode`, 30 FPS: a clip begins at the origin, facing +Z.
+    Raises DataError: ``broken_file``, ``bad_shape``, ``empty``, or ``nan`` with frame and column.
     """
     with open_arrays(path) as arrays:
         shape = arrays.shape("") if arrays.names == ("",) else ()

@@ -54,10 +54,7 @@ class Labels:
 def read_labels(folder: Path) -> Labels:
     """Read the labels of all recordings; those of whole recordings are preferred to chunks.
 
-    Raises
-    ------
-    SourceError
-        If there are no labels.
+    Raises SourceError: if there are no labels.
     """
     texts: dict[str, dict[int, Path]] = defaultdict(dict)
     chunks: dict[str, dict[tuple[int, bool], Path]] = defaultdict(dict)
@@ -96,10 +93,7 @@ def read_labels(folder: Path) -> Labels:
 def read_text(path: Path) -> Segment:
     """Read a text file: one segment, its `end` the last frame.
 
-    Raises
-    ------
-    DataError
-        ``bad_segment``.
+    Raises DataError: ``bad_segment``.
     """
     stated: dict[str, str] = {}
     for line in _read(path).splitlines():
@@ -119,10 +113,7 @@ def read_text(path: Path) -> Segment:
 def read_chunk(path: Path) -> list[Segment]:
     """Read a JSON file: the segments of a chunk, times from its first frame, in the order of the file.
 
-    Raises
-    ------
-    DataError
-        ``bad_segment``.
+    Raises DataError: ``bad_segment``.
     """
     return [segment for _, segment in _chunk(path)[1]]
 
@@ -133,10 +124,7 @@ def joined(chunks: Mapping[tuple[int, bool], Path]) -> list[Segment]:
     Parts of one segment in successive chunks are joined where they touch; a part that a chunk cut off does not say
     where the segment begins or ends, another chunk does.
 
-    Raises
-    ------
-    DataError
-        ``bad_segment``, also where two chunks state different labels for a frame.
+    Raises DataError: ``bad_segment``, also where two chunks state different labels for a frame.
     """
     parts: dict[tuple[Any, ...], list[tuple[Fraction, Fraction, Segment]]] = defaultdict(list)
     frames: dict[Fraction, tuple[Any, Path]] = {}

@@ -47,16 +47,11 @@ _OTHER = re.compile(r"s[A-Z]{2}|c[A-Z][a-z]+|sngl|ch[0-9]+")
 class RecordingName:
     """What the name of a recording states; a name in any form is a valid one.
 
-    Attributes
-    ----------
-    song
-        Recordings with one song have one value: its slug; without one the code of the music with its number
+    `song`: Recordings with one song have one value: its slug; without one the code of the music with its number
         ("mLH4"); else the whole name.
-    genre
-        One of GENRES' values, or "".
-    dancer
-        Session and dancer, "kthjazz_d02"; "" if the name has no dancer. Numbers of different sessions need not be
-        the same people.
+    `genre`: One of GENRES' values, or "".
+    `dancer`: Session and dancer, "kthjazz_d02"; "" if the name has no dancer. Numbers of different sessions need not
+        be the same people.
     """
 
     id: str

@@ -39,17 +39,10 @@ Floats = NDArray[np.float64]
 def load_motion(path: Path) -> Motion:
     """Read a dance.
 
-    Returns
-    -------
-    Motion
-        30 FPS, metres, right-handed with +Y up; rotations (T, 24, 3) axis-angle relative to the parents, computed
-        from the file's rotations in the world; the pelvis is at the translation (SMPL24_EDGE).
-
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``missing_key``, ``bad_skeleton``, ``bad_shape``, ``empty``, ``length_mismatch``, ``nan``,
-        ``bad_rotation`` or ``bad_axes`` (the body does not stand upright).
+    Returns: 30 FPS, metres, right-handed with +Y up; rotations (T, 24, 3) axis-angle relative to the parents,
+        computed from the file's rotations in the world; the pelvis is at the translation (SMPL24_EDGE).
+    Raises DataError: ``broken_file``, ``missing_key``, ``bad_skeleton``, ``bad_shape``, ``empty``,
+        ``length_mismatch``, ``nan``, ``bad_rotation`` or ``bad_axes`` (the body does not stand upright).
     """
     content = _content(path)
     order = _order(path, content["bone_name"])

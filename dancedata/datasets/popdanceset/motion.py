@@ -41,24 +41,12 @@ Floats = NDArray[np.float64]
 def load_motion(path: Path, scale: Scale) -> Motion:
     """Read a pickle with ``transl``, ``pred_thetas`` and ``pred_camera``; other keys are not used.
 
-    Parameters
-    ----------
-    path
-        The pickle; read with the allow-list unpickler, so nothing in it is executed.
-    scale
-        "multiply": translation x pred_camera, then POPDG's shift. "none": metres in the camera's place.
-
-    Returns
-    -------
-    Motion
-        30 FPS, +Y up; rotations (T, 24, 3) axis-angle, from 72 numbers a frame, or 216 (matrices, as HybrIK writes
-        them); the pelvis is at the translation (SMPL24_EDGE).
-
-    Raises
-    ------
-    DataError
-        ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``, ``length_mismatch``, ``nan``,
-        ``not_rotations`` or ``bad_rotation``.
+    `path`: The pickle; read with the allow-list unpickler, so nothing in it is executed.
+    `scale`: "multiply": translation x pred_camera, then POPDG's shift. "none": metres in the camera's place.
+    Returns: 30 FPS, +Y up; rotations (T, 24, 3) axis-angle, from 72 numbers a frame, or 216 (matrices, as HybrIK
+        writes them); the pelvis is at the translation (SMPL24_EDGE).
+    Raises DataError: ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``empty``,
+        ``length_mismatch``, ``nan``, ``not_rotations`` or ``bad_rotation``.
     """
     with open_arrays(path) as arrays:
         needed = KEYS if scale == "multiply" else KEYS[:2]

@@ -30,16 +30,10 @@ from dancedata.store.motion_fields import Pose
 class ClipInput(ABC):
     """A clip, not loaded. It is small and picklable: units of work take it.
 
-    Attributes
-    ----------
-    id
-        Unique among the clips of a set.
-    music
-        Name of its song, empty if unknown.
-    tempo_bpm
-        Tempo of the song, where the dataset states one.
-    audio_start
-        Second of the song at frame 0; negative where it begins later.
+    `id`: Unique among the clips of a set.
+    `music`: Name of its song, empty if unknown.
+    `tempo_bpm`: Tempo of the song, where the dataset states one.
+    `audio_start`: Second of the song at frame 0; negative where it begins later.
     """
 
     id: str
@@ -170,16 +164,10 @@ class GroupClip(ClipInput):
 class ClipSet:
     """Clips that are measured together.
 
-    Attributes
-    ----------
-    source
-        Origin of the clips, for reports.
-    store
-        Dataset that they are from; None for others.
-    scaler_sha256
-        Hash of the scaler by which columns of files are normalised; "" without one.
-    left_out
-        Clips of the dataset that are not measured, and why.
+    `source`: Origin of the clips, for reports.
+    `store`: Dataset that they are from; None for others.
+    `scaler_sha256`: Hash of the scaler by which columns of files are normalised; "" without one.
+    `left_out`: Clips of the dataset that are not measured, and why.
     """
 
     clips: tuple[ClipInput, ...]

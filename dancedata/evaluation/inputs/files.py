@@ -53,16 +53,10 @@ _REMEDIES = {
 class FileFormat:
     """Declarations about the files of a folder.
 
-    Attributes
-    ----------
-    fps, up, unit
-        Frame rate, up axis and unit of files that do not state them, as for the dataset `folder`.
-    body
-        Body of positions (T, J, 3), a key of `BODIES`.
-    columns
-        Reader of two-dimensional arrays; None: they are refused.
-    groups
-        Whether a file is a group of dancers: the arrays have an axis P more, the first.
+    `fps`, `up`, `unit`: Frame rate, up axis and unit of files that do not state them, as for the dataset `folder`.
+    `body`: Body of positions (T, J, 3), a key of `BODIES`.
+    `columns`: Reader of two-dimensional arrays; None: they are refused.
+    `groups`: Whether a file is a group of dancers: the arrays have an axis P more, the first.
     """
 
     fps: str | None = None
@@ -98,14 +92,9 @@ class FileFormat:
 class FileClip(ClipInput):
     """A file with one clip, or one motion of a file that holds a batch.
 
-    Attributes
-    ----------
-    sample
-        Number of the motion in the batch; None: the file is one clip.
-    person
-        The file's own name for one of its people; "" for the only one.
-    partners
-        Files of the other dancers of a group, where each dancer has a file.
+    `sample`: Number of the motion in the batch; None: the file is one clip.
+    `person`: The file's own name for one of its people; "" for the only one.
+    `partners`: Files of the other dancers of a group, where each dancer has a file.
     """
 
     path: Path

@@ -25,10 +25,7 @@ _WINDOW = re.compile(r"(.+)@(\d+)(?:\+\d+)?(?:~.*)?")
 class Song(str):
     """The name of a clip's song.
 
-    Attributes
-    ----------
-    start
-        Second of the song at the clip's first frame; None where it is not stated.
+    `start`: Second of the song at the clip's first frame; None where it is not stated.
     """
 
     __slots__ = ("start",)
@@ -46,16 +43,10 @@ class Song(str):
 class MusicSources:
     """Sources of beats; for each clip the first one that has them counts.
 
-    Attributes
-    ----------
-    beats
-        Beats of the caller by the id of a clip: `MusicBeats`, or frames at the protocol's rate.
-    files
-        Music files, by song.
-    like
-        Dataset that has them where the dataset of a clip does not.
-    songs
-        Songs that the caller names, by the id of a clip; a `Song` may state where the clip begins in it.
+    `beats`: Beats of the caller by the id of a clip: `MusicBeats`, or frames at the protocol's rate.
+    `files`: Music files, by song.
+    `like`: Dataset that has them where the dataset of a clip does not.
+    `songs`: Songs that the caller names, by the id of a clip; a `Song` may state where the clip begins in it.
     """
 
     beats: Mapping[str, Any] = field(default_factory=dict)

@@ -28,14 +28,9 @@ from dancedata.store.motion_fields import BODIES, ColumnsReader, Pose, motion_re
 class StoreClip(ClipInput):
     """A clip of a store, or one of its windows.
 
-    Attributes
-    ----------
-    reference
-        Path of the store and hash of its dataset.json.
-    field
-        Motion field that is read.
-    window
-        In window scope, the window.
+    `reference`: Path of the store and hash of its dataset.json.
+    `field`: Motion field that is read.
+    `window`: In window scope, the window.
     """
 
     reference: tuple[str, str]

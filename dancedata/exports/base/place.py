@@ -52,11 +52,8 @@ def write_about(folder: ExportFolder, record: Mapping[str, Any]) -> None:
 def new_export(out: Path, *, overwrite: bool) -> Iterator[Path]:
     """Yield a folder to fill; on success it becomes `out`. On any exception it is removed, and `out` stays as it was.
 
-    Raises
-    ------
-    StoreError
-        If `out` holds anything but an export that may be replaced, another export is writing there, or nothing can
-        be written.
+    Raises StoreError: if `out` holds anything but an export that may be replaced, another export is writing there, or
+        nothing can be written.
     """
     problem = "the folder of the export cannot be written"
     fix = "choose an --out that you can write to, on a disk with free space; nothing was left there"

@@ -73,12 +73,8 @@ _MAX_NAME = 200
 class ExportResult:
     """A finished export.
 
-    Attributes
-    ----------
-    path
-        Absolute path of its folder.
-    about
-        What its export.json holds.
+    `path`: Absolute path of its folder.
+    `about`: What its export.json holds.
     """
 
     path: Path

@@ -20,12 +20,8 @@ SPINE = ("spine1", "spine2", "spine3")
 class JointMap:
     """The mapping of a file's joints.
 
-    Attributes
-    ----------
-    producer
-        The producers whose names match, with the evidence; "" if all names were given.
-    of
-        Index in SMPL24 -> index in the file.
+    `producer`: The producers whose names match, with the evidence; "" if all names were given.
+    `of`: Index in SMPL24 -> index in the file.
     """
 
     producer: str
@@ -46,11 +42,8 @@ def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, st
     joints from the pelvis to the joint where neck and arms branch, the first is spine1, the last spine3, the middle
     one spine2.
 
-    Raises
-    ------
-    DataError
-        ``unknown_joints`` if required ones are missing or a declared name is not in the file; as `detect`;
-        ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip;
+    Raises DataError: ``unknown_joints`` if required ones are missing or a declared name is not in the file; as
+        `detect`; ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip;
         ``missing_channels`` if neither the pelvis nor a joint above it moves or turns the body.
     """
     chosen, declared = (declared, {}) if isinstance(declared, str) else ("", declared or {})

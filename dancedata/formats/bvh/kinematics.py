@@ -26,12 +26,8 @@ def bone_offsets(bvh: Bvh) -> Floats:
 def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
     """Return the largest distance of position channels from the bone that represents them, in the file's unit.
 
-    Parameters
-    ----------
-    root
-        Joint whose channels move the body; those of the joints below it change bones.
-    indices
-        Joints that are used.
+    `root`: Joint whose channels move the body; those of the joints below it change bones.
+    `indices`: Joints that are used.
     """
     needed = set(_with_ancestors(bvh.joints, indices)) - set(_with_ancestors(bvh.joints, [root]))
     bones = bone_offsets(bvh)
@@ -45,17 +41,9 @@ def world(bvh: Bvh, indices: Sequence[int], rows: slice) -> tuple[Floats, Floats
     Angles are in degrees about the joint's own axes in the order of the channels; the position channels of a
     joint replace its OFFSET, also for the root, as in all common programs.
 
-    Parameters
-    ----------
-    indices
-        K joints.
-    rows
-        Frames.
-
-    Returns
-    -------
-    rotations, positions
-        (T, K, 3, 3) from the joint's axes to the file's, and (T, K, 3) in the file's unit.
+    `indices`: K joints.
+    `rows`: Frames.
+    Returns: (T, K, 3, 3) from the joint's axes to the file's, and (T, K, 3) in the file's unit.
     """
     values = bvh.values[rows]
     rotations: dict[int, Floats] = {}

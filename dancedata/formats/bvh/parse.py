@@ -34,12 +34,8 @@ Floats = NDArray[np.float64]
 class Bvh:
     """A parsed file.
 
-    Attributes
-    ----------
-    frame_time
-        Seconds as written; a decimal number above 0.
-    values
-        (T, C) channels as in the file; its first frame at most if only the header was read.
+    `frame_time`: Seconds as written; a decimal number above 0.
+    `values`: (T, C) channels as in the file; its first frame at most if only the header was read.
     """
 
     path: Path
@@ -73,12 +69,9 @@ class Bvh:
 def read_bvh(path: Path) -> Bvh:
     """Read a complete file.
 
-    Raises
-    ------
-    DataError
-        ``broken_file`` (syntax, wrong counts, invalid numbers, too large), ``missing_channels``,
-        ``bad_rate`` (invalid frame time), ``empty``, ``truncated`` (fewer frames than announced),
-        ``length_mismatch`` (more), ``nan``, ``out_of_range``. Each names the line.
+    Raises DataError: ``broken_file`` (syntax, wrong counts, invalid numbers, too large), ``missing_channels``,
+        ``bad_rate`` (invalid frame time), ``empty``, ``truncated`` (fewer frames than announced), ``length_mismatch``
+        (more), ``nan``, ``out_of_range``. Each names the line.
     """
     lines = _lines(path, _read(path, MAX_FILE_BYTES))
     header, first = _header(path, lines)

@@ -31,14 +31,9 @@ REQUIRED = tuple(
 class Producer:
     """A program or dataset that writes BVH.
 
-    Attributes
-    ----------
-    name, about
-        Its name in `joint_map`, and what it is.
-    joints
-        SMPL joint -> names, the preferred one first. Namespaces, case, spaces and _ - . do not matter.
-    evidence, without
-        Names that are typical of it, and names that it does not have.
+    `name`, `about`: Its name in `joint_map`, and what it is.
+    `joints`: SMPL joint -> names, the preferred one first. Namespaces, case, spaces and _ - . do not matter.
+    `evidence`, `without`: Names that are typical of it, and names that it does not have.
     """
 
     name: str
@@ -69,16 +64,10 @@ class Producer:
 class Detected:
     """The producers that a file may come from, all of which map its joints in the same way.
 
-    Attributes
-    ----------
-    producers
-        Those with most evidence; empty if no name is known.
-    evidence
-        The names that are typical of them, in the file.
-    of
-        Index in SMPL24 -> index in the file.
-    affixes
-        What all these joints have before and behind the producers' names, as written: "Character1_", "".
+    `producers`: Those with most evidence; empty if no name is known.
+    `evidence`: The names that are typical of them, in the file.
+    `of`: Index in SMPL24 -> index in the file.
+    `affixes`: What all these joints have before and behind the producers' names, as written: "Character1_", "".
     """
 
     producers: tuple[Producer, ...]
@@ -121,18 +110,10 @@ def detect(path: Path, names: Sequence[str], declared: Mapping[str, str], chosen
     The producer whose names match most joints; of several that map the joints in the same way, those with most
     evidence.
 
-    Parameters
-    ----------
-    declared
-        SMPL joint -> name, which is not looked for; "" excludes a joint.
-    chosen
-        A producer, which is not questioned.
-
-    Raises
-    ------
-    DataError
-        ``ambiguous_joint_map`` if a file has all required joints by the names of several producers that map them
-        differently, or several joints of one name; ``bad_declaration`` for an unknown producer.
+    `declared`: SMPL joint -> name, which is not looked for; "" excludes a joint.
+    `chosen`: A producer, which is not questioned.
+    Raises DataError: ``ambiguous_joint_map`` if a file has all required joints by the names of several producers that
+        map them differently, or several joints of one name; ``bad_declaration`` for an unknown producer.
     """
     known = producers()
     if chosen and chosen not in known:

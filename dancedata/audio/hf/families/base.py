@@ -26,14 +26,9 @@ if TYPE_CHECKING:
 class Timing:
     """Instants of the frames of an encoder, in samples at the encoder's rate.
 
-    Attributes
-    ----------
-    sample_rate
-        In Hz.
-    hop
-        Samples from one frame to the next.
-    first_centre
-        Centre of the first frame, counted from the first sample that the encoder is given.
+    `sample_rate`: In Hz.
+    `hop`: Samples from one frame to the next.
+    `first_centre`: Centre of the first frame, counted from the first sample that the encoder is given.
     """
 
     sample_rate: int
@@ -50,12 +45,8 @@ class Timing:
 class Chunk:
     """A part of a signal that the encoder processes at once.
 
-    Attributes
-    ----------
-    start, n_samples
-        Samples of the signal.
-    keep_from, keep_to
-        Between these times, in samples of the signal, the chunk's frames count; None: no limit.
+    `start`, `n_samples`: Samples of the signal.
+    `keep_from`, `keep_to`: Between these times, in samples of the signal, the chunk's frames count; None: no limit.
     """
 
     start: int
@@ -71,12 +62,9 @@ def chunks_of(n_samples: int, *, length: int, overlap: int, unit: int, timing: T
     others, so that all of its frames see enough of their past; it is up to `unit` - 1 samples shorter. In the
     middle of an overlap the earlier chunk's frames end and the later one's begin, at the border of two frames.
 
-    Parameters
-    ----------
-    n_samples
-        Samples of the signal, at the encoder's rate.
-    length, overlap, unit
-        In samples; `length` and `overlap` are multiples of `unit`, `overlap` is less than `length`.
+    `n_samples`: Samples of the signal, at the encoder's rate.
+    `length`, `overlap`, `unit`: In samples; `length` and `overlap` are multiples of `unit`, `overlap` is less than
+        `length`.
     """
     if n_samples <= length:
         return [Chunk(0, n_samples, None, None)]
@@ -113,12 +101,8 @@ def hidden_states(
     Layer 0 is what enters the first block, layer k what leaves block k, and layer `n_layers` what `run` returns: the
     network's last hidden state, after a final norm where it has one.
 
-    Parameters
-    ----------
-    run
-        Calls the network.
-    blocks
-        Its blocks up to the highest layer.
+    `run`: Calls the network.
+    `blocks`: Its blocks up to the highest layer.
 
     Notes
     -----
@@ -157,16 +141,11 @@ Samples = npt.NDArray[np.float32]
 class NetworkSpec:
     """The class of transformers that loads a folder, and permitted differences of the weights.
 
-    Attributes
-    ----------
-    model
-        Name of the model class in transformers.
-    config
-        Name of its config class, and the keys for it.
-    missing, unexpected
-        Regular expressions of weights that the features do not need: those may be missing, or present without use.
-    renamed
-        Regular expressions of names in the files, with what they are in the class.
+    `model`: Name of the model class in transformers.
+    `config`: Name of its config class, and the keys for it.
+    `missing`, `unexpected`: Regular expressions of weights that the features do not need: those may be missing, or
+        present without use.
+    `renamed`: Regular expressions of names in the files, with what they are in the class.
     """
 
     model: str
@@ -188,10 +167,7 @@ class Prepared(ABC):
 class Waveform(Prepared):
     """A signal that the network is given as it is.
 
-    Attributes
-    ----------
-    samples
-        (n,) or (channels, n), normalised.
+    `samples`: (n,) or (channels, n), normalised.
     """
 
     samples: Samples
@@ -205,18 +181,11 @@ class Waveform(Prepared):
 class Family(ABC):
     """Encoders of one kind. All but `prepared` and `frames` is arithmetic on the config.
 
-    Attributes
-    ----------
-    config
-        config.json.
-    extractor
-        preprocessor_config.json.
-    outputs
-        What it offers, the default first.
-    chunk_s, overlap_s
-        Defaults of a recipe's keys.
-    depth, size
-        Keys of the config with the number of blocks and the columns of a layer, each with its default.
+    `config`: config.json.
+    `extractor`: preprocessor_config.json.
+    `outputs`: What it offers, the default first.
+    `chunk_s`, `overlap_s`: Defaults of a recipe's keys.
+    `depth`, `size`: Keys of the config with the number of blocks and the columns of a layer, each with its default.
     """
 
     name: ClassVar[str]

@@ -50,12 +50,8 @@ class Subsampling(nn.Module):
 class MuQNetwork(nn.Module):
     """MuQ's encoder.
 
-    Parameters
-    ----------
-    config
-        config.json of a MuQ model.
-    strides
-        Of the convolutional modules, in time.
+    `config`: config.json of a MuQ model.
+    `strides`: Of the convolutional modules, in time.
     """
 
     def __init__(self, config: Mapping[str, Any], strides: tuple[int, int]) -> None:

@@ -18,10 +18,8 @@ MAX_BATCH = 32
 class Placement:
     """Locations of the blocks.
 
-    Attributes
-    ----------
-    resident : for each block, whether it stays on the device; the others are copied there when they are needed.
-    weight_bytes : device memory of all that stays there, including the slots for the other blocks.
+    `resident`
+    `weight_bytes`
     """
 
     resident: tuple[bool, ...]
@@ -70,21 +68,11 @@ def place(
 ) -> Placement:
     """Decide which blocks stay on the device.
 
-    Parameters
-    ----------
-    n_blocks
-        Number of blocks of the network.
-    precision
-        Of the matrix products.
-    max_codes
-        Length of the longest clip; memory for one such clip is left.
-    budget
-        Bytes on the device; None: no limit.
-
-    Raises
-    ------
-    UsageError
-        Two blocks and one clip do not fit.
+    `n_blocks`: Number of blocks of the network.
+    `precision`: Of the matrix products.
+    `max_codes`: Length of the longest clip; memory for one such clip is left.
+    `budget`: Bytes on the device; None: no limit.
+    Raises UsageError: Two blocks and one clip do not fit.
     """
     block, fixed = block_bytes(config, precision), fixed_bytes(config, precision, max_codes)
     one_clip = clip_bytes(config, precision, max_codes)
@@ -106,11 +94,8 @@ def place(
 def batch_size(config: JukeboxConfig, precision: torch.dtype, n_codes: int, free: int | None) -> int:
     """Return the number of clips of `n_codes` codes to compute at once.
 
-    Parameters
-    ----------
-    free
-        Bytes left on the device; None (CPU): one clip at a time, which is as fast there and keeps the numbers of a
-        clip independent of the other clips to the bit.
+    `free`: Bytes left on the device; None (CPU): one clip at a time, which is as fast there and keeps the numbers of
+        a clip independent of the other clips to the bit.
     """
     if free is None:
         return 1

@@ -33,12 +33,10 @@ OUTPUT = "prior.x_out.weight"
 class TensorSpec:
     """One tensor of a checkpoint.
 
-    Attributes
-    ----------
-    name : key in the file's "model".
-    shape : as in the file.
-    dtype : as in the file, "float16" or "float32".
-    rows : leading rows that are needed.
+    `name`
+    `shape`
+    `dtype`
+    `rows`
     """
 
     name: str
@@ -120,12 +118,8 @@ def table_tensors(config: JukeboxConfig, n_codes: int) -> tuple[TensorSpec, ...]
 def prior_tensors(config: JukeboxConfig, layer: int, n_codes: int | None = None) -> tuple[TensorSpec, ...]:
     """Return the tensors of prior_level_2.pth.tar that activations up to `layer` need.
 
-    Parameters
-    ----------
-    layer
-        The highest layer, 1 to depth: blocks 0 to layer - 1 are needed.
-    n_codes
-        The longest sequence; None: the whole context.
+    `layer`: The highest layer, 1 to depth: blocks 0 to layer - 1 are needed.
+    `n_codes`: The longest sequence; None: the whole context.
     """
     blocks = (spec for index in range(layer) for spec in block_tensors(config, index))
     return (*table_tensors(config, config.n_ctx if n_codes is None else n_codes), *blocks)
@@ -176,10 +170,8 @@ def time_conditioning(
 ) -> torch.Tensor:
     """x_cond, (n_codes, W) float32: the three time labels of each position, added.
 
-    Parameters
-    ----------
-    song_length, song_position, relative_position
-        (bins, W) float32 tables, at least as many rows as the bins of `n_codes` codes need.
+    `song_length`, `song_position`, `relative_position`: (bins, W) float32 tables, at least as many rows as the bins
+        of `n_codes` codes need.
     """
     import torch
 

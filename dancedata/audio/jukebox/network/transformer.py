@@ -26,13 +26,11 @@ ROW, COLUMN, PREVIOUS_ROW = range(3)
 class Prior:
     """Tables and blocks, on the device.
 
-    Attributes
-    ----------
-    config : sizes.
-    start : (W,) float32: y_cond, the input before the first code.
-    code_table : (codebook_size, W) float32.
-    positions : (n, W) float32: position embedding plus x_cond of the first n positions, n whole rows.
-    stream : the blocks.
+    `config`
+    `start`
+    `code_table`
+    `positions`
+    `stream`
     """
 
     config: JukeboxConfig
@@ -44,16 +42,9 @@ class Prior:
     def run(self, codes: torch.Tensor) -> Iterator[tuple[int, torch.Tensor, torch.Tensor | None]]:
         """Compute the residual stream, block by block.
 
-        Parameters
-        ----------
-        codes
-            (B, T) int64 on the device; shorter clips are padded at their end with any code, which has no effect by
-            causality.
-
-        Yields
-        ------
-        layer, h, largest_key : tuple
-            Layer from 1; h (B, T, W) float32, a view that the next block changes; the largest key so far in fp16.
+        `codes`: (B, T) int64 on the device; shorter clips are padded at their end with any code, which has no effect
+            by causality.
+        Yields: Layer from 1; h (B, T, W) float32, a view that the next block changes; the largest key so far in fp16.
         """
         n_clips, n_codes = codes.shape
         h = self._embed(codes)
@@ -79,14 +70,10 @@ class BlockStream:
     The weights of a block are copied while the previous block computes. Accelerate's offloading copies at the moment
     of use, from memory that is not pinned, so that the device waits for every block.
 
-    Parameters
-    ----------
-    blocks
-        In order; the weights of resident blocks are on `device`, those of the others on the host (pinned for CUDA).
-    resident
-        For each block, whether it is on the device.
-    device
-        The device to compute on.
+    `blocks`: In order; the weights of resident blocks are on `device`, those of the others on the host (pinned for
+        CUDA).
+    `resident`: For each block, whether it is on the device.
+    `device`: The device to compute on.
     """
 
     def __init__(self, blocks: Sequence[Block], resident: Sequence[bool], device: torch.device) -> None:
@@ -102,10 +89,7 @@ class BlockStream:
     def run(self, h: torch.Tensor, n_clips: int) -> Iterator[tuple[int, torch.Tensor | None]]:
         """Send the residual stream h (n_clips * L, W) through all blocks, in place.
 
-        Yields
-        ------
-        layer, largest_key : tuple
-            After each block: its number from 1, and the result of `Block.forward`.
+        Yields: After each block: its number from 1, and the result of `Block.forward`.
         """
         queue = iter(self._away)
         for slot, index in zip(self._slots, queue, strict=False):
@@ -169,15 +153,10 @@ class Block(nn.Module):
 
     Its parameters have the names of the file, with "_" for ".": ``attn_c_attn_w`` and so on.
 
-    Parameters
-    ----------
-    config
-        Sizes.
-    index
-        From 0; decides the attention pattern.
-    precision
-        Type of the factors of matrix products. In fp32, weights keep their stored type, which is exact and takes half
-        the memory; biases and norms are fp32.
+    `config`: Sizes.
+    `index`: From 0; decides the attention pattern.
+    `precision`: Type of the factors of matrix products. In fp32, weights keep their stored type, which is exact and
+        takes half the memory; biases and norms are fp32.
     """
 
     attn_c_attn_w: torch.Tensor
@@ -209,11 +188,8 @@ class Block(nn.Module):
     def forward(self, h: torch.Tensor, n_clips: int) -> torch.Tensor | None:
         """Change the residual stream h (n_clips * L, W) float32 in place; L is a multiple of the row length.
 
-        Returns
-        -------
-        torch.Tensor or None
-            In fp16, () float32: the largest key, infinite if keys overflowed. Any other overflow reaches h, but a
-            softmax weight of 0 can hide an infinite key. In other types None: their range is that of h.
+        Returns: In fp16, () float32: the largest key, infinite if keys overflowed. Any other overflow reaches h, but
+            a softmax weight of 0 can hide an infinite key. In other types None: their range is that of h.
         """
         qkv = product(self._norm(h, "ln_0"), self.attn_c_attn_w, self.attn_c_attn_b)
         attended = factored_attention(qkv, self.kind, n_clips=n_clips, heads=self.heads, row_length=self.row_length)
@@ -253,21 +229,11 @@ def factored_attention(qkv: torch.Tensor, kind: int, *, n_clips: int, heads: int
     The Sparse Transformer (Child et al. 2019) as Jukebox uses it: rows of 64 codes, and a pattern for every third
     block. The sequence is padded to full rows at its end; by causality, the padding has no effect.
 
-    Parameters
-    ----------
-    qkv
-        (n_clips * L, 3 S): queries, keys and values of sequences of L codes, L a multiple of the row length.
-    kind
-        `ROW`, `COLUMN` or `PREVIOUS_ROW`.
-    heads
-        Number of heads; head i has the i-th part of the S columns.
-    row_length
-        Codes per row.
-
-    Returns
-    -------
-    torch.Tensor
-        (n_clips * L, S), same type.
+    `qkv`: (n_clips * L, 3 S): queries, keys and values of sequences of L codes, L a multiple of the row length.
+    `kind`: `ROW`, `COLUMN` or `PREVIOUS_ROW`.
+    `heads`: Number of heads; head i has the i-th part of the S columns.
+    `row_length`: Codes per row.
+    Returns: (n_clips * L, S), same type.
     """
     n_codes, width = qkv.shape[0], qkv.shape[1] // 3
     n_rows = n_codes // n_clips // row_length
@@ -302,14 +268,10 @@ def _attend(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, *, causal: bool) 
 def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0) -> torch.Tensor:
     """Linear layer alpha * (x @ weight) + bias, rounded to the type of x; sums in fp32.
 
-    Parameters
-    ----------
-    x
-        (N, in).
-    weight
-        (in, out), of any floating type: weights stored in fp16 stay in fp16 in memory, and are cast for each product.
-    bias
-        (out,).
+    `x`: (N, in).
+    `weight`: (in, out), of any floating type: weights stored in fp16 stay in fp16 in memory, and are cast for each
+        product.
+    `bias`: (out,).
     """
     if x.device.type == "cpu" and x.dtype != torch.float32:
         # CPUs without half-precision units take 75 times as long. The tensor cores of GPUs compute the same:

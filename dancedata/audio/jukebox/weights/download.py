@@ -32,12 +32,10 @@ _MAX_TAG = 300
 class RemoteFile:
     """One file of the checkpoint.
 
-    Attributes
-    ----------
-    name : file name, and the last part of its URL.
-    size : bytes; None if unknown.
-    sha256 : hex; None if unknown.
-    max_size : bytes; limit where the size is unknown: a server that sends more has another file.
+    `name`
+    `size`
+    `sha256`
+    `max_size`
     """
 
     name: str
@@ -72,35 +70,18 @@ def fetch(
 ) -> list[Path]:
     """Get the missing files; size and SHA-256 are checked, files appear complete or not at all.
 
-    Parameters
-    ----------
-    out
-        Folder; created if it does not exist.
-    source
-        URL of a folder with the files (of OpenAI or a mirror), or a local folder.
-    accept_licence
-        True if the user has accepted the licence of the weights; or a function that shows its text and asks.
-    files
-        Files to get; sizes and hashes that are None are not checked.
-    progress
-        Called with file name, bytes so far, total bytes or None.
-    attempts
-        Limit of consecutive failures without any new data.
-    wait_s
-        Pause in seconds after the first failure; it doubles with each further one.
-
-    Returns
-    -------
-    list[Path]
-        The files.
-
-    Raises
-    ------
-    UsageError
-        The licence was not accepted, or `source` is neither http(s) nor a folder.
-    SourceError
-        A file does not exist or has another size or hash, or the server keeps failing. A partial download is kept as
-        ".dancedata-NAME.part", and the next call resumes it; one that is too large is removed.
+    `out`: Folder; created if it does not exist.
+    `source`: URL of a folder with the files (of OpenAI or a mirror), or a local folder.
+    `accept_licence`: True if the user has accepted the licence of the weights; or a function that shows its text and
+        asks.
+    `files`: Files to get; sizes and hashes that are None are not checked.
+    `progress`: Called with file name, bytes so far, total bytes or None.
+    `attempts`: Limit of consecutive failures without any new data.
+    `wait_s`: Pause in seconds after the first failure; it doubles with each further one.
+    Returns: The files.
+    Raises UsageError: The licence was not accepted, or `source` is neither http(s) nor a folder.
+    Raises SourceError: A file does not exist or has another size or hash, or the server keeps failing. A partial
+        download is kept as ".dancedata-NAME.part", and the next call resumes it; one that is too large is removed.
     """
     agreed = accept_licence(LICENCE) if callable(accept_licence) else accept_licence
     if not agreed:

@@ -37,12 +37,10 @@ FORMAT = 1
 class Description:
     """The content of a converted folder's jukebox.json.
 
-    Attributes
-    ----------
-    config : the network.
-    layer : the highest layer that can be computed.
-    files : (bytes, sha256) by file name.
-    source : sha256 of OpenAI's files, by file name.
+    `config`
+    `layer`
+    `files`
+    `source`
     """
 
     config: JukeboxConfig
@@ -101,17 +99,10 @@ def highest_layer(folder: Path) -> int:
 def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
     """Return the identity of the weights: SHA-256 of OpenAI's two files, also for a folder converted from them.
 
-    Parameters
-    ----------
-    folder
-        With OpenAI's two files, or converted.
-    hash_file
-        Returns the SHA-256 of a file.
-
-    Raises
-    ------
-    SourceError
-        A file is missing, it is a Hugging Face model, or the files are not OpenAI's and no hparams.json says so.
+    `folder`: With OpenAI's two files, or converted.
+    `hash_file`: Returns the SHA-256 of a file.
+    Raises SourceError: A file is missing, it is a Hugging Face model, or the files are not OpenAI's and no
+        hparams.json says so.
     """
     folder = Path(folder)
     if is_converted(folder):

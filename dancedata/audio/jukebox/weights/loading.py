@@ -27,12 +27,8 @@ _CHUNK = 1024
 class VqEncoder:
     """Encoder and codebook.
 
-    Parameters
-    ----------
-    config
-        Sizes.
-    weights
-        The tensors of `names.vqvae_tensors` by name, on the device, in fp32.
+    `config`: Sizes.
+    `weights`: The tensors of `names.vqvae_tensors` by name, on the device, in fp32.
     """
 
     def __init__(self, config: JukeboxConfig, weights: Mapping[str, torch.Tensor]) -> None:
@@ -44,15 +40,8 @@ class VqEncoder:
     def __call__(self, audio: torch.Tensor) -> torch.Tensor:
         """Encode clips of one length.
 
-        Parameters
-        ----------
-        audio
-            (B, n) float32 at the config's sample rate, n at least `hop`.
-
-        Returns
-        -------
-        torch.Tensor
-            (B, n // hop) int64.
+        `audio`: (B, n) float32 at the config's sample rate, n at least `hop`.
+        Returns: (B, n // hop) int64.
         """
         x = audio[:, None]
         with exact_float32():
@@ -90,10 +79,8 @@ class VqEncoder:
 class Checkpoint:
     """Open sources of the two networks; to be closed once everything is loaded.
 
-    Attributes
-    ----------
-    vqvae, prior : sources of their tensors (the same one for a converted checkpoint).
-    trimmed : whether the sources have only the needed rows.
+    `vqvae`, `prior`
+    `trimmed`
     """
 
     vqvae: TensorSource
@@ -109,12 +96,8 @@ class Checkpoint:
 def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
     """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they belong to this network.
 
-    Raises
-    ------
-    SourceError
-        A file is missing, truncated or of another network. That includes the Hugging Face models.
-    DataError
-        "unsafe_pickle".
+    Raises SourceError: A file is missing, truncated or of another network. That includes the Hugging Face models.
+    Raises DataError: "unsafe_pickle".
     """
     refuse_hugging_face(folder)
     vqvae = open_torch_file(folder / VQVAE_FILE)

@@ -159,12 +159,8 @@ _STAND_INS: list[Any] = [
 class SafetensorsSource(_Closing):
     """Several safetensors files as one source; one file is open at a time, so that little memory is mapped.
 
-    Parameters
-    ----------
-    path
-        The folder.
-    files
-        File names in it.
+    `path`: The folder.
+    `files`: File names in it.
     """
 
     def __init__(self, path: Path, files: Iterable[str]) -> None:
@@ -244,15 +240,10 @@ def _model(loaded: Any, path: Path) -> Mapping[str, Any]:
 def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimmed: bool = False) -> None:
     """Check that a source has these tensors.
 
-    Parameters
-    ----------
-    trimmed
-        The source has only the needed rows, as a converted checkpoint does. More rows than needed are accepted.
-
-    Raises
-    ------
-    SourceError
-        Tensors are missing, or have another shape or a type that is not floating-point; the first ten are named.
+    `trimmed`: The source has only the needed rows, as a converted checkpoint does. More rows than needed are
+        accepted.
+    Raises SourceError: Tensors are missing, or have another shape or a type that is not floating-point; the first ten
+        are named.
     """
     shapes = source.shapes()
     problems = []
