@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from tests import warm
-from tests.clusters import SPARK, dask_cluster, ray_cluster
+from tests.clusters import dask_cluster, ray_cluster
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "cluster.md").read_text(encoding="utf-8")
 SECTION = PAGE.split("## The same build everywhere")[1].split("\n## ")[0]
-MODULES = {"tcp": "distributed", "ray": "ray", "joblib": "pyspark"}
+MODULES = {"tcp": "distributed", "ray": "ray"}
 
 
 def commands(scheduler: str = "") -> list[str]:
@@ -50,8 +50,8 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 
 def test_the_page_has_every_way() -> None:
-    assert len(re.findall(r"^```sh$", SECTION, flags=re.MULTILINE)) == 6
-    assert [len(commands(kind)) for kind in ("", *MODULES)] == [3, 1, 1, 1]
+    assert len(re.findall(r"^```sh$", SECTION, flags=re.MULTILINE)) == 5
+    assert [len(commands(kind)) for kind in ("", *MODULES)] == [3, 1, 1]
 
 
 def test_one_machine_and_an_array_build_the_same(
@@ -73,12 +73,9 @@ def cluster(kind: str, environment: dict[str, str]) -> Iterator[dict[str, str]]:
     if kind == "tcp":
         with dask_cluster(environment) as address:
             yield {"tcp://HOST:8786": address}
-    elif kind == "ray":
+    else:
         with ray_cluster(environment):
             yield {}
-    else:
-        environment |= SPARK
-        yield {}
 
 
 @pytest.mark.nightly
