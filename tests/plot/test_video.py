@@ -1,5 +1,6 @@
 """Videos: as many pictures as frames, as much sound as pictures, and only music that may be shared."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -197,6 +198,7 @@ def test_an_ffmpeg_that_fails_leaves_nothing(
     with raises_message(StoreError, "ffmpeg.* disk", where="out/a.mp4"):
         plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=1, size=SIZE)
     assert list(out.iterdir()) == []
+    gc.collect()  # imageio-ffmpeg leaves the pipe open, which is a warning of whichever test runs then
 
 
 def test_a_full_disk_leaves_nothing(demo: Path, tmp_path: Path) -> None:
