@@ -248,7 +248,7 @@ def _as_declared(arrays: ArrayFile, layout: Layout, declared: str) -> Layout:
         return layout
     if declared == "amass" and layout.body in ("smplh", "smplx"):
         return _amass(layout.body, layout.poses, layout.translation or "")
-    if declared == layout.body:
+    if declared == layout.body and layout.rate is None:
         # It has AMASS's rate key but is declared not to be AMASS, so its axes are unknown.
         return replace(layout, name=layout.body, up=None)
     raise bad_declaration(arrays.path, f"the file does not have the layout {declared}",
