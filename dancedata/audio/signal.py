@@ -128,7 +128,7 @@ def audio_length(path: Path | str) -> tuple[int, int]:
         try:
             with _Opened(path, found.begin) as sound:
                 n_samples, rate = int(sound.frames), int(sound.samplerate)
-                if n_samples and not _is_mp3(sound) and n_samples >= found.seconds * rate:
+                if n_samples and not _is_mp3(sound) and not found.is_cut(n_samples, rate):
                     return n_samples, rate
         except _NotReadError:
             pass
@@ -279,7 +279,7 @@ def _decode(path: Path) -> _Decoded:
     if not problem:
         try:
             samples, rate = _read(path, found.begin)
-            if len(samples) < found.seconds * rate:
+            if found.is_cut(len(samples), rate):
                 problem = f"{len(samples) / rate:.2f} s of {found.seconds:.2f} s are read"
         except _NotReadError as error:
             problem = str(error)
@@ -320,7 +320,8 @@ def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.f
     _require_rate(path, rate)
     if 4 * len(samples) * FEATURE_RATE // rate > _most_bytes(size):
         raise _broken(path, f"{len(samples):,} samples at {rate:,} Hz in a file of {size:,} bytes")
-    if len(samples) < found.seconds * rate or (errors and not found.seconds):
+    other = found.exact and len(samples) != round(found.seconds * rate)
+    if other or found.is_cut(len(samples), rate) or (errors and not found.seconds):
         decoded = f"{problem}; ffmpeg decodes {len(samples) / rate:.2f} s"
         raise _broken(path, f"{decoded} of {found.seconds:.2f} s" if found.seconds else f"{decoded}: {shown(errors)}")
     return samples, rate

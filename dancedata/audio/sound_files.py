@@ -21,6 +21,7 @@ _FILES = tuple(
     for sought, back, head in (
         (b"WAVE", 8, rb"(?:RIF[FX]|RF64|BW64)...."),
         (b"AIF", 8, rb"FORM....AIF[FC]"),
+        (b"OggS\x00\x02", 0, rb"OggS"),
         (b"fLaC", 0, rb"....[\x00\x80]\x00\x00\x22"),
         (b"caff", 0, rb"....\x00\x01\x00\x00"),
         (b"ftyp", 4, rb"........(?:M4[ABVP] |mp4[12]|iso[m2-6]|qt  |dash|3gp.)"),
@@ -35,8 +36,13 @@ _FEW = 64
 #: A stream of Ogg whose first page ends later than this is a part of a longer one, seconds.
 _PART_S = 10
 _MP3_IN_WAV = 0x55
+_ID3_HEAD = 10
+#: Bytes in front of a file that are skipped, at most.
+_MOST_JUNK = 1 << 20
 #: What no chunk within a file is called, but a file behind it.
 _HEADS = (b"RIFF", b"RIFX", b"RF64", b"BW64", b"FORM", b"riff", b"caff", b"fLaC", b"OggS")
+#: Formats that are known by their first bytes, and not examined.
+_KNOWN = (_MATROSKA, b"\x30\x26\xb2\x75", b"wvpk", b"TTA1", b"#EXT")
 #: Samples by which AAC is late: a frame, of most encoders two; sample rates by their number in ADTS (ISO 13818-7).
 _AAC_DELAY = 1024
 _AAC_RATES = (96_000, 88_200, 64_000, 48_000, 44_100, 32_000, 24_000, 22_050, 16_000, 12_000, 11_025, 8_000, 7_350)
@@ -55,6 +61,7 @@ class Held:
     `seconds`: The least length of the sound that must be decoded; 0 where it is not known.
     `delay_s`: Length of the encoder's delay that no tag states, so that decoders keep it.
     `begin`: First byte of the sound, where what is before it is no tag.
+    `exact`: Whether `seconds` is the length itself.
     `cut_s`: Seconds that the header announces and the file does not have.
     """
 
@@ -63,7 +70,12 @@ class Held:
     seconds: float = 0.0
     delay_s: float = 0.0
     begin: int = 0
+    exact: bool = False
     cut_s: float = 0.0
+
+    def is_cut(self, n_samples: int, rate: int) -> bool:
+        """Return whether so many samples are fewer than the file has."""
+        return n_samples + 0.5 < self.seconds * rate
 
 
 def held(data: bytes) -> Held:
@@ -86,6 +98,9 @@ def held(data: bytes) -> Held:
     else:
         found = _mpeg(data, begin, end)
     other = -1 if found.refused else _another(data, begin, end)
+    if found == Held() and head not in _KNOWN and 0 <= other - begin < _MOST_JUNK:  # no frame of mp3 either
+        within = held(data[other:])
+        return replace(within, begin=other + within.begin)
     return (
         found if other < 0 else replace(found, problem=f"another sound file begins at byte {other:,}", refused=True)
     )
@@ -94,23 +109,21 @@ def held(data: bytes) -> Held:
 def _another(data: bytes, begin: int, end: int) -> int:
     """Return the first byte of a file behind the one that begins at `begin`; -1 if there is none."""
     held_in = (b"fLaC",) if data[begin : begin + 4] == _MATROSKA else ()  # such a header is a part of its own
+    first = end
     for sought, back, head in _FILES:
-        if sought in held_in:
-            continue
-        at = data.find(sought, begin + back + 1, end)
-        while at >= 0:
+        at = -1 if sought in held_in else data.find(sought, begin + back + 1, end)
+        while 0 <= at - back < first:
             if head.match(data, at - back):
-                return at - back
+                first = at - back
             at = data.find(sought, at + 1, end)
-    return -1
+    return first if first < end else -1
 
 
 def _without_tags(data: bytes) -> tuple[int, int]:
     """Return begin and end of a file without its tags: ID3v2 in front; ID3v1, APE and Lyrics3 behind."""
     begin, end = 0, len(data)
-    while data[begin : begin + 3] == b"ID3" and end - begin >= 10:
-        size = sum(data[begin + 6 + k] << 7 * (3 - k) for k in range(4))
-        begin = min(end, begin + size + (20 if data[begin + 5] & 0x10 else 10))
+    while data[begin : begin + 3] == b"ID3" and end - begin >= _ID3_HEAD:
+        begin = min(end, begin + _id3_size(data, begin))
     while True:
         if data[end - 128 : end - 125] == b"TAG":
             size = 128
@@ -123,6 +136,19 @@ def _without_tags(data: bytes) -> tuple[int, int]:
         if not 0 < size <= end - begin:
             return begin, end
         end -= size
+
+
+def _id3_size(data: bytes, at: int) -> int:
+    size = sum(data[at + 6 + k] << 7 * (3 - k) for k in range(4))
+    return size + (2 if data[at + 5] & 0x10 else 1) * _ID3_HEAD
+
+
+def _is_text(rest: bytes) -> bool:
+    """Return whether bytes are a text, such as XMP: samples are not."""
+    try:
+        return all(c.isprintable() or c.isspace() for c in rest.decode())
+    except UnicodeDecodeError:
+        return False
 
 
 def _mpeg(data: bytes, begin: int, end: int) -> Held:
@@ -165,8 +191,10 @@ def _behind(data: bytes, end: int, chunks: list[_Chunk], sound: bytes) -> Held:
     if len(sounds) > 1:
         return Held(f"{len(sounds)} chunks of sound", refused=True)
     last = max((start + size + size % 2 for _, start, size in chunks), default=end)
+    while data[last : last + 3] == b"ID3" and end - last >= _ID3_HEAD:
+        last += _id3_size(data, last)
     rest = data[last:end]
-    if len(rest) < _FEW or not rest.strip(b"\0"):
+    if len(rest) < _FEW or _is_text(rest.strip(b"\0")):
         return Held()
     if not sounds:
         return Held(f"a header with a length of 0 before {len(rest):,} bytes of sound")
@@ -334,9 +362,9 @@ def _flac(data: bytes, begin: int, end: int) -> Held:
     if longest and end - place > longest + _FEW and data[place + longest : end].strip(b"\0"):
         return Held(f"{end - place - longest:,} bytes behind the last frame", refused=True)
     if not total:
-        return Held("a header of unknown length", seconds=n_samples / rate)
+        return Held("a header of unknown length", seconds=n_samples / rate, exact=True)
     problem = f"a header with {total:,} of {n_samples:,} samples" if n_samples > total else ""
-    return Held(problem, seconds=max(n_samples, total) / rate)
+    return Held(problem, seconds=max(n_samples, total) / rate, exact=True)
 
 
 def _samples_up_to(header: bytes, like: bytes, fixed: int) -> int:
