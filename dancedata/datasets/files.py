@@ -1,6 +1,7 @@
 """Files of a source: the folder of a published dataset, lists of its files, the choice of audio files."""
 
 import glob
+import unicodedata
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -118,6 +119,35 @@ def relative(path: Path, source: Path) -> str:
         return f"{path.parent.name}/{path.name}"
 
 
+def stem_of(path: Path) -> str:
+    """Return the name without its last suffix, in Unicode's form NFC: archives of macOS have names in NFD."""
+    return unicodedata.normalize("NFC", path.stem)
+
+
+def existing(source: Path, text: str) -> Path:
+    """Return the file or folder below a folder that a path names, if need be in another Unicode form.
+
+    It need not exist.
+    """
+    found = source
+    for part in Path(text).parts:
+        if not (found / part).exists() and found.is_dir():
+            form = unicodedata.normalize("NFC", part)
+            part = next((p.name for p in list_folder(found) if unicodedata.normalize("NFC", p.name) == form), part)
+        found = found / part
+    return found
+
+
+def absence(path: Path) -> str:
+    """Return why a path is not a file, with the name that was probably meant."""
+    if path.exists():
+        return "not a file"
+    folder = path.parent
+    others = [p.name for p in list_folder(folder)] if folder.is_dir() else []
+    same = next((name for name in others if name.casefold() == path.name.casefold()), "")
+    return f"it does not exist; there is {same}, in other case" if same else "it does not exist"
+
+
 def file_problem(path: Path, suffixes: Sequence[str], otherwise: str = "") -> str:
     """Return why an entry is not a file with one of these suffixes; "" if it is one.
 
@@ -149,13 +179,13 @@ def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callabl
     entries = list_folder(folder) if folder.is_dir() else []
     # The published spelling first, in case there is a 001.NPY as well.
     for path in sorted(entries, key=lambda path: path.suffix != suffix):
-        problem = file_problem(path, (suffix,)) or name_problem(path.stem)
-        if not problem and path.stem in files:
-            problem = f"the same name as {files[path.stem].name}, which is read"
+        problem = file_problem(path, (suffix,)) or name_problem(stem_of(path))
+        if not problem and stem_of(path) in files:
+            problem = f"the same name as {files[stem_of(path)].name}, which is read"
         if problem:
             rejects.append(extra_file(path, source, problem))
         else:
-            files[path.stem] = path
+            files[stem_of(path)] = path
     return Files(files, tuple(rejects))
 
 
@@ -165,7 +195,7 @@ def group_by_stem(folders: Iterable[Path], suffixes: Sequence[str]) -> list[tupl
     for folder in folders:
         for path in list_folder(folder):
             if path.suffix.lower() in suffixes and path.is_file():
-                by_stem.setdefault(path.stem, []).append(path)
+                by_stem.setdefault(stem_of(path), []).append(path)
     return sorted(by_stem.items())
 
 
@@ -189,7 +219,7 @@ def list_audio(
         for path in list_folder(folder) if folder.is_dir() else []:
             if folder in mixed and path.suffix.lower() not in AUDIO_SUFFIXES:
                 continue
-            problem = file_problem(path, AUDIO_SUFFIXES) or name_problem(path.stem)
+            problem = file_problem(path, AUDIO_SUFFIXES) or name_problem(stem_of(path))
             if problem:
                 rejects.append(extra_file(path, source, problem))
             else:
@@ -241,7 +271,7 @@ def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reje
     """
     by_stem: dict[str, list[Path]] = {}
     for path in candidates:
-        by_stem.setdefault(path.stem, []).append(path)
+        by_stem.setdefault(stem_of(path), []).append(path)
     files, rejected, preferred = {}, list(rejects), []
     for stem, paths in sorted(by_stem.items()):
         files[stem], *others = best_audio(paths)
@@ -287,7 +317,7 @@ def read_names(path: Path, *, spaces: bool = False) -> list[str]:
     except (OSError, UnicodeDecodeError) as error:
         raise _bad_list(path, str(error)) from error
     words = ((line.strip() if spaces else line.split(maxsplit=1)[0]) for line in lines if line.strip())
-    names = [name for name in words if not name.startswith("#")]
+    names = [unicodedata.normalize("NFC", name) for name in words if not name.startswith("#")]
     longest = max(names, key=len, default="")
     if len(names) > MAX_NAMES or len(longest) > MAX_NAME:
         many = f"{len(names):,} names" if len(names) > MAX_NAMES else f"a name of {len(longest):,} characters"

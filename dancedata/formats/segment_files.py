@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import unicodedata
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -60,9 +61,12 @@ def read_segment_file(path: Path, language: str = "") -> list[SegmentRow]:
     except (OSError, UnicodeDecodeError) as error:
         allowed = f"UTF-8 text of at most {MAX_BYTES:,} bytes"
         raise _bad(path, None, "the segments cannot be read", shown(error), allowed) from error
+    if "\n" not in text:
+        text = text.replace("\r", "\n")
     rows = _Rows(path, language)
     for line, values in _csv(path, text) if path.suffix.lower() == ".csv" else _jsonl(path, text):
-        rows.add(line, values)
+        names = {key: values[key] for key in ("clip", "other") if isinstance(values.get(key), str)}
+        rows.add(line, values | {key: unicodedata.normalize("NFC", name) for key, name in names.items()})
     return rows.segments()
 
 

@@ -474,3 +474,68 @@ def test_a_split_by_music_keeps_equal_samples_together(source: Path) -> None:
     assert clips["c2"].split == rule.split(third)
     assert [clips[name].music for name in ("c0", "c1", "c2")] == [first, other, third]
     assert f"One song by its samples, grouped as {first}: {other}." in scan.notes
+
+
+@pytest.mark.parametrize("name", ["manifest.csv", "manifest.jsonl"])
+@pytest.mark.parametrize(
+    "written",
+    [
+        "takes\\zo\u00eb.npz",
+        "takes\\zoe\u0308.npz",
+        "takes/zo\u00eb.npz",
+        ".\\takes\\zoe\u0308.npz",
+        "takes//zoe\u0308.npz",
+    ],
+)
+def test_paths_of_other_systems(source: Path, name: str, written: str) -> None:
+    """Backslashes of Windows, and names of macOS in Unicode's form NFD, with or without an id."""
+    put_motion(source, "takes/zoe\u0308.npz")
+    put_wav(source, "songs/zo\u00eb.wav")
+    row = {"motion": written, "audio": "songs\\zoe\u0308.wav"}
+    text = ",".join(row) + "\n" + ",".join(row.values()) if name.endswith("csv") else json.dumps(row)
+    (clip,) = Folder().scan(manifest(source, text + "\n", name).parent).clips
+    assert (clip.id, clip.music) == ("zo\u00eb", "zo\u00eb")
+    assert clip.motion_path.is_file()
+    assert clip.audio_path is not None
+    assert clip.audio_path.is_file()
+
+
+@pytest.mark.parametrize("written", ["C:\\takes\\a.npz", "C:/takes/a.npz", "\\\\server\\takes\\a.npz", "..\\a.npz"])
+def test_paths_of_windows_outside_the_source(source: Path, written: str) -> None:
+    with raises_message(SourceError, "outside"):
+        Folder(music="optional").scan(manifest(source, f"motion\n{written}\n").parent)
+
+
+def test_names_in_two_unicode_forms_are_one(tmp_path: Path) -> None:
+    """Without a manifest: motion, music, captions and segments."""
+    nfc, nfd = "zo\u00eb", "zoe\u0308"
+    put_motion(tmp_path, f"motions/{nfd}.npz")
+    put_wav(tmp_path, f"music/{nfc}.wav")
+    put(tmp_path, f"texts/{nfd}.txt", b"a step#a/DET step/NOUN#0.0#0.0\n")
+    put(tmp_path, "segments.csv", f"clip,layer,start,end,label\n{nfd},moves,0,1,step\n".encode())
+    (clip,) = Folder().scan(tmp_path).clips
+    assert (clip.id, clip.music, len(clip.segments)) == (nfc, nfc, 2)
+    # Two files whose names look alike are one name, and none of them is read in silence.
+    put_motion(tmp_path, f"motions/{nfc}.npz")
+    scan = Folder().scan(tmp_path)
+    assert [reject.reason for reject in scan.rejects if reject.clip == nfc] == ["ambiguous_name"]
+
+
+def test_a_name_in_another_case_is_named(source: Path) -> None:
+    scan = Folder().scan(manifest(source, "motion,audio\ntakes/A.npz,songs/a.wav\ntakes/b.npz,songs/B.WAV\n").parent)
+    assert ["there is a.npz" in reject.detail or "there is b.wav" in reject.detail for reject in scan.rejects] == [
+        True
+    ] * 2
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\n", "\n"])
+@pytest.mark.parametrize("first", ["", "# Takes, songs, and more, of Monday\n"])
+def test_line_ends_and_remarks_of_a_manifest(source: Path, end: str, first: str) -> None:
+    text = (
+        f"{first}motion;audio;dancer\n"
+        + "takes/a.npz;songs/a.wav;Ann, Ben, Cy, Di\n" * 1
+        + "takes/b.npz;songs/b.wav;x\n"
+    )
+    text += "\n" * 70_000 if end == "\r" else ""
+    scan = Folder().scan(manifest(source, text.replace("\n", end)).parent)
+    assert [clip.dancer for clip in scan.clips] == ["Ann, Ben, Cy, Di", "x"]

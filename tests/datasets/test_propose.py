@@ -125,3 +125,70 @@ def test_the_rate_of_arrays_that_do_not_state_it(tmp_path: Path) -> None:
     assert (rows["aist"].fps, rows["other"].fps) == ("60", "30")
     assert "fps: nothing states it; 60 is usual for AIST++'s arrays, by smpl_scaling" in rows["aist"].evidence
     assert "fps: nothing states it; 30 is usual" in rows["other"].evidence
+
+
+def captures(folder: Path, motions: dict[str, float], songs: dict[str, float]) -> dict[str, ProposedRow]:
+    """Write AMASS's files and songs of some seconds; return the proposed rows by motion."""
+    for name, seconds in motions.items():
+        path, frames = folder / name, int(60 * seconds)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        poses = np.zeros((frames, 156))
+        poses[:, 0], poses[:, 3] = np.pi / 2, 0.3 * np.sin(np.arange(frames) / 30)
+        np.savez(path, poses=poses, trans=np.zeros((frames, 3)), mocap_framerate=60)
+    for name, seconds in songs.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        soundfile.write(folder / name, np.random.default_rng(0).normal(0, 0.1, int(seconds * 8000)), 8000)
+    return {row.motion: row for row in propose(folder).rows}
+
+
+@pytest.mark.parametrize(
+    ("motions", "songs", "audio", "guessed"),
+    [
+        # Folders of sessions, subjects or days.
+        (("s1/t.npz", "s2/t.npz"), {"s1/t.wav": 2, "s2/t.wav": 3}, ("s1/t.wav", "s2/t.wav"), (False, True)),
+        (("a/m/1.npz", "b/m/1.npz"), {"a/w/1.wav": 2, "b/w/1.wav": 2}, ("a/w/1.wav", "b/w/1.wav"), (False, False)),
+        (("x/y/1.npz",), {"1.wav": 2, "x/1.mp3.wav": 2, "x/1.flac": 2}, ("x/1.flac",), (False,)),
+        # A similar name in the folder comes before an equal one elsewhere.
+        (("b/take_02.npz",), {"a/take_02.wav": 2, "b/take_2.wav": 2}, ("b/take_2.wav",), (True,)),
+        # One of several that are as near, by its length.
+        (("m/1.npz",), {"u/1.wav": 9, "v/1.wav": 2}, ("v/1.wav",), (True,)),
+        # Equal names of two formats are one song; another length is a guess.
+        (("1.npz",), {"1.wav": 2, "1.flac": 2}, ("1.wav",), (False,)),
+        (("mocap/01.npz",), {"music/01.wav": 2.4}, ("music/01.wav",), (False,)),
+        (("mocap/01.npz",), {"music/01.wav": 2.6}, ("music/01.wav",), (True,)),
+        # Names that are equal to the eye.
+        (("zo\u00eb.npz",), {"zoe\u0308.wav": 2}, ("zoe\u0308.wav",), (False,)),
+    ],
+)
+def test_songs_of_folders(
+    tmp_path: Path,
+    motions: tuple[str, ...],
+    songs: dict[str, float],
+    audio: tuple[str, ...],
+    guessed: tuple[bool, ...],
+) -> None:
+    rows = captures(tmp_path, dict.fromkeys(motions, 2.0), songs)
+    assert tuple(rows[name].audio for name in motions) == audio
+    assert tuple("audio" in rows[name].guessed for name in motions) == guessed
+
+
+def test_ids_are_names_of_files_in_an_archive(tmp_path: Path) -> None:
+    """AMASS's tree: equal names in folders, shapes beside them; and names with points, or of two formats."""
+    rows = captures(tmp_path, dict.fromkeys(("s1/take_poses.npz", "s2/take_poses.npz", "v1.2.npz"), 1.0), {})
+    for folder in ("s1", "s2"):
+        np.savez(tmp_path / folder / "shape.npz", betas=np.zeros(16), gender="female")
+    np.savez(tmp_path / "s1" / "stagei.npz", betas=np.zeros((1, 16)), markers=np.zeros((46, 3)), labels=["a"])
+    shutil.copy(tmp_path / "v1.2.npz", tmp_path / "s1" / "v1.2.npz")
+    proposed = propose(tmp_path)
+    assert [row.id for row in proposed.rows] == ["s1_take_poses", "s1_v1_2", "s2_take_poses", "v1_2"]
+    assert proposed.others == ("s1/shape.npz", "s1/stagei.npz", "s2/shape.npz")
+    assert "s1/shape.npz" in proposed.to_csv().splitlines()[1]
+    assert [row.id for row in rows.values()] == ["s1_take_poses", "s2_take_poses", "v1_2"]
+
+
+def test_the_up_axis_of_short_files_is_that_of_the_others(tmp_path: Path) -> None:
+    motion = synthesise_motion("gHO_sBM_cAll_d20_mHO3_ch05", n_frames=600)[0]
+    for name, first, last in (("a", 0, 300), ("b", 300, 600), ("c", 100, 120)):
+        poses = np.pad(motion.rotations[first:last].reshape(last - first, -1)[:, :66], ((0, 0), (0, 99)))
+        np.savez(tmp_path / f"{name}.npz", poses=poses, trans=motion.translation[first:last], mocap_frame_rate=60)
+    assert {row.id: (row.up, row.guessed) for row in propose(tmp_path).rows} == dict.fromkeys("abc", ("y", ("up",)))

@@ -1,9 +1,10 @@
 """Motion and audio files of a folder without a manifest; files with equal names belong together."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dancedata.core.clip import Reject
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed
 from dancedata.datasets._words import words_of
@@ -75,6 +76,14 @@ def match_names(source: Path, music_dir: Path | None = None) -> Matched:
     notes += files.notes
     layout = "names" if apart else "names, side by side"
     return Matched(layout, motions, music, tuple(rejects), tuple(notes))
+
+
+def points_note(clips: Sequence[ClipRef]) -> list[str]:
+    """Return the note on ids with points, which name a file's kind in tar files."""
+    pointed = [clip.id for clip in clips if "." in clip.id]
+    return [f"Points in {counted(len(pointed), 'id')}, which the export webdataset refuses: {listed(pointed)}."][
+        : len(pointed)
+    ]
 
 
 def _motions(source: Path, folder: Path, rejects: list[Reject]) -> dict[str, Path]:

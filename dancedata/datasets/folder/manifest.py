@@ -3,20 +3,22 @@
 import csv
 import io
 import json
+import os
 import re
 import sys
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from dancedata.core.clip import ColumnValue
 from dancedata.core.errors import SourceError, StoreError, closest, did_you_mean
 from dancedata.core.text import counted, csv_text, quoted, shown
-from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
+from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, existing, stem_of
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.manifest_values import (
     FREE,
@@ -82,6 +84,8 @@ def read_manifest(path: Path) -> list[Row]:
     except (OSError, UnicodeDecodeError) as error:
         allowed, fix = f"UTF-8 text of at most {MAX_BYTES:,} bytes", "save it as UTF-8 text"
         raise _bad(path, None, "the manifest cannot be read", str(error), allowed, fix) from error
+    if "\n" not in text:
+        text = text.replace("\r", "\n")
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_LINE:
             raise _bad(path, number, "a line is too long", f"{len(line):,} characters", f"at most {MAX_LINE:,}")
@@ -121,10 +125,11 @@ def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> P
     """
     allowed, fix = "a path below the source folder", "move the file into the source folder"
     try:
-        path = source / text
+        path = existing(source, text)
         real, root = path.resolve(), source.resolve()
         path.is_file()  # raises for a name that is too long for the file system
-        if not Path(text).is_absolute() and ".." not in Path(text).parts and real.is_relative_to(root):
+        foreign = not path.exists() and bool(PureWindowsPath(text).drive)
+        if not (Path(text).is_absolute() or foreign) and ".." not in path.parts and real.is_relative_to(root):
             return path
         found = shown(text) if real.is_relative_to(root) else f"{shown(text)}, which is {shown(real)}"
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, circular links
@@ -135,8 +140,8 @@ def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> P
 
 
 def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield the lines by column; the delimiter is the most frequent candidate in the first line."""
-    head = text.partition("\n")[0]
+    """Yield the lines by column; the delimiter is the most frequent candidate in the first line, not a remark."""
+    head = next((line for line in text.split("\n") if line.strip() and not line.startswith(("#", '"#'))), "")
     delimiter = max(_DELIMITERS, key=head.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     columns: list[str] = []
@@ -234,7 +239,12 @@ def _row(path: Path, line: int, values: dict[str, str], columns: Mapping[str, Co
     if not valid:
         allowed = f"beats per minute, above 0, below {MAX_TEMPO:g}"
         raise bad("tempo_bpm is not a tempo", shown(tempo, 40), allowed)
-    problem = id_problem(values.get("id") or Path(values["motion"]).stem)
+    for column in {"motion", "audio"} & values.keys():
+        if not os.path.exists(path.parent / values[column]):
+            values[column] = values[column].replace("\\", "/")  # as Windows writes paths
+    for column in {"id", "music", "genre", "dancer"} & values.keys():
+        values[column] = unicodedata.normalize("NFC", values[column])
+    problem = id_problem(values.get("id") or stem_of(Path(values["motion"])))
     if problem is not None:
         found = quoted(values.get("id") or values["motion"], 60)
         raise bad(f"the id {problem}", found, ID_ALLOWED, "give the clip another id")
@@ -295,7 +305,7 @@ def id_problem(name: str) -> str | None:
 
 def clip_id(row: Row) -> str:
     """Return the clip's id: the column id, else the name of its motion file."""
-    return row.get("id") or Path(row.get("motion")).stem
+    return row.get("id") or stem_of(Path(row.get("motion")))
 
 
 def _bad(

@@ -8,20 +8,29 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import counted, csv_cell, listed, shown
-from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, best_audio, relative, require_folder
+from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, best_audio, relative, require_folder, stem_of
 from dancedata.datasets.folder.facts import GUESS, UPRIGHT, Declared
 from dancedata.datasets.folder.load import Reading, bvh_facts, load_motion
 from dancedata.datasets.folder.manifest import id_problem
 from dancedata.datasets.folder.names import Name
+from dancedata.datasets.folder.people import open_person
+from dancedata.datasets.folder.reader import describe
+from dancedata.datasets.folder.up import judge_up
+from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 
 #: Lengths of motion and music that count as equal, seconds; a guessed rate has to give such a length, too.
@@ -32,7 +41,9 @@ _COLUMNS = ("id", "motion", "audio", "fps", "up", "unit", "guessed", "evidence")
 _HEAD = "# Proposed by dancedata manifest: check the rows whose column guessed is not empty and then empty that cell."
 #: Words of names of files that are compared: letters, without numbers of takes.
 _WORD = re.compile(r"[^\W\d_]{3,}")
-_ASKED = re.compile(r"declare (fps|up|unit):(?: (\S+))?")
+#: Arrays with fewer columns are no pose of a body: 12 joints in space have 36.
+_LEAST_COLUMNS = 36
+_ASKED = re.compile(r"[Dd]eclare (fps|up|unit):(?: (\S+))?")
 
 
 @dataclass(frozen=True)
@@ -73,10 +84,12 @@ class Proposal:
 
     `rows`: A clip each.
     `unused`: Music that no clip has.
+    `others`: Files whose arrays are no motion, such as the shape of a subject.
     """
 
     rows: tuple[ProposedRow, ...]
     unused: tuple[str, ...] = field(default=())
+    others: tuple[str, ...] = field(default=())
 
     def to_csv(self) -> str:
         """Return the text of manifest.csv."""
@@ -85,6 +98,8 @@ class Proposal:
         writer.writerow([_HEAD])
         if self.unused:
             writer.writerow([f"# Music that no motion has: {listed(self.unused)}"])
+        if self.others:
+            writer.writerow([f"# Files whose arrays are no motion: {listed(self.others)}"])
         writer.writerow(_COLUMNS)
         for row in self.rows:
             cells = {**asdict(row), "guessed": " ".join(row.guessed), "evidence": "; ".join(row.evidence)}
@@ -93,7 +108,8 @@ class Proposal:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
-        return {"rows": [asdict(row) for row in self.rows], "unused_music": list(self.unused)}
+        return {"rows": [asdict(row) for row in self.rows], "unused_music": list(self.unused),
+                "not_motion": list(self.others)}  # fmt: skip
 
 
 def propose(source: Path) -> Proposal:
@@ -107,12 +123,15 @@ def propose(source: Path) -> Proposal:
     if not motions:
         raise SourceError("folder: no motion found", where=str(source), allowed=", ".join(MOTION_SUFFIXES))
     lengths = {song: _seconds(song) for song in songs}
-    stems = Counter(path.stem for path in motions)
-    rows = [_paired(path, source, lengths, stems) for path in motions]
+    without = [path for path in motions if _has_no_motion(path)]
+    motions = [path for path in motions if path not in without] or motions
+    ids = _ids(motions, source)
+    rows = _as_others_stand([_paired(path, ids[path], source, lengths) for path in motions], source)
     rows = _by_length(rows, source, lengths)
     used = {row.audio for row in rows}
     unused = tuple(name for song in songs if (name := relative(song, source)) not in used)
-    return Proposal(tuple(rows), unused)
+    others = tuple(relative(path, source) for path in without if path not in motions)
+    return Proposal(tuple(rows), unused, others)
 
 
 def _files(source: Path, suffixes: Sequence[str]) -> list[Path]:
@@ -131,24 +150,119 @@ def _seconds(song: Path) -> float | None:
     return samples / rate
 
 
-def _paired(path: Path, source: Path, lengths: dict[Path, float | None], stems: Counter[str]) -> ProposedRow:
-    """Return the row of a motion file, with the music that its name tells."""
-    name = path.stem if stems[path.stem] == 1 and id_problem(path.stem) is None else ""
-    row = ProposedRow(name or re.sub(r"[^\w.+-]+", "_", relative(path, source)).lstrip("."), relative(path, source))
-    equal = best_audio([song for song in lengths if song.stem == path.stem])
-    name_of_motion = Name.of(path.stem)
-    near = [] if equal else [song for song in lengths if Name.of(song.stem).near(name_of_motion)]
-    word, named = ("", None) if equal or near else _by_word(path, lengths)
-    song = equal[0] if equal else near[0] if len(near) == 1 else named
-    row = _measured(path, row, None if song is None else lengths[song])
-    if equal:
-        row = replace(row, audio=relative(equal[0], source)).told("audio: equal name")
-    elif song is not None:
+def _has_no_motion(path: Path) -> bool:
+    """Whether a file has arrays, and none of them can be the rotations or positions of a body over time."""
+    if path.suffix.lower() == ".bvh":
+        return False
+    try:
+        with open_person(path, None) as arrays:
+            return not any(_may_be_poses(arrays, name) for name in arrays.names)
+    except DataError:
+        return False
+
+
+def _may_be_poses(arrays: ArrayFile, name: str) -> bool:
+    try:
+        first, *rest = arrays.shape(name) or (0,)
+    except DataError:
+        return False  # not numbers
+    return first > 1 and bool(rest) and int(np.prod(rest)) >= _LEAST_COLUMNS
+
+
+def _ids(motions: Sequence[Path], source: Path) -> dict[Path, str]:
+    """Return an id for each file: its name, or its path where names are equal; without points, as tar files need."""
+    stems = Counter(stem_of(path) for path in motions)
+    paths = Counter(path.with_suffix("") for path in motions)
+    ids = {}
+    for path in motions:
+        name = stem_of(path)
+        if stems[name] > 1 or id_problem(name) is not None:
+            whole = path if paths[path.with_suffix("")] > 1 else path.with_suffix("")
+            name = unicodedata.normalize("NFC", relative(whole, source))
+        ids[path] = re.sub(r"[^\w+ -]+", "_", name) if "." in name or "/" in name else name
+    twice = Counter(ids.values())
+    return {
+        path: re.sub(r"[^\w+-]+", "_", relative(path, source)) if twice[name] > 1 else name
+        for path, name in ids.items()
+    }
+
+
+def _paired(path: Path, name: str, source: Path, lengths: dict[Path, float | None]) -> ProposedRow:
+    """Return the row of a motion file, with its music: of the nearest folder, then by name, then by length."""
+    row = ProposedRow(name, relative(path, source))
+    songs, word = _songs_of(path, lengths)
+    row = _measured(path, row, lengths[songs[0]] if len(songs) == 1 else None)
+    if not songs:
+        return row
+    song = min(songs, key=lambda s: _difference(row.motion_s, lengths[s])) if len(songs) > 1 else songs[0]
+    shown_name, seconds = relative(song, source), lengths[song]
+    similar = stem_of(song) != stem_of(path)
+    if similar and len(songs) > 1:
+        near = listed([relative(n, source) for n in songs])
+        return _side_by_side(row.told(f"audio: several similar names, {near}"), None)
+    if len(songs) > 1:
+        row = row.with_guess("audio", shown_name, f"one of {listed([relative(s, source) for s in songs])}")
+    elif similar:
         why = f"{word!r} is in both names, and in no other song's" if word else "similar name, the only one"
-        row = row.with_guess("audio", relative(song, source), why)
-    elif near:
-        row = row.told(f"audio: several similar names, {listed([relative(n, source) for n in near])}")
-    return _side_by_side(row, None if song is None else lengths[song])
+        row = row.with_guess("audio", shown_name, why)
+    elif _difference(row.motion_s, seconds) > _SAME_S and seconds is not None and row.motion_s is not None:
+        row = row.with_guess("audio", shown_name, "equal name, but another length")
+    else:
+        row = replace(row, audio=shown_name).told("audio: equal name")
+    return _side_by_side(row, seconds)
+
+
+def _songs_of(path: Path, lengths: Iterable[Path]) -> tuple[list[Path], str]:
+    """Return the songs that may be a motion's, and the word that they share if names are not alike.
+
+    Those of the nearest folder count, among them those of equal name before those of a similar one.
+    """
+    stem, name = stem_of(path), Name.of(path.stem)
+    equal = [song for song in lengths if stem_of(song) == stem]
+    near = [song for song in lengths if song not in equal and Name.of(song.stem).near(name)]
+    nearest = min((_steps(path, song) for song in (*equal, *near)), default=0)
+    for alike in (equal, near):
+        songs = [song for song in alike if _steps(path, song) == nearest]
+        if songs:
+            by_file: dict[Path, list[Path]] = {}
+            for song in songs:
+                by_file.setdefault(song.with_suffix(""), []).append(song)
+            return [best_audio(of_one)[0] for of_one in by_file.values()], ""
+    word, named = _by_word(path, lengths)
+    return ([named] if named else []), word
+
+
+def _steps(path: Path, song: Path) -> int:
+    """Return how many folders are between two files."""
+    folders = path.parent, song.parent
+    return sum(len(folder.relative_to(os.path.commonpath(folders)).parts) for folder in folders)
+
+
+def _difference(one: float | None, other: float | None) -> float:
+    return np.inf if one is None or other is None else abs(one - other)
+
+
+def _as_others_stand(rows: list[ProposedRow], source: Path) -> list[ProposedRow]:
+    """Guess the up axis of short files, as that of the others of their format."""
+    files = []
+    for row in rows:
+        path = source / row.motion
+        reading = Reading(Declared(), Declared(fps=row.fps or None, up="y", unit=row.unit or None))
+        try:
+            up = describe(path, reading)[2].up
+        except DataError:
+            continue
+        files.append((ClipRef(row.id, path, None, "train"), reading, up, path.suffix.lower()))
+    axis = {}
+    for reject in judge_up(files):
+        match = _ASKED.search(reject.detail)
+        axis[reject.clip] = match[2] if match else ""
+    return [
+        row.with_guess("up", axis[row.id], "along it other files of this format stand")
+        if axis.get(row.id) in UPRIGHT and not row.up
+        else row
+        for row in rows
+    ]
 
 
 def _by_word(path: Path, songs: Iterable[Path]) -> tuple[str, Path | None]:

@@ -20,9 +20,9 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets._words import stated_words
-from dancedata.datasets.files import relative, require_folder
+from dancedata.datasets.files import absence, relative, require_folder, stem_of
 from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, Declared, drift_note
-from dancedata.datasets.folder.layout import LOOKED_FOR, match_names
+from dancedata.datasets.folder.layout import LOOKED_FOR, match_names, points_note
 from dancedata.datasets.folder.load import (
     FileFacts,
     Reading,
@@ -216,7 +216,7 @@ class Folder(Dataset):
         rejects += lying
         words = stated_words(source, clips, self.language)
         rejects += words.rejects
-        notes += [*splits, *files, *words.notes]
+        notes += [*splits, *points_note(clips), *files, *words.notes]
         clips = words.clips
         numbers = genre_ids_of(manifests[0], rows) if manifests else {}
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes), numbers)
@@ -259,7 +259,7 @@ class Folder(Dataset):
     ) -> tuple[list[ClipRef], list[Reject], list[str], str]:
         """Return the clips of a manifest; one whose files do not exist is a reject."""
         audio = {row.get("audio") for row in rows if row.get("audio")}
-        stems = Counter(Path(text).stem for text in audio)
+        stems = Counter(stem_of(Path(text)) for text in audio)
         read = [self._clip(source, manifest, row, stems) for row in rows]
         clips = [clip for clip in read if isinstance(clip, ClipRef)]
         rejects = [clip for clip in read if isinstance(clip, Reject)]
@@ -276,10 +276,10 @@ class Folder(Dataset):
             elsewhere = inside(self.music_dir.expanduser(), text, manifest, row.line, "audio")
             audio = elsewhere if elsewhere.is_file() else audio
         if not motion.is_file():
-            detail = f"listed, but {_absence(motion)}"
+            detail = f"listed, but {absence(motion)}"
             return Reject("missing_motion", clip=name, file=row.get("motion"), detail=detail)
         if audio is not None and not audio.is_file():
-            detail = f"{manifest.name} names {text}: {_absence(audio)}"
+            detail = f"{manifest.name} names {text}: {absence(audio)}"
             return Reject("missing_music", clip=name, file=text, detail=detail, music=text)
         if audio is None and self.music == "required":
             return Reject(
@@ -288,7 +288,7 @@ class Folder(Dataset):
                 detail=f"{manifest.name} has no audio for this clip; add it, or {_WITHOUT_MUSIC}",
             )
         song = Path(text)
-        music = row.get("music") or (song.stem if stems[song.stem] < 2 else song.with_suffix("").as_posix())
+        music = row.get("music") or (stem_of(song) if stems[stem_of(song)] < 2 else song.with_suffix("").as_posix())
         return ClipRef(
             name,
             motion,
@@ -359,10 +359,6 @@ def _check_keys(keys: Mapping[str, str] | None) -> None:
             allowed="rotation and translation, and scale where the translation is divided by it",
             fix="set dataset.folder.keys={rotation: NAME, translation: NAME}, or {positions: NAME}",
         )
-
-
-def _absence(path: Path) -> str:
-    return "not a file" if path.exists() else "it does not exist"
 
 
 def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, FileFacts]:

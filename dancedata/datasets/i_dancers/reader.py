@@ -1,5 +1,6 @@
 """The reader of I-Dancers; the tree on disk is in the package's docstring."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -50,8 +51,8 @@ class IDancers(Dataset):
     Attributes
     ----------
     fps
-        Frames per second. "auto": the one of 20, 24, 25, 30, 50 and 60 by which motion and music are equally long,
-        within 2 %; a sequence for which none is, is left out.
+        Frames per second. "auto": the one of 20, 24, 25, 30, 50 and 60 by which motion and music of most sequences
+        are equally long, within 2 %; a sequence in which they then are not is left out: its song goes on, or is cut.
     up
         Axis that is up: "y", "z", or "auto", that along which heads are above pelvises.
     music
@@ -159,6 +160,7 @@ class IDancers(Dataset):
         from dancedata.datasets.i_dancers.motion import shape_of, too_short
 
         split_of = {name: split for split, names in lists.items() for name in names}
+        read: list[tuple[str, Path, Path | None, int, int]] = []
         clips, rejects = [], []
         for stem, path in sorted(motions.files.items()):
             name, file = stem.removesuffix(SUFFIX), relative(path, folders.source)
@@ -172,12 +174,20 @@ class IDancers(Dataset):
                 rejects.append(Reject("missing_music", clip=name, file=file, detail=detail, music=name))
                 continue
             try:
-                dancers, frames = shape_of(path)
-                rate = self._rate(path, frames, audio)
+                read.append((name, path, audio, *shape_of(path)))
+            except DataError as error:
+                rejects.append(Reject(error.reason, clip=name, file=file, detail=str(error)))
+        rates = self._rates(read)
+        for name, path, audio, dancers, frames in read:
+            try:
+                rate = rates[name]
+                if isinstance(rate, DataError):
+                    raise rate
                 trim = self.trim_frames / rate
                 if frames <= 2 * self.trim_frames:
                     raise too_short(path, frames, self.trim_frames)
             except DataError as error:
+                file = relative(path, folders.source)
                 rejects.append(Reject(error.reason, clip=name, file=file, detail=str(error)))
                 continue
             clips += [
@@ -190,18 +200,40 @@ class IDancers(Dataset):
             ]  # fmt: skip
         return sorted(clips, key=lambda ref: ref.id), rejects
 
-    def _rate(self, path: Path, frames: int, audio: Path | None) -> Fraction:
-        if self.fps != "auto" or audio is None:
-            return as_rate(self.fps)
-        samples, sample_rate = audio_length(audio)
-        seconds = Fraction(samples, sample_rate)
-        for rate in _RATES:
-            if seconds and abs(Fraction(frames, rate) / seconds - 1) <= _NEAR:
-                return Fraction(rate)
-        raise DataError("the frame rate cannot be told from the lengths of motion and music", reason="unknown_rate",
-                        where=str(path), found=f"{frames} frames, {float(seconds):.2f} s of music",
-                        allowed=f"as long as the music, within 2 %, at {listed(_RATES)} frames per second",
-                        fix="set dataset.i-dancers.fps")  # fmt: skip
+    def _rates(self, read: Sequence[tuple[str, Path, Path | None, int, int]]) -> dict[str, Fraction | DataError]:
+        """Return the rate of each sequence, or why it has none: all have that of most, by the lengths of music."""
+        rates: dict[str, Fraction | DataError] = {}
+        lengths: dict[str, tuple[Path, int, Fraction]] = {}
+        for name, path, audio, _, frames in read:
+            try:
+                if self.fps != "auto" or audio is None:
+                    rates[name] = as_rate(self.fps)
+                else:
+                    lengths[name] = path, frames, Fraction(*audio_length(audio))
+            except DataError as error:
+                rates[name] = error
+        fitting = {name: _fitting(frames, seconds) for name, (_, frames, seconds) in lengths.items()}
+        counts = Counter(rate for of_one in fitting.values() for rate in of_one).most_common(2)
+        clear = bool(counts) and (len(counts) == 1 or counts[0][1] > counts[1][1])
+        found = ", ".join(f"{n} at {rate}" for rate, n in counts) or "none"
+        for name, (path, frames, seconds) in lengths.items():
+            if clear and counts[0][0] in fitting[name]:
+                rates[name] = Fraction(counts[0][0])
+                continue
+            rates[name] = DataError(
+                "the frame rate cannot be told from the lengths of motion and music",
+                reason="unknown_rate",
+                where=str(path),
+                found=f"{frames} frames, {float(seconds):.2f} s of music; of {len(lengths)} sequences {found}",
+                allowed=f"as long as the music, within 2 %, at one of {listed(_RATES)} frames per second, the one of "
+                "most sequences",
+                fix="set dataset.i-dancers.fps, or cut the song to the dance",
+            )
+        return rates
+
+
+def _fitting(frames: int, seconds: Fraction) -> list[int]:
+    return [rate for rate in _RATES if seconds and abs(Fraction(frames, rate) / seconds - 1) <= _NEAR]
 
 
 def _find_lists(folders: Folders) -> dict[str, tuple[str, ...]]:

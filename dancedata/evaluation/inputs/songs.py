@@ -85,7 +85,7 @@ def read_songs(path: Path) -> dict[str, Song]:
         if path.stat().st_size > _MAX_CSV_BYTES:
             raise UsageError("the list of songs is too large", where=path, allowed=f"{_MAX_CSV_BYTES:,} bytes")
         text = path.read_bytes().decode("utf-8-sig")
-        head = text.lstrip().partition("\n")[0]
+        head = next(iter(text.lstrip().splitlines()), "")
         between = next((c for c in ",;\t" if len(next(csv.reader([head], delimiter=c), [])) in (2, 3)), ",")
         lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=between))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
