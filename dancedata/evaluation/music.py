@@ -18,7 +18,7 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp import parse_name, tempo_bpm
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
-from dancedata.evaluation.inputs.songs import MusicSources, Song, begin_of
+from dancedata.evaluation.inputs.songs import MusicSources, Song, begin_of, of_known
 from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
 from dancedata.execution.cache import Cache
@@ -115,6 +115,9 @@ def clip_music(
     rule, role = protocol.music, clip_set.role
     if rule is None or sources is None:
         return {}, []
+    stores = [store for store in (clip_set.store, sources.like) if store is not None]
+    known = {*sources.files, *(clip.music for store in stores for clip in store.clips)}
+    sources = replace(sources, songs=of_known(sources.songs, known))
     clips = named_songs(clip_set.clips, sources.songs, sources.like or clip_set.store)
     music = {clip: ClipMusic(_beats_of(clip, beats, protocol)) for clip, beats in sources.beats.items()}
     problems: list[str] = []

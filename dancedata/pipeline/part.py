@@ -43,12 +43,13 @@ class Part:
     def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
         """Return the clips of this part, in the order of `clips`.
 
-        All clips of a song are in one part, so that no song is decoded in two. Songs are assigned by their number of
-        clips, the largest first, each to the part that has the fewest clips. The result depends on the clips alone.
+        All clips of a song are in one part, so that no song is decoded in two, and all dancers of a group. Songs are
+        assigned by their number of clips, the largest first, each to the part that has the fewest clips. The result
+        depends on the clips alone.
         """
         songs: dict[str, list[ClipRef]] = defaultdict(list)
         for ref in clips:
-            songs[str(ref.audio_path) if ref.audio_path is not None else f"\0{ref.id}"].append(ref)
+            songs[str(ref.audio_path) if ref.audio_path is not None else f"\0{ref.group or ref.id}"].append(ref)
         sizes = [(0, number) for number in range(1, self.count + 1)]
         chosen: set[str] = set()
         for of_song in sorted(songs.values(), key=lambda of_song: (-len(of_song), of_song[0].id)):

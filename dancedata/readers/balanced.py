@@ -85,6 +85,9 @@ class BalancedSampler(EpochSampler):
 
 
 def _labels(source: SplitDataset, by: str | Sequence[Hashable]) -> Sequence[Hashable]:
+    if not hasattr(source, "windows"):
+        raise UsageError("samples of this source cannot be balanced", found=type(source).__name__,
+                         fix="give a dataset; the sources of a Mix have weights")  # fmt: skip
     windows = source.windows
     if not isinstance(by, str):
         if len(by) != len(windows):

@@ -21,6 +21,7 @@ from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.sampler import permutation
 from dancedata.readers.split_dataset import SplitDataset
 from dancedata.readers.windows import WindowDataset
+from dancedata.store.dataset import Store
 from dancedata.store.normalize import MinMax, Scaler
 
 IntArray = npt.NDArray[np.int64]
@@ -137,6 +138,15 @@ class Mix(EpochDataset):
                 sample |= self._about(number, sample["id"], sample["genre"])
                 samples[row] = sample
         return samples
+
+    @property
+    def store(self) -> Store:
+        """The dataset of which all sources are; UsageError where they are of several."""
+        stores = {str(dataset.store.meta.get("self_sha256")): dataset.store for dataset in self.datasets}
+        if len(stores) > 1:
+            raise UsageError("a mix of several datasets is like none of them", found=listed(self.sources),
+                             fix="name one of the datasets, and scaler=mix")  # fmt: skip
+        return next(iter(stores.values()))
 
     def normalizer(self, field: str) -> Scaler:
         """Return the scaler of a field, over all sources.

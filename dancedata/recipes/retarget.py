@@ -22,7 +22,7 @@ class RetargetSpec:
 
     `skeleton`: Name of a skeleton of the SMPL family.
     `joint_map`: SMPL joint -> names; None for the map of the package that matches most joints.
-    `scale`: Of the world; None for the ratio of the legs, and for 1 in groups.
+    `scale`: Of the world; None for the ratio of the legs.
     `feet`: Whether feet are kept where they stand.
     """
 
@@ -47,7 +47,7 @@ class RetargetSpec:
 
     def note(self) -> str:
         """Return a note on the source: what the stage does, and what it cannot map."""
-        scale = "1 in groups, else the ratio of the legs" if self.scale is None else self.scale
+        scale = "the ratio of the legs" if self.scale is None else self.scale
         return (
             f"every clip is retargeted to {self.skeleton} (scale of the world: {scale}; feet "
             f"{'kept where they stand' if self.feet else 'not corrected'}); fingers and spine joints that it lacks "

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.text import listed
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Scaling
@@ -55,14 +56,14 @@ def scaling_of(
     columns: tuple[str, ...],
     *,
     normalized: bool | None = None,
-    scaler: Scaler | str | Path | None = None,
+    scaler: Scaler | str | Path | Reader | None = None,
     clip: bool = False,
 ) -> Scaling:
     """Return the scaling of a field that a caller states.
 
     `like`: A dataset, whose stored scaler it is; or a reader, which states its scaler and whether it normalises.
     `field`, `columns`: Name of the field, and names of its columns.
-    `scaler`: Another scaler, or its file: the columns are then normalised.
+    `scaler`: Another scaler, its file, or a reader such as a `Mix` that has it: the columns are then normalised.
     Raises UsageError: for statements that contradict each other, no scaler, or one that is not of these columns or
         this dataset.
     Raises StoreError: if the dataset has no scaler, and columns are stated to be normalised.
@@ -73,7 +74,7 @@ def scaling_of(
             raise UsageError(
                 "a scaler is given for columns that are not normalised", fix="leave out the one that is wrong"
             )
-        read = scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
+        read = _scaler_of(scaler, field)
         stored = None if store is None else _stored(store, field)
         dataset = "" if stored is None else stored.sha256
         return Scaling(read.require(field=field, columns=columns, dataset=dataset), True, clip)
@@ -92,6 +93,21 @@ def scaling_of(
             return Scaling(like.normalizer(field), normalized, clip)
     stored_scaler = store.normalizer(field) if normalized else _stored(store, field)
     return Scaling(stored_scaler, False if stored_scaler is None else normalized, clip)
+
+
+def _scaler_of(scaler: Scaler | str | Path | Reader, field: str) -> Scaler:
+    if isinstance(scaler, Store):
+        raise UsageError("a dataset is not a scaler", found=repr(scaler),
+                         fix="name it as like, or give a reader or its normalizer(FIELD)")  # fmt: skip
+    if isinstance(scaler, Scaler | str | Path):
+        return scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
+    if not hasattr(scaler, "normalizer"):
+        raise UsageError("this is not a scaler", found=type(scaler).__name__,
+                         allowed="a scaler, its file, or a reader or a Mix that has it")  # fmt: skip
+    if field not in scaler.fields:
+        raise UsageError(f"the reader that names the scaler does not read {field!r}", found=listed(scaler.fields),
+                         fix="name a reader of this field")  # fmt: skip
+    return scaler.normalizer(field)
 
 
 def _stored(store: Store, field: str) -> Scaler | None:

@@ -22,7 +22,7 @@ from dancedata.core.typing import override
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.files import FileFormat, clips_of
-from dancedata.evaluation.inputs.songs import begin_of, read_songs, song_files, window_begin
+from dancedata.evaluation.inputs.songs import begin_of, of_known, read_songs, song_files, window_begin
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import INTERRUPTED, describe_folder
@@ -66,6 +66,7 @@ class MusicFiles:
             return cls(dict.fromkeys(clips, path), _begins(clips, {}, like))
         named = {} if path.is_dir() else read_songs(path)
         songs = song_files(path if path.is_dir() else path.parent)
+        named = of_known(named, songs)
         songs_of_clips = {clip: songs.get(named.get(clip, clip)) or _song_within(clip, songs) for clip in clips}
         files = {clip: file for clip, file in songs_of_clips.items() if file is not None}
         if not files:

@@ -235,6 +235,20 @@ def test_files_of_dancers_are_one_group(tmp_path: Path, motions: Mapping[str, li
         dancedata.evaluate(tmp_path, pool=joints, up="y", **options)
 
 
+def test_dancers_that_decode_writes_are_one_group(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
+    """NAME_p0, NAME_p2: those who are there; of a batch NAME_000_p0 and so on. Twelve dancers are in order."""
+    groups = {f"{name}_{k:03}": group for k, (name, group) in enumerate(joints_of(motions).items())}
+    groups["crowd"] = [dancer + np.array([0.1 * k, 0, 0]) for k, dancer in enumerate([groups["duet_000"][0]] * 12)]
+    for name, group in groups.items():
+        for k, dancer in enumerate(group):
+            np.savez(tmp_path / f"{name}_p{2 * k}.npz", joints=dancer, fps=FPS)
+    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "bootstrap": 0, "body": "smpl24"}
+    expected = dancedata.evaluate(groups, pool=groups, **options)
+    found = dancedata.evaluate(tmp_path, pool=groups, up="y", **options)
+    assert sorted(found.clips) == sorted(groups)
+    assert {s.name: s.value for s in found.scores} == {s.name: pytest.approx(s.value) for s in expected.scores}
+
+
 def test_files_of_groups_may_be_numbered(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
     """s_00, s_01 and s_02 that hold all their dancers are three groups, and not the dancers of one."""
     groups = {f"s_{k:02}": group for k, group in enumerate(joints_of(motions).values())}

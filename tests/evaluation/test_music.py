@@ -1,6 +1,7 @@
 """Sources of music beats."""
 
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.songs import read_songs, song_name
+from dancedata.evaluation.inputs.songs import of_known, read_songs, song_name
 from dancedata.evaluation.music import ClipMusic, beats_after, named_songs
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
@@ -150,7 +151,7 @@ def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> 
     [
         ("mBR0", "mBR0"),
         ("mBR0.wav", "mBR0"),
-        (" music/mBR0.MP3 ", "mBR0"),
+        (" music/mBR0.MP3 ", "music/mBR0"),
         ("Mr. Brown", "Mr. Brown"),
         ("a.v2.ogg", "a.v2"),
     ],
@@ -176,3 +177,23 @@ def test_lists_of_songs_that_contradict_themselves(lines: str, tmp_path: Path) -
     (tmp_path / "songs.csv").write_text(lines, encoding="utf-8")
     with raises_message(UsageError, "delete|song"):
         read_songs(tmp_path / "songs.csv")
+
+
+@pytest.mark.parametrize(
+    ("written", "name"),
+    [
+        ("session2/take1.wav", "session2/take1"),
+        ("session2\\take1.mp3", "session2/take1"),
+        ("/data/songs/session1/take1.wav", "session1/take1"),
+        ("session1/take1", "session1/take1"),
+        ("music/mBR0.wav", "mBR0"),
+        ("mBR0", "mBR0"),
+        ("elsewhere/take1.wav", "take1"),
+    ],
+)
+def test_songs_that_share_a_name_are_named_by_their_folders(tmp_path: Path, written: str, name: str) -> None:
+    known = ("session1/take1", "session2/take1", "mBR0")
+    (tmp_path / "songs.csv").write_text(f"a,{written},1.5\r", encoding="utf-8")
+    found = of_known(read_songs(tmp_path / "songs.csv"), known)
+    assert found == {"a": name}
+    assert found["a"].start == Fraction(3, 2)

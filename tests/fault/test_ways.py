@@ -33,6 +33,19 @@ def test_parts_that_are_collected_give_the_same_bytes(
     assert sorted(slow.calls()) == sorted(songs), "the build that collects computes nothing"
 
 
+def test_dancers_of_a_group_are_in_one_part() -> None:
+    from dancedata.core.clip import ClipRef
+    from dancedata.pipeline.part import Part
+
+    clips = [
+        ClipRef(f"g{g}_p{m}", Path(f"g{g}.pkl"), None, "train", group=f"g{g}", member=m)
+        for g in range(10)
+        for m in range(1 + g % 4)
+    ]
+    parts = [{ref.group for ref in Part(k, 4).of(clips)} for k in range(1, 5)]
+    assert sorted(group for part in parts for group in part) == [f"g{g}" for g in range(10)]
+
+
 @pytest.mark.parametrize("count", [1, 3, 16])
 def test_parts_share_the_clips_out(corpus: Path, count: int):
     from dancedata.datasets.aistpp import AistPP

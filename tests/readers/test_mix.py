@@ -247,3 +247,31 @@ def test_shares_are_rounded_by_largest_remainders(stores: dict[str, Store]) -> N
         total = sum(Fraction(w) for w in weights)
         assert sum(counts) == n
         assert all(abs(c - Fraction(w) / total * n) < 1 for c, w in zip(counts, weights, strict=True))
+
+
+def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) -> None:
+    from dancedata.readers import BalancedSampler
+    from dancedata.store.like import opened, scaling_of, store_of
+
+    mix = Mix(windows(stores, normalize=True))
+    field = mix.normalized[0]
+    columns = stores["large"].fields[field].labels
+    for like in (stores["large"], None):
+        scaling = scaling_of(like, field, columns, scaler=mix)
+        assert scaling.normalized
+        assert scaling.scaler is not None
+        assert scaling.scaler.sha256 == mix.normalizer(field).sha256
+    # Of several datasets it is like none; of one, it is like that one, with its own scaler.
+    with raises_message(UsageError, "scaler=mix"):
+        store_of(opened(mix))
+    one = Mix({split: WindowDataset(stores["large"], split) for split in ("train", "val")})
+    assert store_of(opened(one)).path == stores["large"].path
+    own = scaling_of(one, field, columns).scaler
+    assert own is not None
+    assert own.sha256 == one.normalizer(field).sha256
+    with raises_message(UsageError, "does not read"):
+        scaling_of(stores["large"], "other", columns, scaler=mix)
+    with raises_message(UsageError, "not a scaler"):
+        scaling_of(stores["large"], field, columns, scaler=stores["large"])  # type: ignore[arg-type]
+    with raises_message(UsageError, "weights"):
+        BalancedSampler(one, by="clip")

@@ -1,5 +1,6 @@
 """Files of generated motion: columns of a representation, joint positions, SMPL arrays, BVH."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,6 +48,10 @@ _REMEDIES = {
     "unknown_joints": "name the joints in the file: numpy.savez(file, positions=..., joint_names=[...])",
     "missing_key": "name its arrays so, or say what columns they are: --like STORE, --representation NAME",
 }
+
+
+#: A dancer of a group that has a file each: NAME_00 or NAME_p0.
+_DANCER = re.compile(r"(.+)_(?:\d\d|p\d+)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,16 +316,20 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
 
 
 def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]:
-    """Return the groups of files: each a group, or NAME_00, NAME_01, ... the dancers of one, as DD100 has them."""
+    """Return the groups of files: each a group, or the dancers of one.
+
+    Dancers are NAME_00, NAME_01, ..., as DD100 has them, or NAME_p0, NAME_p1, ..., as `decode` writes those who are
+    there.
+    """
     dancers: dict[str, list[Path]] = {}
     for path in paths:
-        name, _, number = path.stem.rpartition("_")
-        dancers.setdefault(name if len(number) == 2 and number.isdecimal() and name else path.stem, []).append(path)
-    groups = []
+        of_dancer = _DANCER.fullmatch(path.stem)
+        dancers.setdefault(of_dancer[1] if of_dancer else path.stem, []).append(path)
+    groups: list[ClipInput] = []
     for name, files in dancers.items():
         whole = [path for path in files if len(files) == 1 or _is_group(path)]
         if len(whole) == len(files):
-            groups += [FileClip(id=path.stem, path=path, format=form) for path in files]
+            groups += [clip for path in files for clip in _group_clips(path, form)]
             continue
         if whole:
             raise UsageError(f"files named as the dancers of {name} are groups themselves", where=files[0].parent,
@@ -328,12 +337,25 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
                              allowed="a group a file, or a dancer a file",
                              fix="rename the files of groups")  # fmt: skip
         numbers = [path.stem.rpartition("_")[2] for path in files]
-        if numbers != [f"{k:02}" for k in range(len(files))]:
+        decoded = [number.startswith("p") for number in numbers]
+        if all(decoded):
+            files = sorted(files, key=lambda path: int(path.stem.rpartition("_p")[2]))
+        elif any(decoded) or numbers != [f"{k:02}" for k in range(len(files))]:
             raise UsageError("a dancer of a group is missing, or has two files", where=files[0].parent,
                              found=listed([path.name for path in files]),
-                             allowed=f"{name}_00, {name}_01 and so on")  # fmt: skip
+                             allowed=f"{name}_00, {name}_01 and so on, or {name}_p0, {name}_p1")  # fmt: skip
         groups.append(FileClip(id=name, path=files[0], format=form, partners=tuple(files[1:])))
     return tuple(groups)
+
+
+def _group_clips(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
+    """Return the group of a file, or each of a batch, whose `person_mask` has a row for each."""
+    try:
+        with open_arrays(path) as arrays:
+            is_batch = PERSON_MASK in arrays.names and len(_shape(arrays, PERSON_MASK)) > 1
+    except DataError:
+        is_batch = False
+    return clips_of(path, form) if is_batch else (FileClip(id=path.stem, path=path, format=form),)
 
 
 def _is_group(path: Path) -> bool:

@@ -3,10 +3,10 @@
 import csv
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Self
 
 from dancedata.core.errors import UsageError
@@ -68,9 +68,22 @@ def song_files(folder: Path) -> dict[str, Path]:
 
 
 def song_name(text: str) -> str:
-    """Return the name of a song: that of a music file without folder and suffix, any other text as it is."""
-    path = Path(text.strip())
-    return path.stem if path.suffix.lower() in AUDIO_SUFFIXES else path.name
+    """Return the name of a song: of a music file without suffix, any other text as it is; see `of_known`."""
+    path = PurePosixPath(text.strip().replace("\\", "/"))
+    return str(path.with_suffix("") if path.suffix.lower() in AUDIO_SUFFIXES else path) if path.name else ""
+
+
+def of_known(songs: Mapping[str, str], known: Container[str]) -> dict[str, Song]:
+    """Return songs by the names that are known: the longest end of the path that is one, else the file's name.
+
+    Songs that share a file name are known by their folders, ``session2/take1``.
+    """
+    named = {}
+    for clip, song in songs.items():
+        parts = song.split("/")
+        ends = ["/".join(parts[k:]) for k in range(len(parts))]
+        named[clip] = Song.of(next((end for end in ends if end in known), parts[-1]), getattr(song, "start", None))
+    return named
 
 
 def read_songs(path: Path) -> dict[str, Song]:
