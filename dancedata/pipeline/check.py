@@ -1,8 +1,8 @@
 """dancedata check: a built dataset against its dataset.json, or a source folder file by file."""
 
 import itertools
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -77,7 +77,19 @@ def check(
     calls = [(reader, ref) for ref in scan.clips]
     checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=reporter)
     problems += _lengths_note(path, [length for _, length in checked if length is not None])
-    return problems + [_problem(reject) for rejects, _ in checked for reject in rejects]
+    problems += [_problem(reject) for rejects, _ in checked for reject in rejects]
+    left_out = [reject for rejects, _ in checked for reject in rejects if reject.reason not in NOTED]
+    usable = {clip.id for clip in scan.clips} - {reject.clip for reject in left_out}
+    return problems + _nothing_usable(path, usable, [*scan.rejects, *left_out])
+
+
+def _nothing_usable(path: Path, usable: Collection[str], rejects: Sequence[Reject]) -> list[Problem]:
+    """Return the error of a source of which no clip can be used, with the reasons in one sentence."""
+    if usable:
+        return []
+    counts = Counter(reject.reason for reject in rejects)
+    reasons = ", ".join(f"{n} {reason}" for reason, n in counts.most_common()) or "none is listed"
+    return [Problem("error", str(path), f"no clip is left that can be used: {reasons}")]
 
 
 def _lengths_note(path: Path, lengths: Sequence[_Length]) -> list[Problem]:
@@ -104,13 +116,13 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     listed_ids = {ref.id for ref in scan.clips}  # without copies
     networks = [job.name for job in recipe.audio if isinstance(job.feature, NetworkFeature)]
 
-    def examined(cache: Cache) -> tuple[Sequence[Reject], Sequence[dict[str, Any]], list[_Length]]:
+    def examined(cache: Cache) -> tuple[Sequence[Reject], Sequence[dict[str, Any]], list[_Length], set[str]]:
         sources = identify(cache, recipe, scan, jobs=workers, progress=progress)
         if not networks:
             computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
             originals = [clip for clip in computed.clips if clip.id in listed_ids and clip.signal is not None]
             lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in originals]
-            return computed.rejects, computed.quality, lengths
+            return computed.rejects, computed.quality, lengths, {clip.id for clip in computed.clips}
         encoded, unreadable = encode_clips(cache, recipe, sources, jobs=workers, progress=progress)
         curated = curate(cache, recipe, encoded, sources.content, jobs=workers, progress=progress)
         _, without_windows = cut_windows(recipe, curated.clips, curated.faults)
@@ -125,10 +137,14 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
             if c.source.signal is not None
         ]
         lacking = [r for c in encoded for r in without_fields(c.source.ref, c.motion.without)]
-        return [*sources.rejects, *unreadable, *curated.rejects, *without_windows, *lacking], quality, lengths
+        left_out = [*sources.rejects, *unreadable, *curated.rejects, *without_windows, *lacking]
+        usable = {clip.source.ref.id for clip in curated.clips} - {
+            reject.clip for reject in without_windows if reject.window is None
+        }
+        return left_out, quality, lengths, usable
 
     with workers_for(recipe, source, store_cache, jobs) as workers:
-        rejects, quality, lengths = with_lost_entries(store_cache, examined, progress)
+        rejects, quality, lengths, usable = with_lost_entries(store_cache, examined, progress)
     notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
     problems = [Problem("note", str(path), note) for note in notes] + _lengths_note(path, lengths)
     by_reason: dict[tuple[str, str, str], list[Reject]] = {}
@@ -140,7 +156,8 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
         of_clip = next((reject for reject in alike if reject.window is None), alike[0])
         more = f" ({counted(windows, 'window')})" if windows else ""
         problems.append(_problem(replace(of_clip, detail=(of_clip.detail or of_clip.file) + more)))
-    return problems + [_problem(reject) for reject in implausible_problems(quality)]
+    problems += [_problem(reject) for reject in implausible_problems(quality)]
+    return problems + _nothing_usable(path, usable, rejects)
 
 
 def check_several(paths: Sequence[Path]) -> list[Problem]:

@@ -1,6 +1,8 @@
 """check with a recipe finds what a build leaves out: the same clips, for the same reasons."""
 
+import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -89,3 +91,26 @@ def test_lengths_of_motion_and_music_stand_side_by_side(
     # A build leaves b out, which has a reject with its lengths.
     of_b = "" if recipe else "b 4.00 and 1.00; "
     assert notes == [f"Seconds of motion and music, the largest differences first: {of_b}a 4.00 and 4.00."]
+
+
+@pytest.mark.parametrize(
+    "break_it",
+    [
+        lambda source: (source / "manifest.csv").write_text("motion\nother.npz\n"),  # none is there
+        lambda source: (source / "manifest.csv").write_text("motion,fps,audio\na.npz,30,a.wav\n"),  # no unit
+        lambda source: (source / "a.wav").unlink(),
+        lambda source: (source / "a.npz").write_bytes(b"no motion"),
+    ],
+)
+def test_a_source_without_a_usable_clip_is_an_error(tmp_path: Path, break_it: Callable[[Path], object]) -> None:
+    np.savez(tmp_path / "a.npz", poses=np.zeros((90, 72)), trans=np.zeros((90, 3)))
+    soundfile.write(tmp_path / "a.wav", np.random.default_rng(0).normal(0, 0.1, 24_000), 8000)
+    break_it(tmp_path)
+    recipe = {
+        "recipe": 1, "name": "t", "fps": 30, "dataset": {"folder": {"up": "y"}}, "motion": {"joints": {}},
+        "windows": {"length_s": 1, "stride_s": 1}, "audio": {},
+    }  # fmt: skip
+    (tmp_path / "recipe.yaml").write_text(json.dumps(recipe))
+    for options in ({"dataset": "folder"}, {"recipe": str(tmp_path / "recipe.yaml")}):
+        problems = dancedata.check(tmp_path, **options)
+        assert "no clip is left" in [p for p in problems if p.severity == "error"][-1].message
