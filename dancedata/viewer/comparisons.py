@@ -44,6 +44,11 @@ class Comparison(ABC):
         """Return whether there may be a motion of an item, by its name."""
         return True
 
+    @property
+    def held(self) -> str:
+        """The first names that it has, for messages."""
+        return ""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OriginalComparison(Comparison):
@@ -77,6 +82,11 @@ class StoreComparison(Comparison):
     """Clips of the same ids in another dataset, at the same second of their song."""
 
     scenes: Scenes
+
+    @property
+    @override
+    def held(self) -> str:
+        return listed([item.id for item in self.scenes.items], 3)
 
     @override
     def has(self, item: Item) -> bool:
@@ -112,6 +122,11 @@ class FilesComparison(Comparison):
     any_clip: Path | None
     form: FileFormat
     body: Skeleton
+
+    @property
+    @override
+    def held(self) -> str:
+        return listed(sorted(path.name for path in self.paths.values()), 3)
 
     @override
     def has(self, item: Item) -> bool:

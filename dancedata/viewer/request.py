@@ -7,9 +7,10 @@ from dataclasses import KW_ONLY, dataclass, fields, replace
 from pathlib import Path
 
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import counted, listed
 from dancedata.evaluation.inputs.files import FileFormat
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.store import Store, open_store
@@ -115,7 +116,14 @@ class ViewRequest:
         form = self._format(store, scenes.grid, self.compare_as or self.columns)
         original = [OriginalComparison(source=source)] if isinstance(source, ClipSource) else []
         comparisons: list[Comparison] = [*original]
-        comparisons += [comparison_of(path, scenes, form) for path in self.compare]
+        for path in self.compare:
+            comparisons.append(comparison_of(path, scenes, form))
+            if not matched(comparisons[-1], scenes):
+                raise DataError(
+                    "nothing here is named as a clip that is shown", reason="nothing_matched", where=str(path),
+                    found=comparisons[-1].held, allowed=listed([item.id for item in scenes.items], 3),
+                    fix="name the files as the clips",
+                )  # fmt: skip
         names = [comparison.name for comparison in comparisons]
         return tuple(
             replace(comparison, name=f"{comparison.name} ({n})") if comparison.name in names[:n] else comparison
@@ -166,6 +174,11 @@ class ViewRequest:
         return item, (start, start + length)
 
 
+def matched(comparison: Comparison, scenes: SceneList) -> int:
+    """Return how many of the items have something to compare with."""
+    return sum(comparison.has(item) for item in scenes.items)
+
+
 @dataclass(frozen=True, eq=False)
 class Shown:
     """Contents of a request.
@@ -204,6 +217,13 @@ class Shown:
             item = wall.wall_of(item) if request.clip or (added and not item.members) else wall.items[0]
             return cls(request, wall, None if sounds is None else WallSounds(wall, sounds), (), item, loop, "")
         return cls(request, scenes, sounds, comparisons, item, loop, added[0].name if added else "")
+
+    @property
+    def matched(self) -> list[str]:
+        """How many of the clips each thing that is compared has, in words."""
+        n = len(self.scenes.items)
+        added = self.comparisons[len(self.comparisons) - len(self.request.compare) :] if self.comparisons else ()
+        return [f"{one.name}: {matched(one, self.scenes)} of {counted(n, 'clip')} matched" for one in added]
 
     @property
     def address(self) -> str:

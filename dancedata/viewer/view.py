@@ -94,6 +94,8 @@ def export_page(
         )  # fmt: skip
     to = require_free(to, [request.path], "page", overwrite=overwrite)
     opened = Shown.of(request)
+    for line in opened.matched:
+        say(f"  {line}")
     sound = None
     if audio:
         signal, notice = opened.shared_music(allowed_by_caller=shared)
@@ -116,7 +118,7 @@ def _warm_up(site: Site, item: Item, field: str | None) -> None:
 
 
 def _advice(server: ViewServer, shown: Shown) -> list[str]:
-    lines = shown.scenes.problems if isinstance(shown.scenes, MotionScenes) else []
+    lines = [*shown.matched, *(shown.scenes.problems if isinstance(shown.scenes, MotionScenes) else ())]
     if os.environ.get("SSH_CONNECTION"):
         port, host = server.server_port, socket.gethostname()
         lines.append("On your own machine, run this line first, then open the address above there:")

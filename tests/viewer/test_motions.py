@@ -315,10 +315,24 @@ def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_i
     compared = page["clips"]["0"]["with"]["mine"]
     assert compared["mean"] == pytest.approx(10, abs=0.1)
     assert len(gzip.decompress(base64.b64decode(compared["distance"]["data"]))) == 2 * 60
-    assert len(said) == 1
-    assert "it shows wav" in said[0]
+    matched, begun = said
+    assert "mine: 1 of " in matched
+    assert "it shows wav" in begun
     walled = Shown.of(replace(request, wall=True))
     assert [member.item.part for member in walled.scenes.scene(walled.item).members] == ["odd", "mine"]
+
+
+@pytest.mark.parametrize("name", ["other", "wav@0+150", "WAV"])
+@pytest.mark.parametrize("wall", [False, True])
+def test_nothing_that_is_named_as_a_clip_is_an_error(odd: Path, tmp_path: Path, name: str, wall: bool) -> None:
+    (tmp_path / "mine").mkdir()
+    for number in (name, "second"):
+        np.savez(tmp_path / "mine" / f"{number}.npz", joints=np.zeros((60, 24, 3)), fps=FPS)
+    with raises_message(DataError, "named", where="mine") as error:
+        Shown.of(ViewRequest(odd, compare=(tmp_path / "mine",), wall=wall))
+    assert error.value.reason == "nothing_matched"
+    assert f"{name}.npz" in str(error.value)
+    assert "wav" in str(error.value.allowed)
 
 
 def test_clips_of_a_dataset_are_played_beside_motions(odd: Path) -> None:
