@@ -26,6 +26,8 @@ SEGMENT_FILES = ("segments.csv", "segments.jsonl")
 MAX_BYTES, MAX_TEXT, MAX_TEXTS = 1 << 28, 1 << 20, 4096
 #: Times beyond this are mistakes: a hundred days.
 MAX_SECONDS = 8_640_000
+#: Number of a joint, of any body.
+MAX_JOINT = 999
 _TIMES = ("start", "end", "fps")
 _LAYER = ("layer", "kind", "language", "author", "licence", "citation", "by", "sided")
 _LISTS = {"texts": "text", "texts_mirrored": "text_mirrored", "tokens": "token"}
@@ -202,10 +204,14 @@ class _Rows:
         lists = {many: self._list(line, row, many, one) for many, one in _LISTS.items()}
         value, joint = self._number(line, row, "value", math.nan), self._number(line, row, "joint", -1)
         whole, data = row.get("whole", False), row.get("data", {})
-        if not isinstance(whole, bool) or not isinstance(data, dict) or joint != int(joint) or joint < -1:
+        is_joint = -1 <= joint <= MAX_JOINT and joint == int(joint)
+        if not isinstance(whole, bool) or not isinstance(data, dict) or not is_joint:
             name = "whole" if not isinstance(whole, bool) else "data" if not isinstance(data, dict) else "joint"
-            allowed = {"whole": "true or false", "data": "an object", "joint": "the number of a joint"}[name]
+            number = f"the number of a joint, at most {MAX_JOINT}"
+            allowed = {"whole": "true or false", "data": "an object", "joint": number}[name]
             raise self._bad(line, f"invalid value for {name}", quoted(row[name], 60), allowed)
+        if not _is_unicode(json.dumps(data, ensure_ascii=False)):
+            raise self._bad(line, "data holds half of a character", quoted(row["data"], 60), "Unicode text")
         end = start if end is None else end
         if end < start:
             raise self._bad(line, "the segment ends before it begins", f"{row['start']} to {row['end']}")
@@ -271,7 +277,7 @@ class _Rows:
         if one in row and many in row:
             raise self._bad(line, f"both {one} and {many} are given", fix="give one of them")
         values = [row[one]] if one in row else values
-        if not isinstance(values, list) or not all(isinstance(v, str) and "\0" not in v for v in values):
+        if not isinstance(values, list) or not all(isinstance(v, str) and _is_text(v) for v in values):
             raise self._bad(line, f"{many} is not a list of texts", quoted(values, 60), '["TEXT", "TEXT"]')
         longest = max(map(len, values), default=0)
         if len(values) > MAX_TEXTS or longest > MAX_TEXT:
@@ -281,7 +287,7 @@ class _Rows:
 
     def _text(self, line: int, row: Mapping[str, Any], name: str) -> str:
         value = row.get(name, "")
-        if not isinstance(value, str) or len(value) > MAX_TEXT or "\0" in value:
+        if not isinstance(value, str) or len(value) > MAX_TEXT or not _is_text(value):
             raise self._bad(line, f"{name} is not a text", quoted(value, 60))
         return value
 
@@ -298,6 +304,19 @@ class _Rows:
         self, line: int, problem: str, found: object = None, allowed: object = None, fix: str = ""
     ) -> SourceError:
         return _bad(self._path, line, problem, found, allowed, fix or "correct the line")
+
+
+def _is_text(value: str) -> bool:
+    return "\0" not in value and _is_unicode(value)
+
+
+def _is_unicode(value: str) -> bool:
+    """Whether a text has no half of a character (a lone surrogate), which no UTF-8 file can hold."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _bad(

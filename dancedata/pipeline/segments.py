@@ -5,7 +5,7 @@ import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -117,7 +117,9 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
         with open_store(folder, segments=file) as laid, open_store(folder) as store:
             augment, lexicons = _recipe(store)
             of_file = laid.overlay.segments
-            stated = dict(zip(of_file, with_mirrored_words(list(of_file.values()), lexicons), strict=True))
+            known = {(layer_id(layer), layer.kind): layer for layer in store.layers}
+            read = [[_with_labels_of(s, known) for s in segments] for segments in of_file.values()]
+            stated = dict(zip(of_file, with_mirrored_words(read, lexicons), strict=True))
             new = {layer_id(s.layer) for segments in stated.values() for s in segments}
             clips = {
                 split: [
@@ -143,6 +145,18 @@ def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
         return []
     n = counted(len(lost), "segment")
     return [f"mirrored copies go without {n} of {listed(sorted(set(lost)))}: no lexicon of the language"]
+
+
+def _with_labels_of(segment: Segment, known: Mapping[tuple[tuple[str, str, str], str], Layer]) -> Segment:
+    """Return a segment whose layer also has the units and pairs of labels without a row, as the dataset has them."""
+    layer = segment.layer
+    earlier = known.get((layer_id(layer), layer.kind))
+    if earlier is None:
+        return segment
+    units = dict(earlier.units) | dict(layer.units)
+    named = {label for pair in layer.mirror for label in pair}
+    pairs = {pair for pair in earlier.mirror if not named & set(pair)} | set(layer.mirror)
+    return replace(segment, layer=replace(layer, units=tuple(sorted(units.items())), mirror=tuple(sorted(pairs))))
 
 
 def layer_id(layer: Layer) -> tuple[str, str, str]:

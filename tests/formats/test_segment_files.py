@@ -83,6 +83,7 @@ def test_rows_without_an_end_are_instants(tmp_path: Path) -> None:
         "clip,start,end,layer\na,1,2,w\na,3,,w\n",
         "clip,start,end,layer,value\na,1,2,w,fast\n",
         "clip,start,end,layer,joint\na,1,2,w,1.5\n",
+        "clip,start,end,layer,joint\na,1,2,w,99999999999999\n",
         "clip,start,end,layer,sided\na,1,2,w,perhaps\n",
         "clip,start,end,layer,whole\na,1,2,w,yes\n",
         'clip,start,end,layer\na,1,"2,w\n',
@@ -105,6 +106,11 @@ def test_mistakes_are_named_with_their_line(tmp_path: Path, text: str) -> None:
         '{"clip": "a", "start": 1, "end": 2, "layer": "w", "texts": "one"}',
         '{"clip": "a", "start": 1, "end": 2, "layer": "w", "data": [1]}',
         '{"clip": 7, "start": 1, "end": 2, "layer": "w"}',
+        *(
+            '{"clip": "a", "start": 1, "end": 2, "layer": "w", ' + f"{cell}}}"
+            for cell in ('"label": "\\ud800"', '"text": "\\ud800"', '"data": {"\\udfff": 1}', '"author": "x\\udc00"')
+        ),
+        '{"clip": "a", "start": 1, "end": 2, "layer": "\\ud800"}',
     ],
 )
 def test_mistakes_in_jsonl(tmp_path: Path, row: str) -> None:

@@ -151,3 +151,22 @@ def test_what_mirrored_copies_go_without_is_noted(built: Store, tmp_path: Path) 
     store = dancedata.open(built.path)
     assert sorted(s.layer.language for s in store.segments("own", "description")) == ["en", "fr"]
     assert [s.layer.language for s in store.segments("own__mirror", "description")] == ["en"]
+
+
+def test_units_and_pairs_of_labels_without_a_row_are_kept(built: Store, tmp_path: Path) -> None:
+    rows = [
+        {"clip": "own", "start": 0, "end": 1, "layer": "kicks", "label": "kick_l", "label_mirrored": "kick_r"},
+        {"clip": "own", "start": 1, "end": 2, "layer": "kicks", "label": "jump", "value": 0.4, "unit": "m"},
+        {"clip": "own", "start": 2, "end": 3, "layer": "kicks", "label": "a_l", "label_mirrored": "a_r"},
+    ]
+    for name, n in (("all", 3), ("fewer", 1)):
+        text = "".join(json.dumps(row) + "\n" for row in rows[:n])
+        (tmp_path / f"{name}.jsonl").write_text(text)
+        segments(built.path, set_file=tmp_path / f"{name}.jsonl")
+    layers = {layer for layer in dancedata.open(built.path).layers if layer.name == "kicks"}
+    assert {layer.units for layer in layers} == {(("jump", "m"),)}
+    assert {layer.mirror for layer in layers} == {(("a_l", "a_r"), ("kick_l", "kick_r"))}
+    before = hashes(built.path)
+    segments(built.path, to=tmp_path / "back.csv")
+    segments(built.path, set_file=tmp_path / "back.csv")
+    assert hashes(built.path) == before

@@ -332,7 +332,7 @@ def test_nothing_that_is_named_as_a_clip_is_an_error(odd: Path, tmp_path: Path, 
         Shown.of(ViewRequest(odd, compare=(tmp_path / "mine",), wall=wall))
     assert error.value.reason == "nothing_matched"
     assert f"{name}.npz" in str(error.value)
-    assert "wav" in str(error.value.allowed)
+    assert error.value.allowed
 
 
 def test_clips_of_a_dataset_are_played_beside_motions(odd: Path) -> None:
