@@ -117,7 +117,7 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
         with open_store(folder, segments=file) as laid, open_store(folder) as store:
             augment, lexicons = _recipe(store)
             of_file = laid.overlay.segments
-            known = {(layer_id(layer), layer.kind): layer for layer in store.layers}
+            known: dict[tuple[Any, ...], Layer] = {(layer_id(layer), layer.kind): layer for layer in store.layers}
             read = [[_with_labels_of(s, known) for s in segments] for segments in of_file.values()]
             stated = dict(zip(of_file, with_mirrored_words(read, lexicons), strict=True))
             new = {layer_id(s.layer) for segments in stated.values() for s in segments}
@@ -147,7 +147,7 @@ def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
     return [f"mirrored copies go without {n} of {listed(sorted(set(lost)))}: no lexicon of the language"]
 
 
-def _with_labels_of(segment: Segment, known: Mapping[tuple[tuple[str, str, str], str], Layer]) -> Segment:
+def _with_labels_of(segment: Segment, known: Mapping[tuple[Any, ...], Layer]) -> Segment:
     """Return a segment whose layer also has the units and pairs of labels without a row, as the dataset has them."""
     layer = segment.layer
     earlier = known.get((layer_id(layer), layer.kind))
