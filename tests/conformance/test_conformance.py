@@ -158,10 +158,7 @@ def test_an_augmentation_of_neither_kind_is_refused():
 @pytest.mark.parametrize(
     ("members", "expected"),
     [
-        (
-            {"changes": "rows", "change_motion": lambda self, motion, clip: replace(motion)},
-            "declared",
-        ),
+        ({"changes": "rows", "change_motion": lambda self, motion, clip: replace(motion)}, "declared"),
         ({"changes": "music"}, "changes is rows, motion or time"),
     ],
 )

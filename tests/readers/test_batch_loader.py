@@ -7,7 +7,6 @@ import pickle
 import random
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -134,39 +133,6 @@ def test_without_a_sampler(mixed_store: Store) -> None:
     assert list(BatchLoader(dataset, 2, sampler=[])) == []
 
 
-def test_ranks_share_an_epoch(mixed_store: Store) -> None:
-    seen: list[int] = []
-    for rank in range(3):
-        dataset = dataset_of(mixed_store)
-        for batch in BatchLoader(dataset, 8, sampler=EpochSampler(dataset, rank=rank, world_size=3, drop_last=True)):
-            seen += batch["index"].tolist()
-    assert len(seen) == len(set(seen)) == len(dataset) // 3 * 3
-
-
-def test_resumes_in_the_middle_of_an_epoch(mixed_store: Store) -> None:
-    def start() -> tuple[EpochSampler, BatchLoader]:
-        dataset = dataset_of(mixed_store)
-        sampler = EpochSampler(dataset, seed=2)
-        return sampler, BatchLoader(dataset, 8, sampler=sampler)
-
-    sampler, loader = start()
-    whole = [[bits(batch) for batch in loader] for _ in range(3)]
-    assert sampler.state_dict() == {"epoch": 3, "position": 0}
-
-    sampler, loader = start()
-    for _ in loader:
-        pass
-    assert sampler.state_dict() == {"epoch": 1, "position": 0}
-    for nth, _ in enumerate(loader):
-        if nth == 2:
-            break
-    state = sampler.at(1, 24)
-    sampler, loader = start()
-    sampler.load_state_dict(state)
-    assert [bits(batch) for batch in loader] == whole[1][3:]
-    assert [bits(batch) for batch in loader] == whole[2]
-
-
 # --- memory
 
 
@@ -221,13 +187,6 @@ def test_memory_goes_round(mixed_store: Store, prefetch: int) -> None:
     for name in FIELDS:
         assert len(places[name]) <= prefetch + 2
     assert len(loader) > prefetch + 2
-
-
-def test_kept_batches_are_all_of_the_epoch(mixed_store: Store) -> None:
-    dataset = dataset_of(mixed_store)
-    loader = BatchLoader(dataset, 8)
-    for _ in range(2):
-        assert_same(list(loader), DataLoader(dataset, 8))
 
 
 def test_a_batch_may_be_written_to(mixed_store: Store) -> None:
@@ -393,14 +352,7 @@ def test_pickled_without_threads_and_memory(mixed_store: Store) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [
-        {"batch_size": 0},
-        {"threads": 0},
-        {"prefetch": 0},
-        {"threads": 1.5},
-        {"sampler": [1], "shuffle": True},
-    ],
+    "wrong", [{"batch_size": 0}, {"threads": 0}, {"prefetch": 0}, {"threads": 1.5}, {"sampler": [1], "shuffle": True}]
 )
 def test_wrong_arguments(mixed_store: Store, wrong: dict[str, Any]) -> None:
     with raises_message(UsageError, "sampler|small|threads"):
@@ -453,9 +405,3 @@ def test_pinned_memory_is_allocated_by_torch(mixed_store: Store, monkeypatch: py
     monkeypatch.undo()
     assert_same(found, DataLoader(dataset, 8))
     assert len(asked) == len(FIELDS) * len(loader)
-
-
-def test_repr_describes_the_object(store_path: Path) -> None:
-    text = repr(BatchLoader(WindowDataset(store_path), 64, threads=3))
-    for part in ("WindowDataset(", "batch_size=64", "threads=3", "prefetch=2"):
-        assert part in text

@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,13 @@ from torch.utils.data import DataLoader
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.licence import Licence
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.skeleton import SMPL24
 from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, WindowDataset
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.free_columns import free_columns
 from dancedata.store.licence import OVERRIDE, may_share_audio, require_shareable
+from dancedata.store.schema import Field, StoreHeader
 from dancedata.testing.stores import write_random_store
 from tests.commands import as_json, run
 from tests.groups_store import stored
@@ -83,12 +87,6 @@ def test_samples_and_batches_have_the_values(path: Path) -> None:
 
 
 def test_groups_have_a_value_of_each_dancer(tmp_path: Path) -> None:
-    from fractions import Fraction
-
-    from dancedata.core.registry import REPRESENTATIONS
-    from dancedata.core.skeleton import SMPL24
-    from dancedata.store.schema import Field, StoreHeader
-
     clips = [replace(c, columns={"height": 160 + c.member}) if c.member else c for c in stored({"train": (2, 3)})]
     clips = [replace(c, audio={}, motion={"joints": c.motion["joints"]}) for c in clips]
     field = Field("joints", "motion", REPRESENTATIONS.make("joints", {}).columns, Fraction(30))

@@ -11,9 +11,8 @@ import pytest
 import torch
 from torch.utils.data import DataLoader
 
-import dancedata
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, BatchStream, EpochSampler, GroupDataset, WindowDataset
+from dancedata.readers import BatchLoader, BatchStream, GroupDataset, WindowDataset
 from dancedata.readers.groups import Choose
 from dancedata.store import Store, open_store, verify_store, write_store
 from dancedata.store.stored_clip import StoredClip
@@ -184,16 +183,6 @@ def test_dancers_are_drawn_by_seed_epoch_and_index(store: Store) -> None:
     assert {m for members in drawn for m in members} == set(range(5))
 
 
-@pytest.mark.parametrize("ranks", range(1, 9))
-def test_each_window_once_per_epoch_for_any_number_of_ranks(store: Store, ranks: int) -> None:
-    dataset = raw(store, mirror=0.5, choose="seed")
-    samplers = [EpochSampler(len(dataset), seed=1, rank=rank, world_size=ranks) for rank in range(ranks)]
-    orders = [sampler.order(2).tolist() for sampler in samplers]
-    seen = [index for order in zip(*orders, strict=True) for index in order]
-    assert set(seen) == set(range(len(dataset)))
-    assert len(seen) - len(dataset) < ranks
-
-
 def test_a_stream_resumes_anywhere_with_the_same_batches(store: Store) -> None:
     def stream(start: int) -> BatchStream:
         dataset = raw(store, mirror=0.5, augment=["yaw"], choose="seed", persons=2)
@@ -288,10 +277,3 @@ def test_no_groups_and_unknown_choices(tmp_path: Path, store: Store) -> None:
         raw(store, persons=2, exactly=2)
     with raises_message(UsageError, "singles"):
         raw(store, exactly=4)
-
-
-def test_other_windows_and_repr(store: Store) -> None:
-    dataset = raw(store, length_frames=12, stride_frames=4)
-    assert dataset[0]["joints"].shape == (5, 12, 72)
-    assert "5 persons, stored" in repr(dataset)
-    assert dancedata.open(store.path).splits == ("train", "test")

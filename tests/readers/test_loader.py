@@ -71,56 +71,6 @@ def test_every_window_once_with_the_values_of_the_store_and_the_draws_of_the_epo
         assert len(set(found)) == len(windows)
 
 
-def test_sampler_tells_persistent_workers_the_epoch(store_path: Path) -> None:
-    dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, stride_frames=90)
-    sampler = EpochSampler(dataset, seed=1)
-    loader = DataLoader(dataset, batch_size=16, num_workers=2, persistent_workers=True, sampler=sampler)
-    for epoch in range(3):
-        found = seen(loader)
-        twin = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, stride_frames=90)
-        twin.set_epoch(epoch)
-        assert found == [(int(index), twin[index]["mirrored"]) for index in sampler.order(epoch)]
-
-
-@pytest.mark.parametrize("n_workers", [0, 2])
-def test_resumes_in_the_middle_of_an_epoch(store_path: Path, n_workers: int) -> None:
-    """One run without a stop, and one stopped in epoch 1 and resumed twice, see the same samples."""
-
-    def start() -> tuple[EpochSampler, DataLoader[Any]]:
-        dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, seed=2, stride_frames=30)
-        sampler = EpochSampler(dataset, seed=2, rank=1, world_size=2)
-        return sampler, DataLoader(dataset, batch_size=8, num_workers=n_workers, sampler=sampler)
-
-    _, loader = start()
-    expected = [seen(loader) for _ in range(3)]
-
-    sampler, loader = start()
-    found = [seen(loader)]
-    assert sampler.state_dict() == {"epoch": 1, "position": 0}
-    epoch, consumed, second = sampler.epoch, 0, []
-    for stops in (3, 2):  # batches seen before the run is killed
-        for nth, batch in enumerate(loader):
-            second += list(zip(batch["index"].tolist(), batch["mirrored"].tolist(), strict=True))
-            consumed += len(batch["index"])
-            if nth + 1 == stops:
-                break
-        checkpoint = sampler.at(epoch, consumed)
-        assert checkpoint == {"epoch": 1, "position": consumed}
-        sampler, loader = start()
-        sampler.load_state_dict(checkpoint)
-        epoch, consumed = sampler.epoch, sampler.position
-    assert [*found, second + seen(loader), seen(loader)] == expected
-
-
-def test_without_workers_the_state_itself_is_exact(store_path: Path) -> None:
-    sampler = EpochSampler(WindowDataset(store_path, fields=(AUDIO,)), seed=2)
-    loader = DataLoader(WindowDataset(store_path, fields=(AUDIO,)), batch_size=8, sampler=sampler)
-    walk = iter(loader)
-    for _ in range(3):
-        next(walk)
-    assert sampler.state_dict() == sampler.at(0, 24)
-
-
 def test_accelerate_resumes_in_the_middle_of_an_epoch(store_path: Path) -> None:
     accelerate = pytest.importorskip("accelerate", reason="Accelerate is not installed")
 

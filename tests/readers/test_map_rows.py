@@ -88,11 +88,6 @@ def test_windows_equal_those_of_the_store(stores: dict[str, Store], scope: str, 
     assert store.window_rows(windows, "tune", mapped=mapped).unmapped == ("" if mapped else "mapped=False")
 
 
-def test_other_windows_of_a_track(stores: dict[str, Store]) -> None:
-    store = stores["track"]
-    assert_reads_as_the_store(store, store.windows("train", length_frames=17, stride_frames=3))
-
-
 @pytest.mark.parametrize("scope", ["track", "window"])
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (10_000, 30), (7, 30), (0, 29), (0, 0), (130, 30)])
 def test_a_window_that_the_store_does_not_have(stores: dict[str, Store], scope: str, start: int, length: int) -> None:
@@ -209,13 +204,6 @@ def test_a_file_system_that_maps_nothing(
         np.testing.assert_array_equal(dataset[5]["pose"].numpy(), wanted)
     assert "No such device" in dataset.unmapped["pose"]
     assert "No such device" in caplog.text
-
-
-def test_not_mapped_because_nobody_wants_it(stores: dict[str, Store], caplog: pytest.LogCaptureFixture) -> None:
-    dataset = WindowDataset(stores["track"], fields=("pose",), normalize=False, mapped=False)
-    dataset[0]
-    assert dataset.unmapped == {"pose": "mapped=False"}
-    assert not caplog.records
 
 
 def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, stores: dict[str, Store]) -> None:

@@ -14,12 +14,9 @@ pytest.importorskip("torch")
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError
-from dancedata.pipeline.build import build
 from dancedata.pipeline.out_folder import locked, new_dataset
 from dancedata.readers import BatchLoader, WindowDataset
-from dancedata.recipes.parse import load_recipe
 from dancedata.store.dataset import open_store
-from dancedata.synthetic import write_synthetic
 from dancedata.testing.stores import random_fields
 
 pytestmark = [
@@ -220,32 +217,3 @@ def test_a_scaler_is_not_taken_from_another_dataset(out: Path, overwrite: Overwr
         late.normalizer("pose")
     for name in ("rejects", "quality"):  # equal in both
         assert getattr(late, name) == getattr(known, name)
-
-
-@pytest.fixture
-def corpus(tmp_path: Path) -> Path:
-    """Four clips to two songs."""
-    return write_synthetic(tmp_path / "source", songs=2, clips_per_song=2, clip_s=6)
-
-
-def test_a_build_under_a_trainer(corpus: Path, tmp_path: Path) -> None:
-    """`build --overwrite --set augment.mirror=true` between two epochs of a DataLoader with two workers."""
-    out = tmp_path / "out"
-
-    def built(*overrides: str) -> None:
-        recipe = load_recipe("aist++", ("audio={}", *overrides))
-        build(recipe, corpus, out, cache=tmp_path / "cache", overwrite=True)
-
-    built()
-    dataset = WindowDataset(out, fields=("edge151",), normalize=False)
-    loader = DataLoader(dataset, 4, num_workers=2)
-    before = [batch["edge151"].numpy() for batch in loader]
-    built("augment.mirror=true")
-    batches = iter(loader)
-    with pytest.raises(StoreError, match=BUILT_AGAIN):
-        next(batches)
-    batches._shutdown_workers()  # type: ignore[attr-defined]
-    # In the trainer's own process too, where nothing was read yet; and opened again, there are twice as many.
-    with pytest.raises(StoreError, match=BUILT_AGAIN):
-        _ = dataset[0]
-    assert len(WindowDataset(out, fields=("edge151",))) == 2 * sum(len(rows) for rows in before)

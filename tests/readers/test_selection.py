@@ -1,6 +1,5 @@
 """Selection of windows: lists, protocols, trims, movement, presets; and the reported rejects."""
 
-import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
@@ -312,14 +311,6 @@ def test_requirements_of_primitives(store: Store, tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "none", length=30)
     with raises_message(UsageError, "primitive_variant", where="none"):
         WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
-
-
-def test_a_copy_reads_the_same(store: Store) -> None:
-    dataset = WindowDataset(store, preset="lodge-local", fields=("lodge139", "primitives"))
-    again = pickle.loads(pickle.dumps(dataset))
-    assert again.rejects == dataset.rejects
-    for key, value in dataset[3].items():
-        assert (again[3][key] == value).all() if hasattr(value, "shape") else again[3][key] == value
 
 
 def test_window_scope_has_no_trim(tmp_path: Path) -> None:

@@ -119,11 +119,7 @@ def test_decoding_invalid_rotations(made: Any) -> None:
     array = made.encode(random_motion(made.skeleton), Height())
     with pytest.raises(UsageError, match=rf"{made.name} decodes \(T, {made.columns.width}\)"):
         made.decode(array[:, :-1], THIRTY)
-    for columns, value, reason in (
-        (slice(31, 37), 0, "bad_rotation"),
-        (40, np.nan, "nan"),
-        (5, np.inf, "nan"),
-    ):
+    for columns, value, reason in ((slice(31, 37), 0, "bad_rotation"), (40, np.nan, "nan"), (5, np.inf, "nan")):
         broken = array.copy()
         broken[3, columns] = value
         with raises_message(DataError, "columns", reason=reason) as error:
