@@ -73,20 +73,6 @@ def test_joints_of_a_moved_motion_are_the_moved_joints(angle: float, x: float, z
         np.testing.assert_allclose(moved(motion, by).joints(), placed(joints, joints[0, 0], by), atol=1e-12)
 
 
-@pytest.mark.parametrize("name", DECODED)
-@few
-@given(angle=ANGLES, x=METRES, z=METRES)
-def test_forward_kinematics_commutes_with_moved_columns(name: str, angle: float, x: float, z: float) -> None:
-    made, by, rows = REPRESENTATIONS.get(name)(), Placement(angle, x, z), encoded(name)
-    before = made.decode(rows, FPS).joints()
-    found = made.spatial.moved(rows, made.columns, by)
-    after = made.decode(found, FPS).joints()
-    np.testing.assert_allclose(after, placed(before, before[0, 0], by), atol=JOINT_TOLERANCE)
-    if "contact" in made.columns.names:
-        own = made.columns.slice("contact")
-        np.testing.assert_array_equal(found[:, own], rows[:, own])
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_moved_columns_are_those_of_the_moved_motion(name: str) -> None:
     made = REPRESENTATIONS.get(name)()
@@ -109,26 +95,6 @@ def test_directions_turn_and_do_not_shift() -> None:
     for roles in ({"velocity": "direction"}, {"velocity": "direction", "speed": "place"}):
         with raises_message(UsageError, "speed"):
             Spatial("y", roles).check(columns)
-
-
-@pytest.mark.parametrize("name", REPRESENTATIONS.names())
-def test_mirrored_twice_is_the_identity(name: str) -> None:
-    field, rows, mirror = field_of(name), encoded(name), MirrorImage()
-    if field.columns.mirror is None:
-        with raises_message(UsageError, "mirror"):
-            mirror.check_sample(field)
-        return
-    image = mirror.change_sample(rows, field, Draw(0))
-    np.testing.assert_array_equal(mirror.change_sample(image, field, Draw(0)), rows)
-    if name in DECODED:
-        # Bones are not symmetric to the millimetre: the image is that of the dancer with mirrored bones.
-        own = field.representation.skeleton
-        joints = field.representation.decode(rows, FPS).joints()
-        order = np.arange(own.n_joints)
-        for left, right in own.pairs:
-            order[left], order[right] = right, left
-        found = field.representation.decode(image, FPS).on(own.mirrored()).joints()
-        np.testing.assert_allclose(found, joints[:, order] * (-1, 1, 1), atol=JOINT_TOLERANCE)
 
 
 @few

@@ -203,16 +203,6 @@ def test_dropped_fields_are_zero_and_say_so(store_path: Path) -> None:
     assert "edge151_dropped" not in music[0]
 
 
-def test_noise_is_labelled_again_at_the_height_of_the_window(store_path: Path) -> None:
-    plain, data = (dataset(store_path, a, fields="lodge139", normalize=False) for a in (None, ["noise"]))
-    for k in range(len(data)):
-        sample, stored = data[k]["lodge139"].numpy(), plain[k]["lodge139"].numpy()
-        np.testing.assert_allclose(sample[:, 4:7], stored[:, 4:7], atol=1e-6)
-        assert set(np.unique(sample[:, :4])) <= {0, 1}
-        assert (sample[:, :4] == stored[:, :4]).mean() > 0.9
-        assert (sample[:, 13:] != stored[:, 13:]).any()
-
-
 def test_relative_roots_are_relative_after_augmenting(store_path: Path) -> None:
     data = dataset(store_path, ["root_offset"], relative_root=True, normalize=False, fields="edge151")
     assert (data[0]["edge151"][0, 4:7] == 0).all()

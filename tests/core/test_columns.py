@@ -45,13 +45,6 @@ def test_mirror() -> None:
     assert x.tolist() == [0, 1, 2, 3, 4, 5]
 
 
-@given(st.integers(0, 999))
-def test_mirror_twice_is_the_same(seed: int) -> None:
-    x = np.random.default_rng(seed).normal(size=(3, 4, 6))
-    assert COLUMNS.mirror is not None
-    np.testing.assert_array_equal(COLUMNS.mirror.apply(COLUMNS.mirror.apply(x)), x)
-
-
 @pytest.mark.parametrize(
     "mirror",
     [

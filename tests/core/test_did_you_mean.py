@@ -47,6 +47,7 @@ def test_another_number_is_another_name() -> None:
 
 
 def test_unlisted_names_get_suggestions() -> None:
+    assert did_you_mean("zzz", []) == "none is known"
     assert did_you_mean("stride_s", ["store"], KEYS) == "did you mean 'windows.stride_s'? known: store"
 
 

@@ -67,11 +67,6 @@ def test_the_lower_toe_is_on_the_floor_once_the_beginning_is_cut(seed: int, trim
     assert (found.grid, found.skeleton, found.trim_start) == (motion.grid, motion.skeleton, trim)
 
 
-def test_grounding_twice_changes_nothing() -> None:
-    once = grounded(random_motion(3, SMPLX22))
-    np.testing.assert_allclose(grounded(once).translation, once.translation, atol=1e-12)
-
-
 def test_another_bodys_toes() -> None:
     motion = random_motion(1, SMPL24)
     found = grounded(motion, SMPL24_EDGE)

@@ -1,6 +1,5 @@
 """Rotations, forward kinematics and quality flags: by hand, against EDGE's output, and on real clips."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +34,6 @@ def load(folder: Path, name: str, skeleton: Skeleton) -> tuple[Motion, float]:
     return Motion(
         np.asarray(content["smpl_trans"], np.float64) / scaling, rotations, FrameGrid.of(60), skeleton
     ), scaling
-
-
-def test_6d_is_the_first_two_rows() -> None:
-    matrix = np.arange(9.0).reshape(1, 3, 3)
-    assert rotation_6d(matrix).tolist() == [[0, 1, 2, 3, 4, 5]]
 
 
 @settings(max_examples=60, deadline=None)
@@ -78,45 +72,6 @@ def test_joints_are_those_of_one_joint_after_another(n_frames: int, n_joints: in
     np.testing.assert_array_equal(found, expected)
 
 
-def test_a_motion_with_a_cache_has_the_joints_of_one_without() -> None:
-    random = np.random.default_rng(0)
-    motion = Motion(random.normal(size=(300, 3)), random.normal(size=(300, 24, 3)), FrameGrid.of(60), SMPL24)
-    longer = replace(SMPL24, offsets=SMPL24.offsets * 1.1)
-    cached = motion.with_cache()
-    for bones in (SMPL24, SMPL24_EDGE, longer, SMPL24_EDGE):
-        np.testing.assert_array_equal(cached.joints(bones), motion.joints(bones))
-        np.testing.assert_array_equal(cached.part(7, 99).joints(bones), motion.joints(bones)[7:99])
-
-
-def test_rest_and_a_bent_knee() -> None:
-    rotations = np.zeros((2, 24, 3))
-    rotations[1, 4, 0] = np.pi / 2
-    joints = forward_kinematics(SMPL24, rotations, np.array([[0.0, 0, 0], [1, 2, 3]]))
-    offsets = SMPL24.offsets
-    np.testing.assert_allclose(joints[0, 0], offsets[0])
-    np.testing.assert_allclose(joints[0, 7], offsets[[0, 1, 4, 7]].sum(axis=0))
-    # A quarter turn about x takes y to z and z to -y.
-    x, y, z = offsets[7]
-    np.testing.assert_allclose(joints[1, 7] - joints[1, 4], [x, -z, y], atol=1e-12)
-    np.testing.assert_allclose(joints[1, 4], joints[0, 4] + [1, 2, 3])
-    np.testing.assert_allclose(joints[1, 8], joints[0, 8] + [1, 2, 3])
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 999))
-def test_bones_keep_their_length_and_the_world_may_turn(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    rotations, translation = rng.normal(size=(3, 24, 3)) * 2, rng.normal(size=(3, 3))
-    joints = forward_kinematics(SMPL24_EDGE, rotations, translation)
-    lengths = np.linalg.norm(joints[:, 1:] - joints[:, list(SMPL24.parents[1:])], axis=-1)
-    np.testing.assert_allclose(lengths, np.tile(np.linalg.norm(SMPL24.offsets[1:], axis=-1), (3, 1)), atol=1e-12)
-    turn = Rotation.from_rotvec(rng.normal(size=3))
-    turned = rotations.copy()
-    turned[:, 0] = (turn * Rotation.from_rotvec(rotations[:, 0])).as_rotvec()
-    again = forward_kinematics(SMPL24_EDGE, turned, turn.apply(translation))
-    np.testing.assert_allclose(again.reshape(-1, 3), turn.apply(joints.reshape(-1, 3)), atol=1e-9)
-
-
 def test_edges_joints(peers: Any) -> None:
     golden = peers.load("fk_smpl24.npz")
     names = [name.removesuffix(".yup60") for name in golden if name.endswith(".yup60")]
@@ -149,36 +104,6 @@ def test_real_clips_against_their_keypoints(shared: Path, name: str) -> None:
         swapped[:, [left, right]] = swapped[:, [right, left]]
     assert error(swapped) > 0.1
     assert 0.50 < joints[:, list(SMPL24.feet), 1].min() < 0.68
-
-
-@pytest.mark.parametrize(
-    ("name", "steps", "worst"),
-    [
-        (REAL[0], 13, (347, "left_knee", 176.1)),
-        (REAL[1], 0, None),
-        (REAL[2], 0, None),
-        (REAL[3], 17, (1449, "right_collar", 176.9)),
-    ],
-)
-def test_known_glitches_of_real_clips(
-    shared: Path, name: str, steps: int, worst: tuple[int, str, float] | None
-) -> None:
-    motion = load(shared / "realdata/aistpp", name, SMPL24)[0]
-    flags = quality_flags(motion)
-    assert {f.kind for f in flags} <= {"fast_turn"}
-    assert len({f.frame for f in flags}) == steps
-    assert [(f.frame, f.joint) for f in flags] == sorted((f.frame, f.joint) for f in flags)
-    if worst is None:
-        assert not flags
-        return
-    top = max(flags, key=lambda f: f.value)
-    assert (top.frame, top.joint) == worst[:2]
-    assert top.value == pytest.approx(worst[2], abs=0.1)
-    # The same by quaternions: |q . q'| = cos(angle / 2).
-    vectors = motion.rotations[top.frame : top.frame + 2, SMPL24.index(top.joint)]
-    angle = np.linalg.norm(vectors, axis=1)[:, None]
-    q = np.concatenate([np.cos(angle / 2), np.sin(angle / 2) * vectors / angle], axis=1)
-    assert np.degrees(2 * np.arccos(abs(q[0] @ q[1]))) == pytest.approx(top.value, abs=1e-3)
 
 
 def still(n: int, rate: float = 60) -> tuple[np.ndarray, np.ndarray, FrameGrid]:

@@ -83,9 +83,3 @@ def test_every_name_is_documented(name: str) -> None:
         assert f"\n{section}\n{'-' * len(section)}\n" in text, section
     for parameter in inspect.signature(public).parameters if sections else ():
         assert parameter in text, parameter
-
-
-def test_a_misspelt_name_is_explained() -> None:
-    with pytest.raises(AttributeError, match="module 'dancedata' has no attribute 'encoder'") as caught:
-        _ = dancedata.encoder  # type: ignore[attr-defined]
-    assert (caught.value.name, caught.value.obj) == ("encoder", dancedata)

@@ -18,20 +18,12 @@ from dancedata.core.errors import (
     SourceError,
     StoreError,
     UsageError,
-    did_you_mean,
 )
 from dancedata.core.plugins import AudioFeature, Plugin
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS, Registry
 from tests.messages import raises_message
 
 ALL = (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES)
-
-
-def test_plug_ins_are_found() -> None:
-    assert {"aist++", "synthetic"} <= set(DATASETS.names())
-    assert "edge151" in REPRESENTATIONS.names()
-    assert "velocity" in CONTACTS.names()
-    assert "librosa35" in FEATURES.names()
 
 
 def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
@@ -189,12 +181,6 @@ def test_registered_classes_are_checked() -> None:
             pass
 
     assert "a" not in FEATURES.names()
-
-
-def test_did_you_mean() -> None:
-    assert did_you_mean("velocty", ["height", "velocity"]) == "did you mean 'velocity'? known: height, velocity"
-    assert did_you_mean("zzz", ["height"]) == "known: height"
-    assert did_you_mean("zzz", []) == "none is known"
 
 
 ERRORS = [

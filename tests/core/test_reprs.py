@@ -1,7 +1,6 @@
 """The repr in a notebook is short: one to three lines, no arrays, for any content."""
 
 from collections.abc import Iterator
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -84,17 +83,3 @@ def test_nothing_prints_more_than_three_lines(store: Store, tmp_path: Path) -> N
         "Columns",
         "Plan",
     } <= seen
-
-
-def test_what_they_say(store: Store) -> None:
-    assert repr(motion()) == "Motion(960 frames at 60 FPS, 16.00 s, skeleton smpl24, trim_start 3)"
-    assert repr(SMPL24) == "Skeleton('smpl24', 24 joints)"
-    assert repr(AudioSignal(np.zeros(24_000), 48_000)) == "AudioSignal(24000 samples at 48000 Hz, 0.50 s)"
-    columns = REPRESENTATIONS.get("edge151")().columns  # type: ignore[attr-defined]
-    assert repr(columns) == "Columns(151: contact 4, translation 3, rotation_6d 144; has a mirror image)"
-    for rate in (30, Fraction(30000, 1001)):
-        grid = FrameGrid.of(rate)
-        assert eval(repr(grid)) == grid
-    clip = store.clips[0]
-    assert repr(clip).startswith(f"ClipView({clip.id!r}, {clip.split}, {clip.n_frames} frames, ")
-    assert repr(store.clips).startswith(f"Clips(43: {clip.id!r}, ")

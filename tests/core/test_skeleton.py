@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.errors import UsageError
-from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+from dancedata.core.skeleton import SMPL24, Skeleton
 from tests.messages import raises_message
 
 
@@ -22,22 +22,6 @@ def test_smpl24() -> None:
     np.testing.assert_array_equal(SMPL24.offsets[0], [-0.00217368, -0.24078918, 0.02858379])
     np.testing.assert_array_equal(SMPL24.offsets[8], [0.01905555, -0.4200455, -0.03456167])
     assert not SMPL24.offsets.flags.writeable
-
-
-def test_edges_root_is_the_only_difference() -> None:
-    np.testing.assert_array_equal(SMPL24_EDGE.offsets[0], 0)
-    np.testing.assert_array_equal(SMPL24_EDGE.offsets[1:], SMPL24.offsets[1:])
-    assert SMPL24_EDGE.joints == SMPL24.joints
-    assert SMPL24_EDGE.name != SMPL24.name
-
-
-def test_pairs_are_left_and_right() -> None:
-    for left, right in SMPL24.pairs:
-        assert SMPL24.joints[left].replace("left", "right") == SMPL24.joints[right]
-        # Left is +x at rest.
-        assert SMPL24.offsets[left][0] + SMPL24.offsets[SMPL24.parents[left]][0] > 0 or left in (7, 10)
-    sides = [name for name in SMPL24.joints if name.startswith(("left", "right"))]
-    assert len(sides) == 2 * len(SMPL24.pairs)
 
 
 def test_mirrored_twice_is_the_same() -> None:

@@ -180,17 +180,6 @@ def test_foot_skating_of_a_follower(scores: Any, joints: dict[str, np.ndarray], 
     assert [found.sliding[0], found.counted[0]] == scores[duet]["footskating_follower"]
 
 
-def test_the_mean_bas_is_of_the_frames_that_have_music(
-    facts: Any, scores: Any, joints: dict[str, np.ndarray]
-) -> None:
-    found = []
-    for duet in DUETS:
-        dancer = joints[f"{duet}_00"][: facts["music_rows"][duet]]
-        music = [beat for beat in scores[duet]["music_beats"] if beat < len(dancer) - 1]
-        found.append(beat_alignment(music, motion_beats(dancer, 30, detector="bailando"), sigma=3))
-    assert np.mean(found) == pytest.approx(scores["BAS_mean"], rel=1e-9)
-
-
 def test_means_and_the_frechet_distance_of_two_tables(crowd: Path, scores: Any) -> None:
     golden, wanted = load(crowd / "duolando" / "metrics.npz"), scores["fid_given"]
     assert np.mean([scores[duet]["BED"] for duet in DUETS]) == pytest.approx(scores["BED_mean"])

@@ -99,23 +99,6 @@ def test_samples(facts: Any, crowd: Path, groups: Mapping[str, GroupDataset], nu
     np.testing.assert_array_equal(music[[0, -1]], np.float32([row["music_first"], row["music_last"]]))
 
 
-@pytest.mark.parametrize("number", [10, 11, 14])
-def test_samples_of_a_name_that_promises_more_frames(facts: Any, crowd: Path, whole: Arrays, number: int) -> None:
-    """GCD repeats the last frame, with contacts; here such a clip is too short for a window."""
-    row, golden = facts["samples"][number], load(crowd / "gcd" / "samples.npz")
-    columns, key = whole[row["seq"]], row["key"]
-    n = columns.shape[1]
-    assert n == row["eff_seq_len"] == row["orig_lengths"] == row["frame_mask_sum"]
-    padded = np.concatenate([columns, np.repeat(columns[:, -1:], LENGTH - n, axis=1)], axis=1)
-    padded[:, n:, CONTACTS] = 1
-    wanted = golden[f"{key}.first_last"]
-    np.testing.assert_allclose(padded[:, ENDS, :147], wanted[:2, :, :147], rtol=0, atol=1e-5)
-    assert_contacts(facts, row["seq"], [0, 1], 0, padded[:, ENDS, CONTACTS], wanted[:2, :, CONTACTS])
-    frames = np.arange(LENGTH) < n
-    np.testing.assert_array_equal(golden[f"{key}.frame_mask"], frames)
-    np.testing.assert_array_equal(golden[f"{key}.data_mask"], np.outer(golden[f"{key}.person_mask"], frames))
-
-
 def test_lists(facts: Any, crowd: Path) -> None:
     """GCD filters its lists by the frames in a name; the reader has those with files."""
     scan = AiozGdance(split="official", music="optional").scan(crowd / "inputs" / "aioz_gdance")

@@ -126,19 +126,6 @@ def test_the_music_is_lodges(store: Store, peers: Any) -> None:
         np.testing.assert_array_equal(found[:, 33:], wanted[:, 33:])
 
 
-def test_primitives_alongside_the_window(store: Store) -> None:
-    fields = ("lodge139", "librosa35", "primitives")
-    item = WindowDataset(store, preset="lodge-global", fields=fields)[0]
-    assert item["primitives"].shape == (13, 8, 139)
-    assert int(item["primitive_hard"].sum()) == 5
-    for k, start in enumerate(item["primitive_start"].tolist()):
-        assert (item["primitives"][k] == item["lodge139"][start : start + 8]).all()
-    local = WindowDataset(store, preset="lodge-local", fields=fields)[0]
-    rows = local["lodge139"]
-    assert (local["primitives"][:4] == rows[:4]).all()
-    assert (local["primitives"][4:] == rows[-4:]).all()
-
-
 def test_lodges_released_key_motion_through_the_reader(store: Store, peers: Any) -> None:
     dataset = WindowDataset(
         store, preset="lodge-global", fields=("lodge139", "primitives"), normalize=False, primitive_variant="code"

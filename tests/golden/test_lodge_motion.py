@@ -58,15 +58,6 @@ def test_lodges_319_columns(peers: Any, motions: dict[str, Motion], name: str) -
     np.testing.assert_array_equal(found[:, :4], golden[:, :4])  # in fact all are equal
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_lodges_139_columns(peers: Any, motions: dict[str, Motion], name: str) -> None:
-    lodge = peers.load("lodge_mofea319.npz")
-    golden = lodge[name][:, :139]
-    found = Lodge139().encode(motions[name], Height())[motions[name].trim_start :][lodge.index(name)]
-    np.testing.assert_allclose(found[:, 4:], golden[:, 4:], rtol=0, atol=COLUMNS)
-    np.testing.assert_array_equal(found[:, :4], golden[:, :4])
-
-
 def test_the_cut_decides_the_floor(peers: Any, motions: dict[str, Motion]) -> None:
     """Without it, track 004 would be grounded by a frame that Lodge never sees."""
     lodge = peers.load("lodge_mofea319.npz")

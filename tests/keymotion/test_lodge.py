@@ -90,12 +90,6 @@ def test_frames_before_the_trim_are_looked_at(dance) -> None:
     np.testing.assert_array_equal(Lodge().analyse(trimmed), Lodge().analyse(motion))
 
 
-def test_wider_gaussian_leaves_fewer_minima(dance) -> None:
-    motion = dance(600)
-    counts = [int(Lodge(sigma_frames=s).analyse(motion)[:, 1].sum()) for s in (1, 5, 15)]
-    assert counts[0] > counts[1] > counts[2]
-
-
 def test_another_family_is_refused() -> None:
     odd = Skeleton("odd", ("root", "tail"), (-1, 0), np.zeros((2, 3)), (), (0, 0, 1, 1))
     motion = Motion(np.zeros((5, 3)), np.zeros((5, 2, 3)), FrameGrid.of(30), odd)

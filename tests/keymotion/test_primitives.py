@@ -87,12 +87,6 @@ def test_the_most_prominent_are_taken(dance, columns) -> None:
     assert cues.source == ("start", "minimum", "minimum", "end")
 
 
-def test_equal_prominence_goes_to_the_earlier() -> None:
-    window = np.zeros((256, 2))
-    cues = primitives(window, 256, 256, minima=[30, 90, 150], prominence=[1.0, 1.0, 1.0])
-    assert (cues.start + 4)[1:3].tolist() == [30, 90]
-
-
 @pytest.mark.parametrize(
     ("minima", "centres"),
     [

@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, grounded
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
+from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
 NAMES = REPRESENTATIONS.names()
@@ -134,6 +136,27 @@ def test_mirroring_columns_is_encoding_the_reflection(name: str, seed: int, trim
     # Contacts of another body's feet: the next test.
     motion_columns = [j for j, label in enumerate(made.columns.labels) if not label.startswith("contact.")]
     np.testing.assert_allclose(image[:, motion_columns], wanted[:, motion_columns], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", [name for name in DECODED if REPRESENTATIONS.get(name).rotation_6d is not None])
+def test_decoding_what_is_not_a_motion(name: str) -> None:
+    made = REPRESENTATIONS.get(name)()
+    array = made.encode(random_motion(0, made.skeleton), rule_of(made))
+    with raises_message(UsageError, f"{name} decodes"):
+        made.decode(array[:, :-1], THIRTY)
+    first = made.columns.slice("rotation_6d").start
+    place = made.columns.slice("translation").start + 1
+    for columns, value, reason in (
+        (slice(first + 24, first + 30), 0, "bad_rotation"),
+        (first + 33, np.nan, "nan"),
+        (first + 33, np.inf, "nan"),
+        (place, np.inf, "nan"),
+    ):
+        broken = array.copy()
+        broken[3, columns] = value
+        where = f"{name}, frame 3, left_knee" if reason == "bad_rotation" else name
+        with raises_message(DataError, "infinity|plane", where=where, reason=reason):
+            made.decode(broken, THIRTY)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -5,13 +5,11 @@ import numpy as np
 from dancedata.contacts.height import Height
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SMPLX52, SMPLX55
-from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS
 from dancedata.representations.finedance319 import FineDance319
 from dancedata.representations.lodge319 import Lodge319
-from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
 FINE = FineDance319()
@@ -59,14 +57,3 @@ def test_jaw_and_eyes_are_left_out() -> None:
     with_face = np.insert(motion.rotations, [22, 22, 22], 0.7, axis=1)
     whole = Motion(motion.translation, with_face, THIRTY, SMPLX55)
     np.testing.assert_array_equal(FINE.encode(whole, Velocity()), FINE.encode(motion, Velocity()))
-
-
-def test_errors() -> None:
-    array = FINE.encode(random_motion(), Velocity())
-    with raises_message(UsageError, "decodes"):
-        FINE.decode(array[:, :315], THIRTY)
-    with raises_message(UsageError, "contact"):
-        FINE.encode(random_motion())
-    array[2, 7 + 6 * 51 :] = 0
-    with raises_message(DataError, "plane", where="finedance319, frame 2, right_thumb3", reason="bad_rotation"):
-        FINE.decode(array, THIRTY)

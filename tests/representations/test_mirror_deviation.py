@@ -53,16 +53,6 @@ def test_on_random_rotations(skeleton: Skeleton, turn_rad: float) -> None:
     in_docs(f"{turn_rad:g} rad" if turn_rad else "at rest", skeleton, found)
 
 
-@SKELETONS
-def test_none_on_the_mirrored_skeleton(skeleton: Skeleton) -> None:
-    motion = random_motion(skeleton, 20)
-    order = list(range(skeleton.n_joints))
-    for left, right in skeleton.pairs:
-        order[left], order[right] = right, left
-    image = mirrored_motion(motion).on(skeleton.mirrored()).joints()
-    np.testing.assert_allclose(image, motion.joints()[:, order] * (-1, 1, 1), atol=1e-9)
-
-
 def test_labels_that_recomputing_would_change(clips: list[Motion]) -> None:
     """Contacts are permuted; detected again on the shipped body, some would differ."""
     made, changed = Lodge139(), []

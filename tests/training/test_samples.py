@@ -177,6 +177,7 @@ def lightning_run(path: Path, folder: Path, **keys: Any) -> Any:
     """Train a layer for two epochs; return trainer, callback and module."""
     lightning = pytest.importorskip("lightning")
     from lightning.pytorch.loggers import CSVLogger
+
     from dancedata.training import LightningSamples
 
     class Dance(lightning.LightningModule):  # type: ignore[misc, name-defined]
