@@ -211,19 +211,11 @@ def test_relative_roots_are_relative_after_augmenting(store_path: Path) -> None:
 @pytest.mark.parametrize(
     ("augment", "fields"),
     [
-        (["yow"], FIELDS),
-        ("yaw", FIELDS),
-        ([3], FIELDS),
-        ([{"yaw": {"max_degree": 3}}], FIELDS),
-        ([{"yaw": {"p": 2}}], FIELDS),
-        ([{"yaw": [1]}], FIELDS),
-        (["tempo"], FIELDS),
-        (["noise"], ("joints",)),
-        (["noise"], ("edge151", "lodge")),
-        (["drop"], ("edge151",)),
-        ([Drop(fields=("jukebox",))], FIELDS),
+        (["yow"], FIELDS), ("yaw", FIELDS), ([3], FIELDS), ([{"yaw": {"max_degree": 3}}], FIELDS),
+        ([{"yaw": {"p": 2}}], FIELDS), ([{"yaw": [1]}], FIELDS), (["tempo"], FIELDS), (["noise"], ("joints",)),
+        (["noise"], ("edge151", "lodge")), (["drop"], ("edge151",)), ([Drop(fields=("jukebox",))], FIELDS),
     ],
-)
+)  # fmt: skip
 def test_refused_combinations_say_why(store_path: Path, augment: Any, fields: Any) -> None:
     with raises_message(UsageError, "augment|augmentation|drop"):
         dataset(store_path, augment, fields=fields)

@@ -48,15 +48,11 @@ def test_mirror() -> None:
 @pytest.mark.parametrize(
     "mirror",
     [
-        Mirror((0, 1), (1, 1)),
-        Mirror((0, 0, 2), (1, 1, 1)),
-        Mirror((0, 1, 2), (1, 1)),
-        Mirror((0, 1, 2), (1, 0, 1)),
-        Mirror((1, 2, 0), (1, 1, 1)),
-        Mirror((1, 0, 2), (1, -1, 1)),
+        Mirror((0, 1), (1, 1)), Mirror((0, 0, 2), (1, 1, 1)), Mirror((0, 1, 2), (1, 1)), Mirror((0, 1, 2), (1, 0, 1)),
+        Mirror((1, 2, 0), (1, 1, 1)), Mirror((1, 0, 2), (1, -1, 1)),
     ],
     ids=["width", "twice", "signs", "zero", "order 3", "unequal signs"],
-)
+)  # fmt: skip
 def test_no_mirror(mirror: Mirror) -> None:
     with raises_message(UsageError, "columns"):
         Columns((Group("x", 3, "m"),), mirror)

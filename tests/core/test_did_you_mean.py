@@ -11,20 +11,11 @@ KEYS = ("store", "windows", "windows.stride_s", "store.shard_mb", "audio.librosa
 @pytest.mark.parametrize(
     ("name", "meant"),
     [
-        ("edge", "aist++-edge-exact"),
-        ("EDGE", "aist++-edge-exact"),
-        ("edge-exact", "aist++-edge-exact"),
-        ("AIST++", "aist++"),
-        ("Aist", "aist++"),
-        ("aistpp", "aist++"),
-        ("lodge", "aist++-lodge"),
-        ("finedanc", "finedance"),
-        ("dmo", "demo"),
-        ("zzz", None),
-        ("", None),
-        ("++", None),
+        ("edge", "aist++-edge-exact"), ("EDGE", "aist++-edge-exact"), ("edge-exact", "aist++-edge-exact"),
+        ("AIST++", "aist++"), ("Aist", "aist++"), ("aistpp", "aist++"), ("lodge", "aist++-lodge"),
+        ("finedanc", "finedance"), ("dmo", "demo"), ("zzz", None), ("", None), ("++", None),
     ],
-)
+)  # fmt: skip
 def test_recipes(name: str, meant: str | None) -> None:
     assert closest(name, RECIPES) == meant
 

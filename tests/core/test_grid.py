@@ -18,15 +18,11 @@ rates = st.sampled_from(["24", "25", "29.97", "30000/1001", "30", "50", "60", "1
 @pytest.mark.parametrize(
     ("value", "exact"),
     [
-        (30, Fraction(30)),
-        (29.97, Fraction(2997, 100)),
-        ("30000/1001", Fraction(30000, 1001)),
-        (0.1, Fraction(1, 10)),
-        ("59.94", Fraction(5994, 100)),
-        (np.float64(29.97), Fraction(2997, 100)),
+        (30, Fraction(30)), (29.97, Fraction(2997, 100)), ("30000/1001", Fraction(30000, 1001)),
+        (0.1, Fraction(1, 10)), ("59.94", Fraction(5994, 100)), (np.float64(29.97), Fraction(2997, 100)),
         (Fraction(1, 3), Fraction(1, 3)),
     ],
-)
+)  # fmt: skip
 def test_rates_are_exact_decimals(value: Any, exact: Fraction) -> None:
     assert as_rate(value) == exact
     assert FrameGrid.of(value) == FrameGrid(exact)

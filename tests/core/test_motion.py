@@ -43,13 +43,10 @@ def test_arrays_are_float64_copies_and_read_only() -> None:
 @pytest.mark.parametrize(
     ("translation", "rotations", "reason"),
     [
-        ((4, 3), (5, 24, 3), "bad_shape"),
-        ((4, 3), (4, 23, 3), "bad_shape"),
-        ((4, 3), (4, 72), "bad_shape"),
-        ((4, 2), (4, 24, 3), "bad_shape"),
-        ((0, 3), (0, 24, 3), "empty"),
+        ((4, 3), (5, 24, 3), "bad_shape"), ((4, 3), (4, 23, 3), "bad_shape"), ((4, 3), (4, 72), "bad_shape"),
+        ((4, 2), (4, 24, 3), "bad_shape"), ((0, 3), (0, 24, 3), "empty"),
     ],
-)
+)  # fmt: skip
 def test_shapes_that_do_not_fit(translation: Any, rotations: Any, reason: str) -> None:
     with raises_message(DataError, "frames|shapes", reason=reason):
         Motion(np.zeros(translation), np.zeros(rotations), SIXTY, SMPL24)

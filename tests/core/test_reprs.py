@@ -73,13 +73,5 @@ def test_nothing_prints_more_than_three_lines(store: Store, tmp_path: Path) -> N
         assert str(thing).count("\n") < 3
         seen.add(type(thing).__name__)
     assert {
-        "Motion",
-        "FrameGrid",
-        "Skeleton",
-        "MinMax",
-        "AudioSignal",
-        "Store",
-        "ClipView",
-        "Columns",
-        "Plan",
-    } <= seen
+        "Motion", "FrameGrid", "Skeleton", "MinMax", "AudioSignal", "Store", "ClipView", "Columns", "Plan",
+    } <= seen  # fmt: skip

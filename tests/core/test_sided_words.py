@@ -64,14 +64,10 @@ def test_words_that_name_no_side(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("leftkick", "leftkick"),
-        ("a kickright, LEFTTURN", "kickright"),
-        ("turn left, then a turnleft", "turnleft"),
-        ("LeFt", "LeFt"),
-        ("clockwiseturn", "clockwiseturn"),
-        ("rightsize, copyrightleft", "rightsize"),
+        ("leftkick", "leftkick"), ("a kickright, LEFTTURN", "kickright"), ("turn left, then a turnleft", "turnleft"),
+        ("LeFt", "LeFt"), ("clockwiseturn", "clockwiseturn"), ("rightsize, copyrightleft", "rightsize"),
     ],
-)
+)  # fmt: skip
 def test_a_side_inside_of_a_word_is_never_no_side(text: str, word: str) -> None:
     """Such a layer is unknown, whatever else it says, unless the author says what its words become."""
     assert ENGLISH.unread(text) == word

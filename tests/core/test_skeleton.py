@@ -52,14 +52,11 @@ def test_offsets_are_copied() -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"parents": (-1, *range(22))},
-        {"offsets": np.zeros((24, 2))},
-        {"parents": (0, *SMPL24.parents[1:])},
-        {"parents": (-1, 5, *SMPL24.parents[2:])},
-        {"parents": (-1, -1, *SMPL24.parents[2:])},
+        {"parents": (-1, *range(22))}, {"offsets": np.zeros((24, 2))}, {"parents": (0, *SMPL24.parents[1:])},
+        {"parents": (-1, 5, *SMPL24.parents[2:])}, {"parents": (-1, -1, *SMPL24.parents[2:])},
     ],
     ids=["number", "offsets", "no root", "child before its parent", "two roots"],
-)
+)  # fmt: skip
 def test_no_tree(change: dict[str, object]) -> None:
     with raises_message(UsageError, "smpl24"):
         replace(SMPL24, **change)  # type: ignore[arg-type]

@@ -29,14 +29,10 @@ def test_curve_is_the_mean_way_to_the_next_frame() -> None:
 @pytest.mark.parametrize(
     ("joints", "reason"),
     [
-        (np.zeros((5, 3)), "bad_shape"),
-        (np.zeros((5, 2, 2)), "bad_shape"),
-        (np.zeros((0, 2, 3)), "empty"),
-        (np.zeros((5, 0, 3)), "empty"),
-        (np.full((5, 2, 3), np.nan), "nan"),
-        (np.full((5, 2, 3), np.inf), "nan"),
+        (np.zeros((5, 3)), "bad_shape"), (np.zeros((5, 2, 2)), "bad_shape"), (np.zeros((0, 2, 3)), "empty"),
+        (np.zeros((5, 0, 3)), "empty"), (np.full((5, 2, 3), np.nan), "nan"), (np.full((5, 2, 3), np.inf), "nan"),
     ],
-)
+)  # fmt: skip
 def test_bad_joints(joints: np.ndarray, reason: str) -> None:
     with raises_message(DataError, "joints", reason=reason):
         kinetic_curve(joints)

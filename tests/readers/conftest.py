@@ -42,12 +42,9 @@ def mixed_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     )
     music, half = random_fields({}, {"librosa35": 35, "half": 64})
     fields = (
-        replace(lodge, columns=Columns(groups, lodge.columns.mirror)),
-        replace(fast, dtype="float16"),
-        Field("lodge", "keymotion", key, Fraction(30)),
-        music,
-        replace(half, dtype="float16"),
-    )
+        replace(lodge, columns=Columns(groups, lodge.columns.mirror)), replace(fast, dtype="float16"),
+        Field("lodge", "keymotion", key, Fraction(30)), music, replace(half, dtype="float16"),
+    )  # fmt: skip
     made = write_random_store(
         folder / "plain", clips={"train": 5, "val": 1}, n_frames=(200, 200), length=40, stride=10, fields=fields
     )

@@ -20,48 +20,10 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
+from dancedata.readers import BatchLoader, EpochSampler
 from dancedata.readers import batch_reader as memory
 from dancedata.store.dataset import Store
-
-FIELDS = ("lodge139", "fast", "librosa35", "half")
-MODES: dict[str, dict[str, Any]] = {
-    "plain": {"normalize": False},
-    "mirrored and normalised": {"mirror": 0.5, "normalize": FIELDS},
-    "relative root": {"fields": ("lodge139",), "relative_root": True, "normalize": False, "mirror": 0.5},
-    "unmapped": {"mirror": 0.5, "mapped": False},
-    "primitives": {
-        "fields": ("librosa35", "lodge139", "primitives"),
-        "length_frames": 150,
-        "stride_frames": 5,
-        "primitive_n": 50,
-        "mirror": 0.5,
-    },
-    "borders": {"fields": ("lodge139", "primitives"), "primitive_n": 40, "mirror": 0.5},
-    "preset": {
-        "preset": "lodge-local",
-        "fields": None,
-        "length_frames": 40,
-        "stride_frames": 9,
-        "mirror": 0.5,
-        "filter": False,
-    },
-}
-
-
-def dataset_of(store: Store, mode: str = "mirrored and normalised", **options: Any) -> WindowDataset:
-    """Samples as of epoch 0, until a sampler sets another."""
-    dataset = WindowDataset(store, **{"fields": FIELDS, "seed": 3, **MODES[mode], **options})
-    dataset.set_epoch(0)
-    return dataset
-
-
-def bits(batch: dict[str, Any]) -> dict[str, Any]:
-    """Something that is equal only where every bit is, with types and the order of keys."""
-    return {
-        name: (str(value.dtype), tuple(value.shape), value.numpy().tobytes()) if torch.is_tensor(value) else value
-        for name, value in batch.items()
-    }
+from tests.readers.batches import FIELDS, MODES, assert_equal, bits, dataset_of
 
 
 def assert_same(found: Any, wanted: Any) -> int:
@@ -70,8 +32,7 @@ def assert_same(found: Any, wanted: Any) -> int:
     for one, other in itertools.zip_longest(found, wanted):
         assert one is not None, f"{n} batches and no more"
         assert other is not None, f"more than {n} batches"
-        assert list(one) == list(other)
-        assert bits(one) == bits(other)
+        assert_equal(one, other)
         n += 1
     return n
 
@@ -140,11 +101,8 @@ def parts_of(batch: dict[str, Any]) -> list[Any]:
     """Objects that share a batch's memory: rows, an array, a view as another type, a tensor made of one."""
     array = batch["lodge139"][:, ::2].numpy()
     return [
-        batch["fast"][3],
-        batch["half"][2:].numpy(),
-        batch["librosa35"].view(torch.int32),
-        torch.from_numpy(array),
-    ]
+        batch["fast"][3], batch["half"][2:].numpy(), batch["librosa35"].view(torch.int32), torch.from_numpy(array),
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("prefetch", [1, 3])

@@ -21,44 +21,7 @@ from dancedata.readers import BatchLoader, ClipDataset, WindowDataset
 from dancedata.readers.batch_reader import MemoryPool, shared_tensor
 from dancedata.readers.clip_collate import collate
 from dancedata.store.dataset import Store
-
-FIELDS = ("lodge139", "fast", "librosa35", "half")
-MODES: dict[str, dict[str, Any]] = {
-    "plain": {"normalize": False},
-    "normalised": {},
-    "mirrored": {"mirror": 0.5, "normalize": False},
-    "mirrored and normalised": {"mirror": 0.5, "normalize": FIELDS},
-    "relative root": {"fields": ("lodge139",), "relative_root": True, "normalize": False, "mirror": 0.5},
-    "unmapped": {"mirror": 0.5, "mapped": False},
-    "other windows": {"length_frames": 30, "stride_frames": 7, "mirror": 0.5},
-    "primitives": {
-        "fields": ("librosa35", "lodge139", "primitives"),
-        "length_frames": 150,
-        "stride_frames": 10,
-        "primitive_n": 50,
-    },
-    "borders": {"fields": ("lodge139", "primitives"), "primitive_n": 40, "mirror": 0.5},
-}
-
-
-def dataset_of(store: Store, mode: str, **options: Any) -> WindowDataset:
-    """Samples as of epoch 0, until a sampler sets another."""
-    dataset = WindowDataset(store, **{"fields": FIELDS, **MODES[mode], **options})
-    dataset.set_epoch(0)
-    return dataset
-
-
-def bits(value: Any) -> Any:
-    """Something that is equal only where every bit is, with its type."""
-    if isinstance(value, torch.Tensor):
-        return str(value.dtype), tuple(value.shape), value.contiguous().numpy().tobytes()
-    return value.hex() if isinstance(value, float) else value
-
-
-def assert_equal(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    assert list(found) == list(wanted)
-    for name, value in wanted.items():
-        assert bits(found[name]) == bits(value), name
+from tests.readers.batches import FIELDS, MODES, assert_equal, bits, dataset_of
 
 
 def plain(dataset: WindowDataset, place: int, mirrored: bool, name: str) -> np.ndarray[Any, Any]:
@@ -116,16 +79,10 @@ def test_a_partial_batch_is_copied_correctly(mixed_store: Store) -> None:
     dataset = dataset_of(mixed_store, "normalised")
     items, others = dataset.__getitems__([5, 1, 3]), dataset.__getitems__([5, 1, 3])
     odd = [
-        items[:2],
-        items[1:],
-        items[::-1],
-        [items[0], items[1], items[1]],
-        items + others,
-        [items[0], others[1], items[2]],
-        [items[0], dict(items[1]), items[2]],
-        [copy.copy(item) for item in items],
+        items[:2], items[1:], items[::-1], [items[0], items[1], items[1]], items + others,
+        [items[0], others[1], items[2]], [items[0], dict(items[1]), items[2]], [copy.copy(item) for item in items],
         [dataset[5], dataset[1], dataset[3]],
-    ]
+    ]  # fmt: skip
     for given in odd:
         found = WindowDataset.collate(given)
         assert is_copied(found, given) == list(FIELDS)
@@ -209,14 +166,11 @@ def test_kept_memory_is_limited_for_all_sizes() -> None:
 @pytest.mark.parametrize(
     "array",
     [
-        np.arange(24, dtype=np.float32).reshape(2, 3, 4),
-        np.arange(24, dtype=np.float16).reshape(4, 6)[:, ::2],
-        np.array([True, False, True]),
-        np.array([[7]], dtype=np.int64),
-        np.zeros((3, 0, 4), dtype=np.float32),
+        np.arange(24, dtype=np.float32).reshape(2, 3, 4), np.arange(24, dtype=np.float16).reshape(4, 6)[:, ::2],
+        np.array([True, False, True]), np.array([[7]], dtype=np.int64), np.zeros((3, 0, 4), dtype=np.float32),
         np.zeros((0, 4), dtype=np.float32),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("without", ["", "torch", "system", "refused", "changed"])
 def test_shared_copies(array: Any, without: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any) -> None:
@@ -289,20 +243,6 @@ def test_a_torch_that_takes_no_collate_functions(mixed_store: Store, monkeypatch
     assert is_copied(found, samples) == list(FIELDS)
     assert_equal(found, wanted)
     assert is_copied(alone.collate(samples), samples) == []
-
-
-def test_batches_of_a_loader_are_the_trainers_own(store_path: Any) -> None:
-    """Kept batches are never written to again, let go they are."""
-    dataset = WindowDataset(store_path, stride_frames=30)
-    loader = DataLoader(dataset, batch_size=32)
-    kept = list(loader)
-    seen = [bits(batch["edge151"]) for batch in kept]
-    assert len({batch["edge151"].data_ptr() for batch in kept}) == len(kept)
-    places = set()
-    for batch in loader:
-        places.add(batch["edge151"].data_ptr())
-    assert [bits(batch["edge151"]) for batch in kept] == seen
-    assert len(places) < len(kept)
 
 
 def test_fields_of_half_precision_are_normalised_in_float32(mixed_store: Store) -> None:

@@ -1,6 +1,5 @@
 """ClipDataset: whole clips and crops, padded and packed; balanced and bucketed orders; streams of batches by step."""
 
-import pickle
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -316,16 +315,6 @@ def test_steps_of_a_sampler(store: Store) -> None:
     assert sampler.at_step(15, 8, drop_last=True) == {"epoch": 1, "position": 24}
     with raises_message(UsageError, "step"):
         sampler.at_step(1, 101, drop_last=True)
-
-
-def test_copies_in_other_processes(made: RandomStore) -> None:
-    crops = ClipDataset(made.path, fields=PAIR, crop_frames=30, mirror=0.5)
-    crops.set_epoch(3)
-    copy = pickle.loads(pickle.dumps(crops))
-    assert copy.epoch == 3
-    assert all(map(same, copy.samples(range(9)), crops.samples(range(9))))
-    stream = pickle.loads(pickle.dumps(BatchStream(crops, 3)))
-    assert same(stream.batch(4), BatchStream(crops, 3).batch(4))
 
 
 def test_augmented_crops_are_augmented_windows(tmp_path: Path) -> None:

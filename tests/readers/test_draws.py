@@ -185,14 +185,10 @@ def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(
 @pytest.mark.parametrize(
     ("part", "n_workers"),
     [
-        ("whole", 0),
-        ("halves", 0),
-        ("concat", 0),
-        ("concat", 2),
-        pytest.param("whole", 2, marks=SLOW),
+        ("whole", 0), ("halves", 0), ("concat", 0), ("concat", 2), pytest.param("whole", 2, marks=SLOW),
         pytest.param("halves", 2, marks=SLOW),
     ],
-)
+)  # fmt: skip
 def test_resumes_in_the_middle_of_an_epoch_to_the_bit(mixed_store: Store, part: str, n_workers: int) -> None:
     def opened() -> tuple[EpochSampler, Any]:
         own = WindowDataset(mixed_store, fields=FIELDS, mirror=0.5, augment={"drop": 0.5}, seed=3)

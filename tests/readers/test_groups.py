@@ -109,15 +109,12 @@ def test_absent_dancers_are_the_middle_of_the_scaler(store: Store) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"mirror": 1.0},
-        {"augment": ["yaw"]},
-        {"augment": [{"root_offset": {"max_m": 2}}]},
-        {"augment": ["yaw", "root_offset", "mirror"]},
-        {"augment": ["yaw"], "choose": "left_to_right"},
+        {"mirror": 1.0}, {"augment": ["yaw"]}, {"augment": [{"root_offset": {"max_m": 2}}]},
+        {"augment": ["yaw", "root_offset", "mirror"]}, {"augment": ["yaw"], "choose": "left_to_right"},
         {"augment": ["yaw"], "choose": "seed"},
     ],
     ids=str,
-)
+)  # fmt: skip
 def test_the_world_changes_as_one(store: Store, options: dict[str, Any]) -> None:
     plain, changed = raw(store), raw(store, **options)
     changed.set_epoch(3)

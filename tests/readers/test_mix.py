@@ -220,15 +220,11 @@ def test_datasets_that_do_not_agree(tmp_path: Path, stores: dict[str, Store]) ->
 @pytest.mark.parametrize(
     "options",
     [
-        {"weights": (1, 2)},
-        {"weights": (1, 0, 1)},
-        {"weights": (1, float("nan"), 1)},
-        {"weights": {"large": 1, "tiny": 1, "small": 1}},
-        {"weights": (1, 1, 1000), "n_samples": 10},
-        {"normalizer": "all"},
-        {"seed": -1},
+        {"weights": (1, 2)}, {"weights": (1, 0, 1)}, {"weights": (1, float("nan"), 1)},
+        {"weights": {"large": 1, "tiny": 1, "small": 1}}, {"weights": (1, 1, 1000), "n_samples": 10},
+        {"normalizer": "all"}, {"seed": -1},
     ],
-)
+)  # fmt: skip
 def test_invalid_arguments(stores: dict[str, Store], options: dict[str, Any]) -> None:
     with raises_message(UsageError, "n_samples|negative|normalizer|shares|sources"):
         Mix(windows(stores), **options)

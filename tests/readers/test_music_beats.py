@@ -22,10 +22,7 @@ from dancedata.audio.librosa35 import Librosa35
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.readers import (
     BatchLoader,
-    BatchStream,
-    BucketSampler,
     ClipDataset,
-    EpochSampler,
     WindowDataset,
     pack_clips,
     pad_clips,
@@ -212,19 +209,6 @@ def test_crops_begin_at_random_downbeats(store: Store) -> None:
     assert seen == every
     again = pickle.loads(pickle.dumps(crops))
     assert [s["start"] for s in again.samples(range(4), 2)] == [s["start"] for s in crops.samples(range(4), 2)]
-
-
-def test_orders_and_streams_take_them(store: Store) -> None:
-    windows = WindowDataset(store, "train", FIELDS, start_at="downbeat")
-    stream = BatchStream(windows, 4, seed=0, steps=3)
-    assert all(bool(batch["downbeat"][:, 0].all()) for batch in DataLoader(stream, batch_size=None))
-    crops = ClipDataset(store, "train", FIELDS, start_at="beat", crop_s=2)
-    batch = next(iter(DataLoader(crops, batch_size=4, sampler=EpochSampler(crops, seed=0))))
-    assert batch["beat"][:, 0].all()
-    clips = ClipDataset(store, "train", FIELDS)
-    sampler = BucketSampler(clips, batch_size=2, seed=0)
-    loader = DataLoader(clips, batch_sampler=sampler, collate_fn=partial(pad_clips, multiple=8))
-    assert next(iter(loader))["beat"].dtype == torch.bool
 
 
 def test_invalid_arguments(store: Store, store_path: Path) -> None:

@@ -31,11 +31,6 @@ def test_order_is_unchanged() -> None:
     assert EpochSampler(10, seed=1).order(7).tolist() == [2, 3, 5, 1, 9, 7, 6, 4, 0, 8]
 
 
-def test_no_shuffle_is_the_order_of_the_data() -> None:
-    sampler = EpochSampler(5, shuffle=False)
-    assert list(sampler) == list(sampler) == [0, 1, 2, 3, 4]
-
-
 @pytest.mark.parametrize("n_samples", [0, 1, 3, 64, 1001])
 @pytest.mark.parametrize("world_size", [1, 2, 3, 8])
 @pytest.mark.parametrize("drop_last", [False, True])
@@ -114,15 +109,10 @@ def test_wrong_state(state: dict[str, int]) -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"seed": -1},
-        {"seed": 0.5},
-        {"rank": 0},
-        {"world_size": 2},
-        {"rank": 2, "world_size": 2},
-        {"rank": -1, "world_size": 2},
-        {"rank": 0, "world_size": 0},
+        {"seed": -1}, {"seed": 0.5}, {"rank": 0}, {"world_size": 2}, {"rank": 2, "world_size": 2},
+        {"rank": -1, "world_size": 2}, {"rank": 0, "world_size": 0},
     ],
-)
+)  # fmt: skip
 def test_wrong_arguments(wrong: dict[str, int]) -> None:
     with raises_message(UsageError, "seed|world_size"):
         EpochSampler(10, **wrong)  # type: ignore[arg-type]

@@ -214,13 +214,10 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "given",
     [
-        {"movement": {"splits": "train"}},
-        {"movement": {"splits": ["trian"]}},
-        {"movement": {"min_std": "0.07"}},
-        {"movement": {"min_std": float("nan")}},
-        "movement",
+        {"movement": {"splits": "train"}}, {"movement": {"splits": ["trian"]}}, {"movement": {"min_std": "0.07"}},
+        {"movement": {"min_std": float("nan")}}, "movement",
     ],
-)
+)  # fmt: skip
 def test_an_invalid_movement_filter(store: Store, given: object) -> None:
     with raises_message(UsageError, "min_std|splits"):
         _read(store, filter=given)
@@ -287,11 +284,8 @@ def test_primitives_of_stored_minima(store: Store) -> None:
 
 def test_the_codes_bias_is_a_function_of_seed_epoch_and_index(store: Store) -> None:
     options = {
-        "fields": ("lodge139", "primitives"),
-        "length_frames": 512,
-        "stride_frames": 40,
-        "primitive_variant": "code",
-    }
+        "fields": ("lodge139", "primitives"), "length_frames": 512, "stride_frames": 40, "primitive_variant": "code",
+    }  # fmt: skip
     # Rows that are rotations, which the code's joints need.
     with pytest.raises(Exception, match=r"rotation|bad"):
         _ = [WindowDataset(store, normalize=False, **options)[k] for k in range(3)]  # type: ignore[arg-type]

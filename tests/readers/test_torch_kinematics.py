@@ -1,8 +1,5 @@
 """Kinematics in torch: equal to numpy's, differentiable, in every precision."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -14,12 +11,10 @@ pytest.importorskip("torch")
 import torch
 
 from dancedata.core import motion as in_numpy
-from dancedata.core.bodies import SKELETONS, SMPLX22
-from dancedata.core.columns import Columns, Group
+from dancedata.core.bodies import SKELETONS
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.readers.torch_kinematics import (
@@ -126,44 +121,15 @@ def test_positions_are_taken_as_they_are() -> None:
             decode(batched(made.encode(motion)), made)
 
 
-@dataclass(frozen=True)
-class Paths(Representation):
-    """The columns of HumanML3D that joints depend on."""
-
-    version: ClassVar[int] = 1
-    name: ClassVar[str] = "paths"
-    skeleton: ClassVar[Skeleton] = SMPLX22
-    columns: ClassVar[Columns] = Columns(
-        (
-            Group("root_turn", 1, "rad"),
-            Group("root_velocity", 2, "m"),
-            Group("root_height", 1, "m"),
-            Group("local_position", 63, "m"),
-        )
-    )
-
-    def encode(self, motion: Motion, contacts: ContactRule | None = None) -> np.ndarray:
-        raise NotImplementedError
-
-
-def test_a_path_that_is_a_sum_of_steps() -> None:
-    """HumanML3D: a row has half the angle by which the root turns, and its step, until the next one."""
-    rows = np.random.default_rng(3).normal(size=(2, 190, 67)).astype(np.float32).astype(np.float64) * 0.125
-    wanted = np.empty((2, 190, 22, 3))
-    for one, places in zip(rows, wanted, strict=True):
-        facing, root = 0.0, np.zeros(3)
-        for row, place in zip(one, places, strict=True):
-            turn = Rotation.from_euler("y", -facing).as_matrix()
-            place[0] = root[0], row[3], root[2]
-            place[1:] = row[4:].reshape(21, 3) @ turn.T + root
-            facing += 2 * row[0]
-            root = root + Rotation.from_euler("y", -facing).as_matrix() @ (row[1], 0, row[2])
-    for kind, tolerance in ((torch.float32, 1e-5), (torch.float64, 1e-12)):
-        found = joints(torch.from_numpy(rows).to(kind), Paths())
+@pytest.mark.parametrize("name", ["humanml263", "humanml264"])
+def test_a_path_that_is_a_sum_of_steps(name: str) -> None:
+    made, columns = REPRESENTATIONS.get(name)(), columns_of(name).astype(np.float64)
+    for kind, tolerance in ((torch.float32, 1e-5), (torch.float64, 1e-10)):
+        found = joints(torch.from_numpy(columns).to(kind), name)
         assert found.dtype == kind
-        np.testing.assert_allclose(found, wanted, atol=tolerance)
-    few = torch.from_numpy(rows[:, :4, :]).requires_grad_()
-    assert torch.autograd.gradcheck(lambda x: joints(x, Paths()), few, fast_mode=True)
+        np.testing.assert_allclose(found, made.positions(columns), atol=tolerance)
+    few = torch.from_numpy(columns[:4]).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: joints(x, name), few, fast_mode=True)
 
 
 def test_ldas_ways_and_turns() -> None:

@@ -89,24 +89,12 @@ def test_fields(store: Store) -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"split": "trian"},
-        {"fields": ("edge15",)},
-        {"fields": ()},
-        {"fields": (AUDIO, AUDIO)},
-        {"fields": (AUDIO,), "normalize": (MOTION,)},
-        {"mirror": 1.5},
-        {"mirror": -0.1},
-        {"mirror": math.nan},
-        {"mirror": "yes"},
-        {"seed": -1},
-        {"preset": "egde"},
-        {"preset": "lodge-global"},
-        {"preset": "finenet"},
-        {"fields": ("lodge139",)},
-        {"fields": ("lodge319",)},
-        {"fields": ("joints",)},
+        {"split": "trian"}, {"fields": ("edge15",)}, {"fields": ()}, {"fields": (AUDIO, AUDIO)},
+        {"fields": (AUDIO,), "normalize": (MOTION,)}, {"mirror": 1.5}, {"mirror": -0.1}, {"mirror": math.nan},
+        {"mirror": "yes"}, {"seed": -1}, {"preset": "egde"}, {"preset": "lodge-global"}, {"preset": "finenet"},
+        {"fields": ("lodge139",)}, {"fields": ("lodge319",)}, {"fields": ("joints",)},
     ],
-)
+)  # fmt: skip
 def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, object]) -> None:
     with raises_message(DanceDataError, "field|negative|preset|probability|trian"):
         WindowDataset(store, **wrong)  # type: ignore[arg-type]
