@@ -20,6 +20,8 @@ _KBITS: Mapping[tuple[bool, int], tuple[int, ...]] = {
 _RATES = {3: (44_100, 48_000, 32_000), 2: (22_050, 24_000, 16_000), 0: (11_025, 12_000, 8_000)}
 #: Frames in a row that show that a sync word is one, and bytes in front of the first one that are searched.
 _IN_A_ROW, _SEARCHED = 3, 1 << 20
+#: What begins a tag, which joined files have between their frames.
+_TAGS = (b"ID3", b"TAG", b"APETAGEX", b"LYRICS")
 #: Samples that decoders of layer III add in front, beside those of the encoder.
 _DECODER_DELAY = 529
 #: Samples by which LAME and its heirs begin later than their input.
@@ -33,7 +35,7 @@ class MpegAudio:
     `least_s`: Seconds of all frames without the delay and padding that tags state, less two frames, which decoders
         may need.
     `rates`: Sample rates in their order, each once.
-    `cut_s`: Seconds of frames that a tag counts and the file does not have.
+    `cut_s`: Seconds of frames that a tag counts and the file does not have, or of bytes between frames that are none.
     `delay_s`: Seconds of the delay of encoder and decoder, where no tag states it.
     `begin`: First byte of the first frame.
     """
@@ -48,7 +50,7 @@ class MpegAudio:
 def mpeg_audio(data: bytes, begin: int, end: int) -> MpegAudio | None:
     """Find and count the frames between two bytes of a file; None if there are none, or only in free format."""
     at, last, first = begin, -1, -1
-    seconds = frame_s = 0.0
+    seconds = frame_s = lost_s = 0.0
     rates: dict[int, None] = {}
     stated, announced = False, 0.0
     while at + 4 <= end and (first >= 0 or at - begin < _SEARCHED):
@@ -63,6 +65,8 @@ def mpeg_audio(data: bytes, begin: int, end: int) -> MpegAudio | None:
             break
         rates[rate] = None
         frame_s = n_samples / rate
+        if 0 <= last < at and not data[last : last + 8].startswith(_TAGS):
+            lost_s += frame_s * (at - last) / size
         tag = _tag(data[at : at + min(size, 256)])
         if tag is None:
             seconds += frame_s
@@ -75,7 +79,8 @@ def mpeg_audio(data: bytes, begin: int, end: int) -> MpegAudio | None:
     if first < 0:
         return None
     delay = 0.0 if stated else (_ENCODER_DELAY + _DECODER_DELAY) / next(iter(rates))
-    return MpegAudio(max(0.0, seconds - 2 * frame_s), tuple(rates), max(0.0, announced - seconds), delay, first)
+    cut_s = max(0.0, announced - seconds, lost_s)
+    return MpegAudio(max(0.0, seconds - 2 * frame_s), tuple(rates), cut_s, delay, first)
 
 
 @lru_cache(maxsize=4096)

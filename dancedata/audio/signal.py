@@ -290,7 +290,8 @@ def _decode(path: Path) -> _Decoded:
         raise DataError("the audio file has no samples", reason="empty_audio", where=str(path), found="0 samples",
                         allowed="at least one sample", fix="copy or export the file again")  # fmt: skip
     findings += [("late_music", found.delay_s)] if found.delay_s else []
-    findings += [("cut_music", found.cut_s)] if found.cut_s > _CUT_S else []
+    cut_s = found.cut_s + found.cut * len(samples) / rate
+    findings += [("cut_music", cut_s)] if cut_s > _CUT_S else []
     return _Decoded(samples, rate, tuple((kind, round(value, 3)) for kind, value in findings))
 
 

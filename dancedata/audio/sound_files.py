@@ -42,7 +42,7 @@ _MOST_JUNK = 1 << 20
 #: What no chunk within a file is called, but a file behind it.
 _HEADS = (b"RIFF", b"RIFX", b"RF64", b"BW64", b"FORM", b"riff", b"caff", b"fLaC", b"OggS")
 #: Formats that are known by their first bytes, and not examined.
-_KNOWN = (_MATROSKA, b"\x30\x26\xb2\x75", b"wvpk", b"TTA1", b"#EXT")
+_KNOWN = (_MATROSKA, b"\x30\x26\xb2\x75", b"wvpk", b"TTA1", b"#EXT", b"\x0b\x77")
 #: Samples by which AAC is late: a frame, of most encoders two; sample rates by their number in ADTS (ISO 13818-7).
 _AAC_DELAY = 1024
 _AAC_RATES = (96_000, 88_200, 64_000, 48_000, 44_100, 32_000, 24_000, 22_050, 16_000, 12_000, 11_025, 8_000, 7_350)
@@ -62,7 +62,8 @@ class Held:
     `delay_s`: Length of the encoder's delay that no tag states, so that decoders keep it.
     `begin`: First byte of the sound, where what is before it is no tag.
     `exact`: Whether `seconds` is the length itself.
-    `cut_s`: Seconds that the header announces and the file does not have.
+    `cut_s`: Seconds that the header announces and the file does not have, or that damage has taken.
+    `cut`: The same, of chunks, as a multiple of the sound that there is.
     """
 
     problem: str = ""
@@ -72,6 +73,7 @@ class Held:
     begin: int = 0
     exact: bool = False
     cut_s: float = 0.0
+    cut: float = 0.0
 
     def is_cut(self, n_samples: int, rate: int) -> bool:
         """Return whether so many samples are fewer than the file has."""
@@ -91,14 +93,16 @@ def held(data: bytes) -> Held:
     if head in (b"caff", b"riff", b".snd"):
         read = {b"caff": _caf, b"riff": _w64, b".snd": _au}[head]
         return _behind(data, end, [*read(data, begin, end)], b"data")
+    known, sought = head.startswith(_KNOWN), begin
     if head == b"fLaC":
-        found = _flac(data, begin, end)
+        # flac --keep-foreign-metadata keeps the header of the wav that it was.
+        found, known, sought = _flac(data, begin, end), True, _flac_frames(data, begin, end)
     elif data[begin + 4 : begin + 8] == b"ftyp":
-        found = _mp4(data, begin, end)
+        found, known = _mp4(data, begin, end), True
     else:
-        found = _mpeg(data, begin, end)
-    other = -1 if found.refused else _another(data, begin, end)
-    if found == Held() and head not in _KNOWN and 0 <= other - begin < _MOST_JUNK:  # no frame of mp3 either
+        found = Held() if known else _mpeg(data, begin, end)
+    other = -1 if found.refused else _another(data, sought, end)
+    if found == Held() and not known and 0 <= other - begin < _MOST_JUNK:  # no frame of mp3 either
         within = held(data[other:])
         return replace(within, begin=other + within.begin)
     return (
@@ -182,7 +186,7 @@ def _wav(data: bytes, begin: int, end: int, order: Literal["little", "big"]) -> 
     if not per_second:
         return found
     seconds = (end - start) / per_second if not size else 0.0
-    return replace(found, seconds=0.95 * seconds, cut_s=max(0, start + size - end) / per_second)
+    return replace(found, seconds=0.95 * seconds)
 
 
 def _behind(data: bytes, end: int, chunks: list[_Chunk], sound: bytes) -> Held:
@@ -194,6 +198,8 @@ def _behind(data: bytes, end: int, chunks: list[_Chunk], sound: bytes) -> Held:
     while data[last : last + 3] == b"ID3" and end - last >= _ID3_HEAD:
         last += _id3_size(data, last)
     rest = data[last:end]
+    if len(sounds) == 1 and (start := sounds[0][0]) < end < start + sounds[0][1]:
+        return Held(cut=(start + sounds[0][1] - end) / (end - start))
     if len(rest) < _FEW or _is_text(rest.strip(b"\0")):
         return Held()
     if not sounds:
@@ -236,7 +242,7 @@ def _w64(data: bytes, at: int, end: int) -> Iterator[_Chunk]:
     at += 40  # the identifier of 16 bytes, the size, the identifier of waves
     while at + 24 <= end:
         size = int.from_bytes(data[at + 16 : at + 24], "little")
-        if size < 24 or (data[at : at + 4] != b"data" and at + size > end):
+        if size < 24 or data[at : at + 4] in _HEADS or (data[at : at + 4] != b"data" and at + size > end):
             return
         yield data[at : at + 4], at + 24, size - 24 + -size % 8
         at += size + -size % 8
@@ -252,10 +258,12 @@ def _mp4(data: bytes, at: int, end: int) -> Held:
     while at + 8 <= end:
         size, name = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
         size = int.from_bytes(data[at + 8 : at + 16], "big") if size == 1 else size or end - at
-        if size < 8:
+        if size < 8 or not name.decode("latin1").isprintable():
             break
         boxes.append(name)
         at += size
+    if at < end and mpeg_audio(data, at, end):
+        return Held(f"another sound file begins at byte {at:,}", refused=True)
     if boxes.count(b"moov") > 1:
         return Held(f"{boxes.count(b'moov')} files, one behind the other", refused=True)
     return Held()
@@ -346,11 +354,7 @@ def _flac(data: bytes, begin: int, end: int) -> Held:
     info = data[begin + 8 : begin + _FLAC_HEAD]
     fixed, longest = int.from_bytes(info[:2], "big"), int.from_bytes(info[7:10], "big")
     rate, total = int.from_bytes(info[10:13], "big") >> 4 or 1, int.from_bytes(info[13:18], "big") & (1 << 36) - 1
-    at = begin + 4
-    while at + 4 <= end:
-        is_last, at = data[at] & 0x80, at + 4 + int.from_bytes(data[at + 1 : at + 4], "big")
-        if is_last:
-            break
+    at = _flac_frames(data, begin, end)
     head = data[at : at + 4]
     place, n_samples = end, 0
     while len(head) == 4 and (place := data.rfind(head[:2], at, place)) >= 0:
@@ -365,6 +369,14 @@ def _flac(data: bytes, begin: int, end: int) -> Held:
         return Held("a header of unknown length", seconds=n_samples / rate, exact=True)
     problem = f"a header with {total:,} of {n_samples:,} samples" if n_samples > total else ""
     return Held(problem, seconds=max(n_samples, total) / rate, exact=True)
+
+
+def _flac_frames(data: bytes, begin: int, end: int) -> int:
+    """Return the first byte behind the metadata of a FLAC file."""
+    at, is_last = begin + 4, 0
+    while at + 4 <= end and not is_last:
+        is_last, at = data[at] & 0x80, at + 4 + int.from_bytes(data[at + 1 : at + 4], "big")
+    return at
 
 
 def _samples_up_to(header: bytes, like: bytes, fixed: int) -> int:

@@ -120,7 +120,7 @@ _CURES = {
         "music that may begin late",
         "convert its original to wav or flac, or state audio_start_s",
     ),
-    "cut_music": ("music whose file is cut", "copy it again"),
+    "cut_music": ("music whose file is cut or damaged", "copy it again"),
     "fitted": ("rotations fitted to positions", "take rotations of the capture where twists of bones matter"),
     "repeated_frames": ("frames that come several times", "export the capture at its own rate"),
     "doubtful_rate": ("a rate that gravity contradicts", "correct fps: in the manifest, or in the file"),
@@ -160,7 +160,7 @@ def _detail(row: Mapping[str, Any]) -> str:
         "steady_music": f"the level of the music changes by {value:.1f} dB here, so it has no onset and no beat",
         "decoded_by_ffmpeg": f"ffmpeg decoded {value:.2f} s of music, which libsndfile does not read to its end",
         "late_music": f"the file has no tag of its encoder's delay: its music may be {1000 * value:.0f} ms late",
-        "cut_music": f"the header of the music announces {value:.2f} s more than the file has",
+        "cut_music": f"the file of the music is cut or damaged: it lacks about {value:.2f} s",
         "fitted": "twist unknown: rotations are fitted to positions, from which the joints are "
         f"{100 * value:.2g} cm off on average",
         "repeated_frames": f"nearly all frames come {value:g} times, so that the motion moves in jerks",

@@ -14,6 +14,7 @@ import soundfile
 from dancedata.audio.ffmpeg import ffmpeg_version, find_ffmpeg
 from dancedata.audio.signal import audio_length, load_audio
 from dancedata.audio.silence import levels, without_sound
+from dancedata.audio.sound_files import held
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.quality import OF_MUSIC, music_flags
@@ -58,6 +59,16 @@ def ape(size: int) -> bytes:
     return item + b"APETAGEX" + struct.pack("<IIII", 2000, len(item) + 32, 1, 0) + bytes(8)
 
 
+#: The boxes of an m4a file: its type, and some sound that is not looked at.
+MP4 = struct.pack(">I4s4sI", 16, b"ftyp", b"M4A ", 0) + struct.pack(">I4s", 508, b"mdat") + bytes(500)
+
+
+def foreign(flac: bytes) -> bytes:
+    """Return a FLAC file that keeps the header of the wav that it was, as flac --keep-foreign-metadata does."""
+    block = b"riff" + written("WAV")[:12]
+    return flac[:42] + bytes([2]) + len(block).to_bytes(3, "big") + block + flac[42:]
+
+
 def absent() -> str:
     raise UsageError("ffmpeg is not installed")
 
@@ -96,6 +107,7 @@ def length(path: Path, data: bytes) -> float:
         ("tags.mp3", lambda: id3(50_000) + id3(99) + written("MP3") + b"TAG" + bytes(125), SECONDS),
         ("mp3-in.wav", lambda: written("MP3"), SECONDS),
         ("zeros-behind.ogg", lambda: written("OGG", "VORBIS") + bytes(9000), SECONDS),
+        ("header-of-wav-within.flac", lambda: foreign(written("FLAC")), SECONDS),
     ],
 )
 def test_read_without_ffmpeg(
@@ -156,6 +168,9 @@ def test_formats_of_ffmpeg(tmp_path: Path, name: str, options: str, findings: se
         ("mp3-behind.flac", lambda: written("FLAC") + written("MP3"), "behind the last frame"),
         ("mp3-behind.ogg", lambda: written("OGG", "VORBIS") + written("MP3"), "another sound file"),
         ("wav-behind.mp3", lambda: written("MP3") + written("WAV"), "another sound file"),
+        ("wav-behind.m4a", lambda: MP4 + written("WAV"), "another sound file"),
+        ("mp3-behind.m4a", lambda: MP4 + id3(9) + written("MP3"), "another sound file"),
+        ("joined.w64", lambda: 2 * written("W64"), "another sound file"),
     ],
 )
 def test_further_sound_is_refused(tmp_path: Path, name: str, make: Callable[[], bytes], word: str) -> None:
@@ -211,9 +226,19 @@ def test_an_exception_of_soundfile_is_the_files(
 
 
 def test_what_a_cut_file_lacks_is_noted(tmp_path: Path) -> None:
-    for name, data in (("a.wav", written("WAV")), ("a.mp3", written("MP3"))):
-        (tmp_path / name).write_bytes(data[: len(data) // 2])
-        assert dict(load_audio(tmp_path / name).findings)["cut_music"] == pytest.approx(SECONDS / 2, abs=0.2)
+    for kind in ("WAV", "MP3", "AIFF", "AU", "W64"):
+        path, data = tmp_path / f"a.{kind.lower()}", written(kind)
+        path.write_bytes(data[: len(data) // 2])
+        assert dict(load_audio(path).findings)["cut_music"] == pytest.approx(SECONDS / 2, abs=0.2)
+
+
+def test_what_damage_has_taken_from_mp3_is_noted() -> None:
+    """Bytes between frames that are none: what follows is earlier than it was. Tags between joined files are no sound."""
+    whole = written("MP3")
+    half, lost = len(whole) // 2, len(whole) // 5
+    damaged = held(whole[:half] + bytes(lost) + whole[half + lost :])
+    assert damaged.cut_s == pytest.approx(SECONDS / 5, abs=0.1)
+    assert held(whole + id3(900) + whole).cut_s == 0
 
 
 RATE = 22_050
