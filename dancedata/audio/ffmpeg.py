@@ -22,6 +22,9 @@ _FORMATS = (
     "aac,ac3,aiff,amr,ape,asf,au,avi,caf,dsf,eac3,flac,flv,matroska,mov,mp3,mpeg,mpegts,ogg,rm,tta,voc,w64,wav,wv"
 )
 _STREAM = re.compile(r"\[info\] +Stream #0:\d+.*?: Audio: ")
+#: Seconds at which the first of all streams of a file begins, and that of its sound.
+_FILE_START = re.compile(r"\[info\] +Duration: .*?, start: (-?[\d.]+)")
+_START = re.compile(r"\[info\] +Stream #0:\d+.*?: Audio: .*?, start (-?[\d.]+)")
 _ERROR = re.compile(r"^(?:\[[^]]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTILINE)
 
 
@@ -70,7 +73,7 @@ def _version(program: str) -> str:
     return shown(words[2], 40) if words[:2] == ["ffmpeg", "version"] else ""
 
 
-def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str]:
+def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str, float]:
     """Decode the sound of a file or of a video.
 
     Parameters
@@ -80,8 +83,9 @@ def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str]:
 
     Returns
     -------
-    samples, rate, errors : tuple[(n, channels) float32, int, str]
-        `errors` are ffmpeg's own, of damage that it has skipped.
+    samples, rate, errors, start_s : tuple[(n, channels) float32, int, str, float]
+        `errors` are ffmpeg's own, of damage that it has skipped. `start_s`: seconds from the first picture to the
+        first sample.
 
     Raises
     ------
@@ -121,4 +125,5 @@ def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str]:
         raise NotDecodedError(f"ffmpeg: {shown(errors or 'no sound', 300)}")
     samples = np.frombuffer(sound, ">f4", offset=first)
     samples = samples[: len(samples) // channels * channels].reshape(-1, channels)
-    return samples.astype(np.float32), rate, shown(errors, 300)
+    starts = [float(found[1]) if (found := begun.search(text)) else 0.0 for begun in (_FILE_START, _START)]
+    return samples.astype(np.float32), rate, shown(errors, 300), max(0.0, starts[1] - starts[0])

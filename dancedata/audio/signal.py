@@ -48,6 +48,8 @@ BOMB_BYTES = 1 << 26
 BOMB_RATIO = 1000
 #: Music that ends later than its file by less is not cut, seconds.
 _CUT_S = 0.02
+#: Sound that begins after the first picture of its video by less is in time with it, seconds.
+_EARLY_S = 0.03
 
 
 def load_audio(path: Path | str) -> AudioSignal:
@@ -275,7 +277,7 @@ def _decode(path: Path) -> _Decoded:
     found = _held(path)
     if found.refused:
         raise _broken(path, found.problem)
-    problem, findings = found.problem, []
+    problem, findings, start_s = found.problem, [], 0.0
     if not problem:
         try:
             samples, rate = _read(path, found.begin)
@@ -284,12 +286,13 @@ def _decode(path: Path) -> _Decoded:
         except _NotReadError as error:
             problem = str(error)
     if problem:
-        samples, rate = _read_by_ffmpeg(path, found, problem)
+        samples, rate, start_s = _read_by_ffmpeg(path, found, problem)
         findings.append(("decoded_by_ffmpeg", len(samples) / rate))
     if not len(samples):
         raise DataError("the audio file has no samples", reason="empty_audio", where=str(path), found="0 samples",
                         allowed="at least one sample", fix="copy or export the file again")  # fmt: skip
     findings += [("late_music", found.delay_s)] if found.delay_s else []
+    findings += [("early_music", start_s)] if start_s > _EARLY_S else []
     cut_s = found.cut_s + found.cut * len(samples) / rate
     findings += [("cut_music", cut_s)] if cut_s > _CUT_S else []
     return _Decoded(samples, rate, tuple((kind, round(value, 3)) for kind, value in findings))
@@ -307,11 +310,11 @@ def _read(path: Path, begin: int) -> tuple[NDArray[np.float32], int]:
         return samples, int(sound.samplerate)
 
 
-def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.float32], int]:
-    """Read all samples by ffmpeg; DataError if that gives fewer than there are, or skips damage."""
+def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.float32], int, float]:
+    """Read all samples and the second of the first one; DataError if ffmpeg gives fewer than there are, or skips damage."""
     size = path.stat().st_size
     try:
-        samples, rate, errors = decode(path, _most_bytes(size))
+        samples, rate, errors, start_s = decode(path, _most_bytes(size))
     except NotDecodedError as error:
         fix = ""
         if error.options is not None:
@@ -325,7 +328,7 @@ def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.f
     if other or found.is_cut(len(samples), rate) or (errors and not found.seconds):
         decoded = f"{problem}; ffmpeg decodes {len(samples) / rate:.2f} s"
         raise _broken(path, f"{decoded} of {found.seconds:.2f} s" if found.seconds else f"{decoded}: {shown(errors)}")
-    return samples, rate
+    return samples, rate, start_s
 
 
 def _is_mp3(sound: soundfile.SoundFile) -> bool:

@@ -31,7 +31,7 @@ IMPLAUSIBLE = (
 #: Flags of a whole clip that may be as it should be.
 DOUBTFUL = ("lying", "crossed_legs", "stretched_bone", "fitted", "repeated_frames", "doubtful_rate")
 #: Flags of a clip's music: it has no sound, or its file is not quite what it says.
-OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "cut_music")
+OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "early_music", "cut_music")
 OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL, *OF_MUSIC)
 #: Flags of what a recipe's `repair` changed: of a frame, and of all frames of a clip.
 REPAIRED = ("repaired_spike", "repaired_gap", "repaired_floor", "repaired_jitter")
@@ -68,8 +68,8 @@ class Flag:
         "repeated_frames": value is how often each frame comes. "doubtful_rate": value is how many times too high the
         rate is stated.
         "silent_music": value is a level, dBFS. "steady_music": value is the range of levels, dB.
-        "decoded_by_ffmpeg", "late_music", "cut_music": value is the length of the music, of the delay that it keeps,
-        of what its file lacks, seconds.
+        "decoded_by_ffmpeg", "late_music", "early_music", "cut_music": value is the length of the music, of the delay
+        that it keeps, of the picture before it, of what its file lacks, seconds.
     joint, frame
         "" and None for a flag of the whole clip.
     rate

@@ -120,6 +120,7 @@ _CURES = {
         "music that may begin late",
         "convert its original to wav or flac, or state audio_start_s",
     ),
+    "early_music": ("music that begins after its picture", "state audio_start_s for motion of that video"),
     "cut_music": ("music whose file is cut or damaged", "copy it again"),
     "fitted": ("rotations fitted to positions", "take rotations of the capture where twists of bones matter"),
     "repeated_frames": ("frames that come several times", "export the capture at its own rate"),
@@ -160,6 +161,8 @@ def _detail(row: Mapping[str, Any]) -> str:
         "steady_music": f"the level of the music changes by {value:.1f} dB here, so it has no onset and no beat",
         "decoded_by_ffmpeg": f"ffmpeg decoded {value:.2f} s of music, which libsndfile does not read to its end",
         "late_music": f"the file has no tag of its encoder's delay: its music may be {1000 * value:.0f} ms late",
+        "early_music": f"the sound of the video begins {value:.2f} s after its picture, and second 0 of the music is "
+        f"its first sample: motion of that video has audio_start_s {-value:.2f}",
         "cut_music": f"the file of the music is cut or damaged: it lacks about {value:.2f} s",
         "fitted": "twist unknown: rotations are fitted to positions, from which the joints are "
         f"{100 * value:.2g} cm off on average",

@@ -142,6 +142,11 @@ def test_read_to_the_end_by_ffmpeg(tmp_path: Path, name: str, make: Callable[[],
         ("a.m4a", "-c:a aac", {"decoded_by_ffmpeg"}),
         ("a.aac", "-c:a aac -f adts", {"decoded_by_ffmpeg", "late_music"}),
         ("a.mp4", "-f lavfi -i color=c=red:s=16x16:r=5:d=3 -c:a aac -c:v mpeg4", {"decoded_by_ffmpeg"}),
+        (
+            "late.mp4",
+            "-f lavfi -i color=c=red:s=16x16:r=5:d=3 -af asetpts=PTS+0.5/TB -c:a aac -c:v mpeg4",
+            {"decoded_by_ffmpeg", "early_music"},
+        ),
         ("a.webm", "-c:a libopus", {"decoded_by_ffmpeg"}),
         ("a.mka", "-c:a flac", {"decoded_by_ffmpeg"}),
         ("a.mp3", "-c:a libmp3lame -write_xing 0", {"late_music"}),
@@ -233,7 +238,7 @@ def test_what_a_cut_file_lacks_is_noted(tmp_path: Path) -> None:
 
 
 def test_what_damage_has_taken_from_mp3_is_noted() -> None:
-    """Bytes between frames that are none: what follows is earlier than it was. Tags between joined files are no sound."""
+    """What follows is earlier than it was. Tags between joined files are no sound."""
     whole = written("MP3")
     half, lost = len(whole) // 2, len(whole) // 5
     damaged = held(whole[:half] + bytes(lost) + whole[half + lost :])
