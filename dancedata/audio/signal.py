@@ -311,7 +311,7 @@ def _read(path: Path, begin: int) -> tuple[NDArray[np.float32], int]:
 
 
 def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.float32], int, float]:
-    """Read all samples and the second of the first one; DataError if ffmpeg gives fewer than there are, or skips damage."""
+    """Read all samples, and the second of the first one; DataError if they are fewer than there are, or damaged."""
     size = path.stat().st_size
     try:
         samples, rate, errors, start_s = decode(path, _most_bytes(size))
