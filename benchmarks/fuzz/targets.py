@@ -123,9 +123,19 @@ def _read_body_model(path: Path) -> None:
     _require(bool(np.isfinite(skeleton.offsets).all()), "a skeleton that is not finite")
 
 
-def _read_audio(path: Path) -> None:
-    from dancedata.audio.signal import audio_length, load_audio, resample
+def _no_ffmpeg() -> str:
+    from dancedata.core.errors import UsageError
 
+    raise UsageError("this process starts no other")
+
+
+def _read_audio(path: Path) -> None:
+    from dancedata.audio import ffmpeg
+    from dancedata.audio.signal import audio_length, load_audio, resample
+    from dancedata.core.packages import install
+
+    install("video")  # loads what an error's text needs, before anything is watched
+    ffmpeg.find_ffmpeg = _no_ffmpeg  # ffmpeg reads in a process of its own; this hunts what is read here
     length, rate = audio_length(path)
     signal = load_audio(path)
     _require(bool(np.isfinite(signal.samples).all()), "samples that are not finite")

@@ -23,9 +23,9 @@ from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
 from dancedata.remote import local_folder
 from dancedata.store import ClipView, Store, open_store
-from dancedata.store.schema import DATASET_FILE, segments_name
+from dancedata.store.schema import DATASET_FILE, layer_json, segments_name
 from dancedata.store.segment_numbers import layer_numbers
-from dancedata.store.segments import layer_json, segment_rows
+from dancedata.store.segments import segment_rows
 from dancedata.store.table_file import SEGMENT_COLUMNS
 from dancedata.store.table_writer import write_segments
 from dancedata.store.writer import dump_json

@@ -10,6 +10,7 @@ from typing import Any
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.hashing import canonical_json, self_hash
+from dancedata.core.segments import Layer
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted, shown
 from dancedata.files.atomic import PREFIX
@@ -22,6 +23,7 @@ from dancedata.store.schema import (
     OPTIONAL_FIELDS,
     Field,
     is_shard_name,
+    layer_of,
     segments_name,
     tables_name,
 )
@@ -92,6 +94,7 @@ class Description:
     files: Mapping[str, Mapping[str, Any]]
     tables: Mapping[str, Mapping[str, str]]
     splits: Mapping[str, SplitEntry]
+    layers: tuple[Layer, ...]
 
     @cached_property
     def grid(self) -> FrameGrid:
@@ -239,6 +242,7 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
             files={str(k): {"size": v["size"], "sha256": v["sha256"]} for k, v in document["files"].items()},
             tables={str(t): _columns(v["columns"]) for t, v in document["tables"].items()},
             splits={str(split): _split(str(split), entry) for split, entry in document["splits"].items()},
+            layers=tuple(layer_of(entry) for entry in document.get("layers", ())),
         )
         _check_rates(description)
         _check_tables(description)
@@ -329,7 +333,9 @@ def _split(split: str, entry: Mapping[str, Any]) -> SplitEntry:
 
 def _columns(columns: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Return the types of a table's columns by name; KeyError for a type that no version of the format has."""
-    types = {str(column["name"]): str(column["type"]) for column in columns}
+    types = {column["name"]: str(column["type"]) for column in columns}
+    if wrong := [name for name in types if not isinstance(name, str)]:
+        raise ValueError(f"the name of a column is {shown(wrong[0])}")
     for kind in types.values():
         type_of(kind)
     return types

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from types import MappingProxyType
@@ -16,6 +16,7 @@ from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
+from dancedata.core.segments import Layer
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted
 
@@ -257,3 +258,20 @@ def is_shard_name(name: str) -> bool:
 def slice_name(clip: str, index: int) -> str:
     """Return the name of a window in EDGE's files, the sort key of order "name"."""
     return f"{clip}_slice{index}"
+
+
+def layer_json(layer: Layer, rows: int) -> dict[str, Any]:
+    """Return the entry of a layer in dataset.json."""
+    entry = asdict(layer)
+    return {**entry, "units": dict(layer.units), "mirror": [list(pair) for pair in layer.mirror], "rows": rows}
+
+
+def layer_of(entry: Mapping[str, Any]) -> Layer:
+    """Read what `layer_json` returned; KeyError or ValueError for anything else."""
+    kind, sided = entry["kind"], entry["sided"]
+    if kind not in ("span", "instant") or sided not in ("no", "mirrored", "unknown"):
+        raise ValueError(f"a layer of kind {kind!r}, sided {sided!r}")
+    texts = {name: str(entry[name]) for name in ("name", "language", "author", "licence", "citation", "by")}
+    units = tuple((str(label), str(unit)) for label, unit in entry["units"].items())
+    mirror = tuple((str(a), str(b)) for a, b in entry["mirror"])
+    return Layer(kind=kind, sided=sided, units=units, mirror=mirror, **texts)

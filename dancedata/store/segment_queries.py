@@ -16,7 +16,7 @@ from dancedata.core.text import shown
 from dancedata.files.strict_json import parse_json
 from dancedata.store.dataset_json import checked_flag
 from dancedata.store.row_queries import RowQueries
-from dancedata.store.segments import QUALITY, PlacedRow, PlacedSegment, layer_of, segments_of
+from dancedata.store.segments import QUALITY, PlacedRow, PlacedSegment, segments_of
 from dancedata.store.table_file import SegmentTable, read_segments
 from dancedata.store.tables import Tables
 
@@ -27,7 +27,7 @@ class SegmentQueries(RowQueries):
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
         """Layers of segments, by their numbers; those of laid-over files are the last."""
-        return tuple(layer_of(entry) for entry in self.meta.get("layers", ())) + self.overlay.layers
+        return self._description.layers + self.overlay.layers
 
     def segment_table(self, split: str) -> SegmentTable | None:
         """Return the columns of a split's segments, read on first use; None where it has none."""

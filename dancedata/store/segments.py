@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict
 from fractions import Fraction
 from typing import Any, NamedTuple, Protocol
 
@@ -41,23 +40,6 @@ class SegmentRow(NamedTuple):
     other: int
     joint: int
     data: str
-
-
-def layer_json(layer: Layer, rows: int) -> dict[str, Any]:
-    """Return the entry of a layer in dataset.json."""
-    entry = asdict(layer)
-    return {**entry, "units": dict(layer.units), "mirror": [list(pair) for pair in layer.mirror], "rows": rows}
-
-
-def layer_of(entry: Mapping[str, Any]) -> Layer:
-    """Read what `layer_json` returned; KeyError or ValueError for anything else."""
-    kind, sided = entry["kind"], entry["sided"]
-    if kind not in ("span", "instant") or sided not in ("no", "mirrored", "unknown"):
-        raise ValueError(f"a layer of kind {kind!r}, sided {sided!r}")
-    texts = {name: str(entry[name]) for name in ("name", "language", "author", "licence", "citation", "by")}
-    units = tuple((str(label), str(unit)) for label, unit in entry["units"].items())
-    mirror = tuple((str(a), str(b)) for a, b in entry["mirror"])
-    return Layer(kind=kind, sided=sided, units=units, mirror=mirror, **texts)
 
 
 class SegmentedClip(Protocol):

@@ -23,8 +23,9 @@ from dancedata.store.schema import (
     REJECTS_FILE,
     STATS_FILE,
     StoreHeader,
+    layer_json,
 )
-from dancedata.store.segments import layer_json, quality_segments
+from dancedata.store.segments import quality_segments
 from dancedata.store.shard_plan import ShardPlan, plan_shards
 from dancedata.store.shard_writer import written_shard
 from dancedata.store.songs import songs_of
