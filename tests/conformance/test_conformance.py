@@ -1,6 +1,5 @@
 """Every registered plug-in keeps its kind's contract. No plug-in is named here: registries say which there are."""
 
-import dataclasses
 import inspect
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,7 +45,7 @@ def test_plugin(plugin: type[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def _first(registry: Registry) -> type[Any]:
     """The first plug-in of a kind; of representations the first that decodes."""
-    classes = [registry.get(name) for name in registry.names()]
+    classes = [registry.get(name) for name in registry.names() if name != "broken"]
     return next(cls for cls in classes if registry is not REPRESENTATIONS or cls.decodes)
 
 
@@ -63,80 +62,55 @@ def _subclass(registry: Registry, **members: Any) -> type[Any]:
     return dataclass(frozen=True)(type("Broken", (base,), {"__doc__": base.__doc__, **members}))
 
 
-def test_a_field_without_a_word_in_the_docstring_fails(monkeypatch: pytest.MonkeyPatch):
-    cls = _subclass(CONTACTS, __annotations__={"secret": int}, secret=3)
-    with pytest.raises(AssertionError, match="docstring describes secret"):
-        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, cls))
+def looks_at_the_place(self: Any, joints: Any, grid: Any, skeleton: Any) -> Any:
+    return (joints[:, list(skeleton.feet), 0] > 1).astype(np.float32)
 
 
-def test_a_parameter_that_is_not_json_fails(monkeypatch: pytest.MonkeyPatch):
-    base = CONTACTS.get(CONTACTS.names()[0])
-    doc = f"{inspect.getdoc(base)}\n\nwhen\n    A pair, which JSON makes a list.\n"
-    cls = _subclass(CONTACTS, __doc__=doc, __annotations__={"when": Any}, when=(1, 2))
-    with pytest.raises(AssertionError, match="JSON"):
-        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, cls))
+def without_a_mirror(self: Any) -> Columns:
+    right = _first(REPRESENTATIONS)().columns
+    return replace(right, mirror=Mirror(tuple(range(right.width)), (1,) * right.width))
 
 
-def test_a_class_that_is_not_frozen_fails(monkeypatch: pytest.MonkeyPatch):
-    @dataclass
-    class Loose:
-        """Something."""
+def one_row_more(self: Any, n_samples: int, sample_rate: int, grid: Any) -> int:
+    return _first(FEATURES).n_rows(self, n_samples, sample_rate, grid) + 1
 
-        version = 1
 
+def backwards(self: Any, source: Path) -> Any:
+    found = _first(DATASETS).scan(self, source)
+    return replace(found, clips=found.clips[::-1])
+
+
+def by_a_group(self: Any, rows: Any, columns: Columns, grid: Any) -> Any:
+    return rows[:, columns.slice("contact")].min() or None
+
+
+WHEN = f"{inspect.getdoc(_first(CONTACTS))}\n\nwhen\n    A pair, which JSON makes a list.\n"
+
+
+@pytest.mark.parametrize(
+    ("registry", "members", "expected"),
+    [
+        (CONTACTS, {"__annotations__": {"secret": int}, "secret": 3}, "docstring describes secret"),
+        (CONTACTS, {"__doc__": WHEN, "__annotations__": {"when": Any}, "when": (1, 2)}, "JSON"),
+        (CONTACTS, {"__call__": looks_at_the_place}, "do not depend on x and z"),
+        (REPRESENTATIONS, {"columns": property(without_a_mirror)}, "mirrored columns are the mirrored motion's"),
+        (FEATURES, {"n_rows": one_row_more}, "as n_rows says"),
+        (DATASETS, {"scan": backwards}, "sorted"),
+        (FILTERS, {"reason": "ugly"}, "reason is one of"),
+        (FILTERS, {"reject": by_a_group}, "group"),
+    ],
+)
+def test_a_plugin_with_one_thing_wrong_fails(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, registry: Registry, members: dict[str, Any], expected: str
+):
+    with pytest.raises((AssertionError, UsageError), match=expected):
+        conformance.check(_register(monkeypatch, registry, _subclass(registry, **members)), tmp_path)
+
+
+def test_a_class_that_is_not_frozen_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    loose = dataclass(type("Loose", (), {"__doc__": "Something.", "version": 1}))
     with pytest.raises(AssertionError, match="frozen"):
-        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, Loose))
-
-
-def test_a_rule_that_looks_at_the_place_fails(monkeypatch: pytest.MonkeyPatch):
-    def call(self: Any, joints: Any, grid: Any, skeleton: Any) -> Any:
-        return (joints[:, list(skeleton.feet), 0] > 1).astype(np.float32)
-
-    with pytest.raises(AssertionError, match="do not depend on x and z"):
-        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, _subclass(CONTACTS, __call__=call)))
-
-
-def test_a_mirror_that_is_not_the_motions_fails(monkeypatch: pytest.MonkeyPatch):
-    base = _first(REPRESENTATIONS)
-
-    def columns(self: Any) -> Columns:
-        right = base().columns
-        identity = Mirror(tuple(range(right.width)), (1,) * right.width)
-        return dataclasses.replace(right, mirror=identity)
-
-    cls = _register(monkeypatch, REPRESENTATIONS, _subclass(REPRESENTATIONS, columns=property(columns)))
-    with pytest.raises(AssertionError, match="mirrored columns are the mirrored motion's"):
-        conformance.check_representation(cls)
-
-
-def test_a_feature_that_announces_other_rows_fails(monkeypatch: pytest.MonkeyPatch):
-    base = FEATURES.get(FEATURES.names()[0])
-
-    def n_rows(self: Any, n_samples: int, sample_rate: int, grid: Any) -> int:
-        return base.n_rows(self, n_samples, sample_rate, grid) + 1
-
-    with pytest.raises(AssertionError, match="as n_rows says"):
-        conformance.check_audio_feature(_register(monkeypatch, FEATURES, _subclass(FEATURES, n_rows=n_rows)))
-
-
-def test_a_dataset_with_unsorted_clips_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    base = DATASETS.get(DATASETS.names()[0])
-
-    def scan(self: Any, source: Path) -> Any:
-        found = base.scan(self, source)
-        return dataclasses.replace(found, clips=found.clips[::-1])
-
-    cls = _register(monkeypatch, DATASETS, _subclass(DATASETS, scan=scan))
-    with pytest.raises(AssertionError, match="sorted"):
-        conformance.check_dataset(cls, tmp_path)
-
-
-@pytest.mark.parametrize("registry", KINDS, ids=lambda r: r.kind)
-def test_check_finds_the_check_of_every_kind(registry: Registry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    called = []
-    monkeypatch.setitem(conformance._CHECKS, registry.kind, lambda cls, folder: called.append(cls))
-    conformance.check(registry.get(registry.names()[0]), tmp_path)
-    assert called == [registry.get(registry.names()[0])]
+        conformance.check_contact_rule(_register(monkeypatch, CONTACTS, loose))
 
 
 def _augmentation(base: type[Any], **members: Any) -> type[Any]:
@@ -210,18 +184,3 @@ def test_a_representation_that_turns_wrongly_fails(monkeypatch: pytest.MonkeyPat
     )
     with pytest.raises(AssertionError, match="turns columns as `encode` turns"):
         conformance.check_representation(_register(monkeypatch, REPRESENTATIONS, cls))
-
-
-def test_a_filter_with_a_reason_of_its_own_fails(monkeypatch: pytest.MonkeyPatch):
-    cls = _subclass(FILTERS, reason="ugly")
-    with pytest.raises(AssertionError, match="reason is one of"):
-        conformance.check_window_filter(_register(monkeypatch, FILTERS, cls))
-
-
-def test_a_filter_that_takes_columns_it_cannot_judge_fails(monkeypatch: pytest.MonkeyPatch):
-    def reject(self: Any, rows: Any, columns: Columns, grid: Any) -> Any:
-        return rows[:, columns.slice("contact")].min() or None
-
-    cls = _subclass(FILTERS, reject=reject)
-    with raises_message(UsageError, "group"):
-        conformance.check_window_filter(_register(monkeypatch, FILTERS, cls))

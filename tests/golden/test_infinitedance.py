@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from dancedata.core.bodies import BODY_JOINTS, SMPLX22
 from dancedata.core.grid import FrameGrid
 from dancedata.representations import _humanml as humanml
 from dancedata.representations.humanml263 import HUMANML22
@@ -114,13 +112,3 @@ def test_the_sign_of_the_turn_past_minus_z(
         right = array.copy()
         right[SLIP, group("root_turn")] *= -1
         np.testing.assert_allclose(MADE.positions(right), on_floor, rtol=0, atol=TOLERANCE)
-
-
-def test_a_turned_dance_has_the_same_columns(crowd: Path) -> None:
-    """Columns hold no place: so no clip of a group may be stored as them alone."""
-    joints = joints_of(crowd, CLIPS[0])
-    turned = joints @ Rotation.from_rotvec([0, 2.5, 0]).as_matrix().T
-    moved = np.add(turned, (3.0, 0.7, -1.0))
-    columns = [humanml.columns_of(humanml.retargeted(j)) for j in (joints, moved)]
-    np.testing.assert_allclose(*columns, rtol=0, atol=TOLERANCE)
-    assert SMPLX22.joints == BODY_JOINTS == HUMANML22.joints

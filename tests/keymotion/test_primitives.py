@@ -184,11 +184,6 @@ def test_what_does_not_fit(arguments: dict[str, object], message: str) -> None:
         primitives(np.zeros((256, 10)), **({"N": 256, "n": 128} | arguments))
 
 
-def test_a_window_is_rows_by_columns() -> None:
-    with raises_message(UsageError, "differs"):
-        primitives(np.zeros(256), 256, 128)
-
-
 def test_borders() -> None:
     window = np.arange(512, dtype=np.float32).reshape(256, 2)
     before = digest(window)

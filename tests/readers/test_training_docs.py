@@ -61,6 +61,7 @@ def test_code_of_the_page_runs(store_path: Path) -> None:
     assert torch.allclose(names["again"], names["places"], atol=1e-5)  # type: ignore[arg-type]
 
 
+@pytest.mark.nightly  # two processes, which start slowly; test_draws.py reads with Accelerate in one
 def test_accelerate_with_two_processes(store_path: Path, tmp_path: Path) -> None:
     pytest.importorskip("accelerate")
     (ours,) = [block for block in BLOCKS if "import Accelerator" in block]
