@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DanceDataError, DataError, SourceError, did_you_mean
+from dancedata.core.errors import DataError, SourceError, did_you_mean
 from dancedata.core.text import is_unicode, json_text, printable, quoted, shown
 from dancedata.store import Problem
 
@@ -48,21 +48,15 @@ SHOWN: list[tuple[object, str]] = [
     ("x" * 201, "x" * 200 + "..."),
     ("x" * 200, "x" * 200),
     (HOSTILE, SAFE),
-    (None, "None"),
-    (True, "True"),
     (-7, "-7"),
     (10**40000, "an integer of 132,878 bits"),
-    (1.5, "1.5"),
     (np.float32(0.5), "0.5"),
-    (np.int64(3), "3"),
     (Fraction(30000, 1001), "30000/1001"),
-    (Fraction(30), "30"),
     (b"\xff\x1b", r"b'\xff\x1b'"),
     (Path("a\n/b"), r"a\n/b"),
     (int, "int"),
     ([1, "b", None], "[1, 'b', None]"),
     ((7,), "(7,)"),
-    ((), "()"),
     (list(range(1000)), "[0, 1, 2, 3, 4, 5, 6, 7, ... 992 more]"),
     ([[1] * 5, (2,), {"a": 1}], "[list of 5, tuple of 1, dict of 1]"),
     ({"a": Loud()}, "dict of 1"),
@@ -72,7 +66,6 @@ SHOWN: list[tuple[object, str]] = [
     (ValueError("a\nb"), r"ValueError: a\nb"),
     (KeyError("k"), "KeyError: 'k'"),
     (KeyError(Loud()), "KeyError: "),
-    (TypeError("first", Loud()), "TypeError: first"),
     (OSError(2, "No such file", "x\x1b"), r"FileNotFoundError: [Errno 2] No such file: 'x\x1b'"),
 ]
 
@@ -137,10 +130,3 @@ def test_findings_of_a_check_can_be_printed() -> None:
     problem = Problem("error", f"/x/{HOSTILE}", HOSTILE)
     assert str(problem) == f"error: /x/{SAFE}: {SAFE}"
     problem.to_json()["message"].encode()
-
-
-def test_a_sentence_begins_with_a_capital_and_a_command_does_not() -> None:
-    assert str(DanceDataError("no weights", fix="fetch them")) == "no weights. Fetch them"
-    assert str(DanceDataError("no weights", fix="dancedata jukebox fetch gets them")).endswith(
-        ". dancedata jukebox fetch gets them"
-    )

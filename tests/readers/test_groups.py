@@ -12,7 +12,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, BatchStream, GroupDataset, WindowDataset
+from dancedata.readers import BatchLoader, GroupDataset, WindowDataset
 from dancedata.readers.groups import Choose
 from dancedata.store import Store, open_store, verify_store, write_store
 from dancedata.store.stored_clip import StoredClip
@@ -178,21 +178,6 @@ def test_dancers_are_drawn_by_seed_epoch_and_index(store: Store) -> None:
         assert sorted(dataset[whole]["members"].tolist()) == [0, 1, 2]
     assert len(drawn) > 20
     assert {m for members in drawn for m in members} == set(range(5))
-
-
-def test_a_stream_resumes_anywhere_with_the_same_batches(store: Store) -> None:
-    def stream(start: int) -> BatchStream:
-        dataset = raw(store, mirror=0.5, augment=["yaw"], choose="seed", persons=2)
-        return BatchStream(dataset, 4, seed=3, start_step=start, steps=14 - start, collate=dataset.collate)
-
-    whole = list(stream(0))
-    for start in (1, 5, 13):
-        rest = list(stream(start))
-        assert len(rest) == 14 - start
-        for one, two in zip(whole[start:], rest, strict=True):
-            assert one["id"] == two["id"]
-            assert torch.equal(one["joints"], two["joints"])
-            assert torch.equal(one["members"], two["members"])
 
 
 @pytest.mark.parametrize("choose", ["stored", "seed", "left_to_right"])

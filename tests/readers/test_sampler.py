@@ -1,6 +1,6 @@
 """EpochSampler: order, ranks, position, state."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import islice
 
 import numpy as np
@@ -123,27 +123,6 @@ def test_takes_rank_and_size_from_distributed(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(distributed, "get_rank", lambda: 2)
     monkeypatch.setattr(distributed, "get_world_size", lambda: 4)
     assert EpochSampler(10).order(0).tolist() == EpochSampler(10, rank=2, world_size=4).order(0).tolist()
-
-
-def test_tells_its_data_source_the_epoch_before_the_first_index() -> None:
-    class Source:
-        def __init__(self) -> None:
-            self.epochs: list[int] = []
-
-        def __len__(self) -> int:
-            return 4
-
-        def set_epoch(self, epoch: int) -> None:
-            self.epochs.append(epoch)
-
-    source = Source()
-    sampler = EpochSampler(source)
-    walk: Iterator[int] = iter(sampler)
-    next(walk)
-    assert source.epochs == [0]
-    list(walk)
-    next(iter(sampler))
-    assert source.epochs == [0, 1]
 
 
 class _OfShards:

@@ -186,17 +186,6 @@ def test_normalizer_of_a_field_that_is_not_read(store: Store) -> None:
 # --- mirroring
 
 
-def test_mirror_changes_motion_only_and_twice_is_nothing(store: Store) -> None:
-    raw = WindowDataset(store, normalize=False)[7]
-    mirrored = WindowDataset(store, normalize=False, mirror=1.0)[7]
-    mirror = store.field(MOTION).columns.mirror
-    assert mirror is not None
-    assert mirrored["mirrored"] is True
-    assert torch.equal(raw[AUDIO], mirrored[AUDIO])
-    assert not torch.equal(raw[MOTION], mirrored[MOTION])
-    np.testing.assert_array_equal(mirror.apply(mirrored[MOTION].numpy()), raw[MOTION].numpy())
-
-
 def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) -> None:
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
