@@ -5,6 +5,7 @@ from pathlib import Path
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
+from dancedata.evaluation.inputs.clip import ClipSet
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
@@ -48,7 +49,7 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
     return report_of(
         protocol, measured, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
         numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
-        warnings=[*problems, *_short_music(measured, music)],
+        warnings=[*problems, *_short_music(measured, music), *_in_pool(inputs)],
     )  # fmt: skip
 
 
@@ -62,6 +63,18 @@ def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> P
         return measured_pool(resources, request.protocol, pool, numbers)
 
     return with_lost_entries(root, measured, progress)
+
+
+def _in_pool(inputs: Inputs) -> list[str]:
+    """Return the warning that judged clips are in the pool that they are compared with."""
+    pool, judged = inputs.pool, inputs.clip_set
+    if not isinstance(pool, ClipSet) or pool.store is None or judged.store is None:
+        return []
+    if pool.store.meta.get("self_sha256") != judged.store.meta.get("self_sha256"):
+        return []
+    ids = {clip.clip for clip in judged.clips}
+    both = sum(clip.clip in ids for clip in pool.clips)
+    return [f"{both} of the {len(pool.clips)} clips of the pool are judged themselves"] if both else []
 
 
 def _short_music(measured: Sequence[MeasuredClip], music: Mapping[str, ClipMusic]) -> list[str]:

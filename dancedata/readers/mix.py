@@ -197,7 +197,7 @@ class Mix(EpochDataset):
         """Return the values that a sample of a source has in a mix."""
         source = self.sources[number]
         genre_id = self.genre_ids.get(genre, -1)
-        return {"id": f"{source}/{sample_id}", "genre_id": genre_id, "source": source, "source_id": number}
+        return {"id": f"{source}={sample_id}", "genre_id": genre_id, "source": source, "source_id": number}
 
     def _parts(self, indices: Sequence[int], epoch: int | None) -> Iterator[tuple[int, list[int], list[int], int]]:
         """Yield source, rows of the batch, places in the source and the epoch there, for each source and pass."""

@@ -332,7 +332,7 @@ class SplitDataset(EpochDataset):
             (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
             for place, flag in zip(request.places, request.mirrored, strict=True)
         ]
-        marks = [f":{'+'.join(m)}:{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, places, strict=True)]
+        marks = [f"~{'~'.join(m)}~draw{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, places, strict=True)]
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
         clips_by_id = {clip: self.store.clip(clip) for clip in set(clips)}

@@ -173,3 +173,11 @@ def test_lodge_takes_smplx(store: Store, motions: Mapping[str, Motion]) -> None:
     assert_same(of_motion, of_joints, 1e-9)
     of_store = dancedata.evaluate(store, protocol="lodge-finedance", bootstrap=0, role="generated")
     assert_same(of_motion, of_store, FLOAT32)
+
+
+def test_judged_clips_in_the_pool_are_said(store: Store) -> None:
+    train, other = store.splits[0], store.splits[-1]
+    assert train != other
+    for split, pool_split, said in ((other, train, False), (other, other, True), (other, None, True)):
+        report = dancedata.evaluate(store, split=split, pool_split=pool_split, bootstrap=0)
+        assert any("judged themselves" in warning for warning in report.warnings) == said

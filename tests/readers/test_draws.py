@@ -284,7 +284,7 @@ def test_ranks_that_share_torchs_seed_do_not_share_their_draws(train: WindowData
 
 def test_a_sample_is_restored_from_its_id(train: WindowDataset) -> None:
     for sample in train.samples(range(12)):
-        drawn = re.fullmatch(r"(.+)@(\d+)\+(\d+)(?::mirror:(\d+)\.(\d+)\.(\d+))?", sample["id"])
+        drawn = re.fullmatch(r"(.+)@(\d+)\+(\d+)(?:~mirror~draw(\d+)\.(\d+)\.(\d+))?", sample["id"])
         assert drawn is not None
         clip, start, length, seed, epoch, index = drawn.groups()
         assert (clip, int(start), int(length)) == (sample["clip"], sample["start"], sample["length"])

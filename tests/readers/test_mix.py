@@ -54,7 +54,7 @@ def test_without_weights_every_sample_comes_once(stores: dict[str, Store]) -> No
     assert [s["source_id"] for s in samples] == [0] * 33 + [1] * 9 + [2] * 6
     plain = [dataset[k] for dataset in parts.values() for k in range(len(dataset))]
     for sample, one in zip(samples, plain, strict=True):
-        assert sample["id"] == f"{sample['source']}/{one['id']}"
+        assert sample["id"] == f"{sample['source']}={one['id']}"
         assert sample["clip"] == one["clip"]
     assert mix[-1]["id"] == samples[-1]["id"]
     with pytest.raises(IndexError):
@@ -169,7 +169,7 @@ def test_without_an_epoch_shares_are_exact_too(stores: dict[str, Store]) -> None
     mix = Mix(windows(stores), weights=(1, 1, 2))
     runs = [[key for batch in DataLoader(mix, 8, shuffle=True) for key in batch["id"]] for _ in range(2)]
     for run in runs:
-        assert Counter(key.split("/")[0] for key in run) == {"large": 12, "middle": 12, "small": 24}
+        assert Counter(key.split("=")[0] for key in run) == {"large": 12, "middle": 12, "small": 24}
     assert set(runs[0]) != set(runs[1])
 
 
