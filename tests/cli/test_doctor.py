@@ -80,13 +80,9 @@ def test_a_check_that_raises_has_failed_and_the_others_run(monkeypatch: pytest.M
 def test_packages_that_are_missing_or_too_old() -> None:
     """One of an extra that is missing is a note; one that dancedata needs, or an old one, has failed."""
     required = [
-        "numpy>=99",
-        "no-such-distribution>=1",
-        "pyyaml>=1",
-        'no-such-distribution; extra == "report"',
-        'pyyaml>=99; extra == "smpl"',
-        'packaging>=1; extra == "dask"',
-    ]
+        "numpy>=99", "no-such-distribution>=1", "pyyaml>=1", 'no-such-distribution; extra == "report"',
+        'pyyaml>=99; extra == "smpl"', 'packaging>=1; extra == "dask"',
+    ]  # fmt: skip
     findings = {finding.check: finding for finding in doctor.check_packages(required)}
     assert set(findings) == {"Python", "packages", "extra report", "extra smpl", "extra dask"}
     assert findings["packages"].status == "failed"

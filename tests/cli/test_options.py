@@ -26,13 +26,9 @@ DEFAULTS = {
     ("evaluate", "jobs"): (None, 1),
 }
 PYTHON: dict[str, Callable[..., Any]] = {
-    "build": dancedata.build,
-    "plan": dancedata.plan,
-    "check": dancedata.check,
-    "decode": dancedata.decode_file,
-    "export": dancedata.export,
-    "evaluate": dancedata.evaluate,
-}
+    "build": dancedata.build, "plan": dancedata.plan, "check": dancedata.check, "decode": dancedata.decode_file,
+    "export": dancedata.export, "evaluate": dancedata.evaluate,
+}  # fmt: skip
 
 
 def taken(command: str) -> dict[str, inspect.Parameter]:
@@ -69,15 +65,10 @@ def test_the_docstring_lists_the_parameters(function: Callable[..., Any]) -> Non
 @pytest.mark.parametrize("command", PYTHON)
 def test_shared_options_are_defined_once(command: str) -> None:
     shared: dict[str, list[Any]] = {
-        "as_json": [options.AsJson],
-        "backend": [options.Backend],
-        "cache": [options.CacheFolder],
-        "clip": [options.Clip],
-        "jobs": [options.Jobs, options.JobsOrCores],
-        "normalized": [options.Normalized],
-        "quiet": [options.Quiet],
-        "scheduler": [options.Scheduler],
-    }
+        "as_json": [options.AsJson], "backend": [options.Backend], "cache": [options.CacheFolder],
+        "clip": [options.Clip], "jobs": [options.Jobs, options.JobsOrCores], "normalized": [options.Normalized],
+        "quiet": [options.Quiet], "scheduler": [options.Scheduler],
+    }  # fmt: skip
     annotations = inspect.get_annotations(getattr(commands, command), eval_str=True)
     assert annotations.keys() & shared.keys()
     for name in annotations.keys() & shared.keys():

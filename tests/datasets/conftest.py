@@ -2,7 +2,6 @@
 
 import json
 import pickle
-import wave
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.core.audio_signal import wav_bytes
 from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL
 
 SEED = 7
@@ -30,14 +30,8 @@ class Copy:
 
     def song(self, file: str, seconds: float = 3.0) -> Path:
         """Write an audio file: a real wav, or a stand-in, which a scan cannot open."""
-        path = self.write(file, b"stand-in")
-        if path.suffix.lower() == ".wav":
-            with wave.open(str(path), "wb") as out:
-                out.setnchannels(1)
-                out.setsampwidth(2)
-                out.setframerate(8_000)
-                out.writeframes(bytes(2 * round(8_000 * seconds)))
-        return path
+        silence = np.zeros((round(8_000 * seconds), 1), np.int16)
+        return self.write(file, wav_bytes(silence, 8_000) if file.lower().endswith(".wav") else b"stand-in")
 
 
 class AistCopy(Copy):

@@ -1,5 +1,9 @@
 """Names of the tiny AIST++ copy, and what a scan says."""
 
+import pickle
+from pathlib import Path
+from typing import Any
+
 from dancedata.core.clip import Scan
 
 TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
@@ -19,3 +23,9 @@ def rejects(scan: Scan, reason: str) -> list[str]:
 
 def notes(scan: Scan) -> str:
     return "\n".join(scan.notes)
+
+
+def change_pickle(path: Path, **changes: Any) -> None:
+    """Replace values of a pickle; None removes a key."""
+    content = {**pickle.loads(path.read_bytes()), **changes}
+    path.write_bytes(pickle.dumps({key: value for key, value in content.items() if value is not None}))

@@ -16,7 +16,7 @@ from dancedata.datasets.aioz_gdance import AiozGdance
 from dancedata.datasets.aioz_gdance.motion import load_dancers, read_sizes
 from dancedata.datasets.aioz_gdance.reader import frames_of
 from dancedata.representations.gcd151 import Gcd151
-from tests.datasets.scans import notes, rejects, splits
+from tests.datasets.scans import change_pickle, notes, rejects, splits
 from tests.messages import raises_message
 
 DASH, LEAK = "-Ab_cdEf123_01_0_180", "-Ab_cdEf123_02_187_367"
@@ -31,15 +31,6 @@ def source(tmp_path: Path) -> Path:
 
 def pickle_of(source: Path, name: str) -> Path:
     return source / "motions_smpl" / f"{name}.pkl"
-
-
-def change(path: Path, **changes: Any) -> None:
-    """Replace values of a pickle; None removes a key."""
-    content = {**pickle.loads(path.read_bytes()), **changes}
-    path.write_bytes(pickle.dumps({key: value for key, value in content.items() if value is not None}))
-
-
-# ---- scan
 
 
 def test_names_are_split_from_the_right() -> None:
@@ -121,13 +112,10 @@ def test_labels_by_their_titles(source: Path) -> None:
 def test_a_length_that_the_name_does_not_have(source: Path) -> None:
     path = pickle_of(source, DASH)
     content = pickle.loads(path.read_bytes())
-    change(path, smpl_poses=content["smpl_poses"][:, :140], root_trans=content["root_trans"][:, :140])
+    change_pickle(path, smpl_poses=content["smpl_poses"][:, :140], root_trans=content["root_trans"][:, :140])
     scan = AiozGdance().scan(source)
     assert scan.clips[0].notes == ("140 frames, but 180 by its name",)
     assert f"Lengths: 1 sequence: {DASH} (140 frames, but 180 by its name)" in notes(scan)
-
-
-# ---- load
 
 
 def test_dancers_share_one_world(source: Path) -> None:
@@ -163,7 +151,7 @@ def test_nan_in_one_dancer(source: Path) -> None:
     path = pickle_of(source, LEAK)
     trans = pickle.loads(path.read_bytes())["root_trans"]
     trans[1, 7] = np.nan
-    change(path, root_trans=trans)
+    change_pickle(path, root_trans=trans)
     assert len(load_dancers(path, [0, 2])) == 2
     with raises_message(DataError, "root_trans", where="-Ab_cdEf123_02_187_367.pkl, frame 7", reason="nan"):
         load_dancers(path, [0, 1])
@@ -184,7 +172,7 @@ def test_nan_in_one_dancer(source: Path) -> None:
 )
 def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str, Any]) -> None:
     path = pickle_of(source, DASH)
-    change(path, **changes)
+    change_pickle(path, **changes)
     with raises_message(DataError, "frames|refers|smpl_poses", where="-Ab_cdEf123_01_0_180.pkl", reason=reason):
         read_sizes(path)
     scan = AiozGdance().scan(source)
@@ -195,9 +183,6 @@ def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str,
 def test_no_such_dancer(source: Path) -> None:
     with raises_message(DataError, "dancer", where="-Ab_cdEf123_01_0_180.pkl", reason="missing_dancer"):
         load_dancers(pickle_of(source, DASH), [2])
-
-
-# ---- against GCD's loader
 
 
 @pytest.mark.parametrize("numpy_2", [False, True])

@@ -118,15 +118,12 @@ def test_both_in_one_world_with_y_up(source: Path) -> None:
 @pytest.mark.parametrize(
     ("reason", "changes"),
     [
-        ("bad_shape", {"poses": np.zeros((246, 156))}),
-        ("bad_shape", {"transl": np.zeros((246, 2))}),
-        ("length_mismatch", {"transl": np.zeros((243, 3))}),
-        ("contradiction", {"global_orient": np.ones((246, 3))}),
-        ("nan", {"transl": np.full((246, 3), np.nan)}),
-        ("missing_key", {"global_orient": None}),
+        ("bad_shape", {"poses": np.zeros((246, 156))}), ("bad_shape", {"transl": np.zeros((246, 2))}),
+        ("length_mismatch", {"transl": np.zeros((243, 3))}), ("contradiction", {"global_orient": np.ones((246, 3))}),
+        ("nan", {"transl": np.full((246, 3), np.nan)}), ("missing_key", {"global_orient": None}),
         ("unsafe_pickle", {"meta": Fraction(1)}),
     ],
-)
+)  # fmt: skip
 def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str, Any]) -> None:
     path = file_of(source, "Ballet_9_0_00")
     change(path, **changes)

@@ -23,9 +23,6 @@ def detail(scan: Scan, clip: str) -> str:
     return found
 
 
-# ---- layout
-
-
 def test_layout(finedance: Any) -> None:
     finedance.write("music_npy/001.npy", b"x")
     finedance.write("mofea319/001.npy", b"x")
@@ -56,13 +53,12 @@ def test_folder_above(fine: Any) -> None:
     scan = FineDance(labels="optional").scan(fine.root)
     assert scan.clips[0].motion_path.parent.parent.name == "FineDance"
     assert "Layout: FineDance, by FineDance/motion/001.npy" in scan.notes[0]
+    assert scan.clips[0].audio_path is None
+    assert "music_wav/ (missing)" in scan.notes[0]
     assert "Not read: old copy/ (also contains motion/)." in scan.notes
     fine.motion("001", root="finedance/")
     with raises_message(SourceError, "folders", where="мой dänce 舞"):
         FineDance().scan(fine.root)
-
-
-# ---- splits and ignore lists
 
 
 def test_the_manifest_is_consistent() -> None:
@@ -135,22 +131,11 @@ def test_ids_that_finedance_does_not_have(finedance: Any) -> None:
     assert "2 more have unknown ids" in notes(scan)
 
 
-# ---- music
-
-
 def test_motion_without_music(finedance: Any) -> None:
     (finedance.root / "music_wav" / "001.wav").unlink()
     scan = FineDance().scan(finedance.root)
     assert scan.clips[0].audio_path is None
     assert "1 clip without a file in music_wav/ (001)" in notes(scan)
-
-
-def test_no_music_folder(fine: Any) -> None:
-    fine.motion("001")
-    fine.label("001", {"style2": "Kun"})
-    scan = FineDance().scan(fine.root)
-    assert [clip.audio_path for clip in scan.clips] == [None]
-    assert "music_wav/ (missing)" in scan.notes[0]
 
 
 def test_several_files_of_one_song_and_unused_music(finedance: Any) -> None:
@@ -174,9 +159,6 @@ def test_lengths_that_differ(finedance: Any) -> None:
     finedance.write("music_wav/001.wav", b"no music")
     finedance.write("motion/063.npy", b"no motion")
     assert "Lengths" not in notes(FineDance().scan(finedance.root)), "broken files are found when they are loaded"
-
-
-# ---- genres
 
 
 def test_genres_and_their_numbers() -> None:
@@ -233,9 +215,6 @@ def test_label_with_a_byte_order_mark(fine: Any) -> None:
     assert FineDance().scan(fine.root).clips[0].genre == "Tai"
 
 
-# ---- what does not belong
-
-
 def test_extra_files_by_name(finedance: Any) -> None:
     odd = [
         "motion/1.npy", "motion/0001.npy", "motion/M001.npy", "motion/٠٠١.npy", "motion/001.txt", "motion/001.NPY",
@@ -270,14 +249,10 @@ def test_links(finedance: Any) -> None:
 @pytest.mark.parametrize(
     "file",
     [
-        "001.npy",
-        "motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl",
-        "mofea319/001.npy",
-        "finedance.rar",
-        "readme.md",
+        "001.npy", "motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl", "mofea319/001.npy", "finedance.rar", "readme.md",
         "motion/dance.npy",
     ],
-)
+)  # fmt: skip
 def test_the_error_for_a_wrong_folder_lists_its_content(fine: Any, file: str) -> None:
     fine.write(file, b"x")
     with raises_message(SourceError, "FineDance"):
@@ -288,9 +263,6 @@ def test_an_empty_motion_folder(tmp_path: Path) -> None:
     (tmp_path / "motion").mkdir()
     with raises_message(SourceError, "check", where="motion"):
         FineDance().scan(tmp_path)
-
-
-# ---- reference corpus, real data, example
 
 
 def test_reference_corpus(peers: Any) -> None:

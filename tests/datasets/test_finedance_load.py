@@ -96,20 +96,14 @@ def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.parametrize(
     ("array", "reason"),
     [
-        (np.zeros((90, 319), np.float32), "bad_shape"),
-        (np.zeros((90, 168)), "bad_shape"),
-        (np.zeros((315, 90)), "bad_shape"),
-        (np.zeros(315), "bad_shape"),
-        (np.float32(1), "bad_shape"),
-        (np.zeros((1, 90, 315)), "bad_shape"),
-        (np.zeros((90, 315), complex), "bad_shape"),
-        (np.zeros((90, 315), "U3"), "bad_shape"),
-        (np.zeros((0, 315), np.float32), "empty"),
-        (np.zeros((90, 315), np.float32), "bad_rotation"),
-        (np.full((90, 315), np.inf), "nan"),
+        (np.zeros((90, 319), np.float32), "bad_shape"), (np.zeros((90, 168)), "bad_shape"),
+        (np.zeros((315, 90)), "bad_shape"), (np.zeros(315), "bad_shape"), (np.float32(1), "bad_shape"),
+        (np.zeros((1, 90, 315)), "bad_shape"), (np.zeros((90, 315), complex), "bad_shape"),
+        (np.zeros((90, 315), "U3"), "bad_shape"), (np.zeros((0, 315), np.float32), "empty"),
+        (np.zeros((90, 315), np.float32), "bad_rotation"), (np.full((90, 315), np.inf), "nan"),
         (np.array([{"a": 1}]), "bad_shape"),
     ],
-)
+)  # fmt: skip
 def test_bad_arrays(fine: Any, array: Any, reason: str) -> None:
     with raises_message(DataError, "download|floats|objects", reason=reason):
         load(fine.motion("bad one ü", array))
@@ -143,23 +137,12 @@ GOOD = header((90, 315)) + bytes(90 * 315 * 4)
 @pytest.mark.parametrize(
     "data",
     [
-        b"",
-        b"no array at all",
-        GOOD[:4],
-        GOOD[:40],
-        GOOD[:-1],
-        GOOD + b"\0",
-        b"\x93NUMPY\x09\x09" + GOOD[8:],
-        b"\x93NUMPY\x01\x00\xff\xff" + GOOD[10:],
-        header((10**12, 315)),
-        header((2**62, 2**62)),
-        header((-1, 315)),
-        header((90, 315), [("a", "<f4")])[:80],
-        b"\x93NUMPY\x01\x00\x76\x00" + b"[" * 117 + b"\n",
-        b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 9_999 + b"\n",
-        pickle.dumps(np.zeros((90, 315))),
+        b"", b"no array at all", GOOD[:4], GOOD[:40], GOOD[:-1], GOOD + b"\0", b"\x93NUMPY\x09\x09" + GOOD[8:],
+        b"\x93NUMPY\x01\x00\xff\xff" + GOOD[10:], header((10**12, 315)), header((2**62, 2**62)), header((-1, 315)),
+        header((90, 315), [("a", "<f4")])[:80], b"\x93NUMPY\x01\x00\x76\x00" + b"[" * 117 + b"\n",
+        b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 9_999 + b"\n", pickle.dumps(np.zeros((90, 315))),
     ],
-)
+)  # fmt: skip
 def test_broken_files(fine: Any, data: bytes) -> None:
     path = fine.write("motion/001.npy", data)
     with raises_message(DataError, "", reason="broken_file") as error:

@@ -39,14 +39,10 @@ def read_array(path: Path) -> None:
 @pytest.mark.parametrize(
     ("suffix", "read"),
     [
-        (".pkl", read_array),
-        (".npz", read_array),
-        (".npy", read_array),
-        (".bvh", read_bvh_header),
-        (".pkl", lambda path: load_aist(path, 60)),
-        (".npy", lambda path: load_finedance(path, 30, SMPLX55)),
+        (".pkl", read_array), (".npz", read_array), (".npy", read_array), (".bvh", read_bvh_header),
+        (".pkl", lambda path: load_aist(path, 60)), (".npy", lambda path: load_finedance(path, 30, SMPLX55)),
     ],
-)
+)  # fmt: skip
 def test_a_pipe_for_a_motion(pipe: Path, suffix: str, read: Callable[[Path], Any]) -> None:
     path = pipe.rename(pipe.with_suffix(suffix))
     with raises_message(DataError, "copy|regular", reason="broken_file"):
@@ -90,14 +86,7 @@ def test_pipes_that_a_manifest_names(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "x" * 256,
-        "y\n" * 100_001,
-        "z" * (1 << 23) + "\n" + "z" * 10,
-    ],
-)
+@pytest.mark.parametrize("text", ["x" * 256, "y\n" * 100_001, "z" * (1 << 23) + "\n" + "z" * 10])
 def test_invalid_lists(tmp_path: Path, text: str) -> None:
     (tmp_path / "x_train.txt").write_text(text)
     with raises_message(SourceError, "UTF-8", where="x_train.txt") as error:

@@ -56,9 +56,6 @@ def notes(scanned: Scan) -> str:
     return "\n".join(scanned.notes)
 
 
-# ---- seconds
-
-
 def test_parts_are_whole_frames_and_the_music_follows(source: Path) -> None:
     text = "id,motion,audio,start_s,end_s,audio_start_s\none,a.npz,a.wav,,2.5,1/3\ntwo,a.npz,a.wav,2.5,,-0.08\n"
     scanned = scan(source, f"{text}all,a.npz,a.wav,,,\n")
@@ -112,9 +109,6 @@ def test_another_part_is_other_motion(source: Path, tmp_path: Path) -> None:
             assert [clip.n_frames for clip in store.clips] == [n]
 
 
-# ---- joint maps
-
-
 def test_a_joint_map_of_one_row(source: Path) -> None:
     text = (source / "b.bvh").read_text().replace("LeftUpLeg", "Bone7")
     (source / "c.bvh").write_text(text)
@@ -140,22 +134,15 @@ def test_a_joint_map_of_one_row(source: Path) -> None:
 @pytest.mark.parametrize(
     "row",
     [
-        {"motion": "a.npz", "joint_map": {"left_hip": "x"}},
-        {"motion": "b.bvh", "joint_map": {"left_hipp": "x"}},
-        {"motion": "b.bvh", "joint_map": {"left_hip": ["x"]}},
-        {"motion": "b.bvh", "joint_map": {}},
-        {"motion": "b.bvh", "joint_map": "{no json"},
-        {"motion": "b.bvh", "joint_map": "gone.json"},
-        {"motion": "b.bvh", "joint_map": "../outside.json"},
-        {"motion": "b.bvh", "joint_map": 3},
+        {"motion": "a.npz", "joint_map": {"left_hip": "x"}}, {"motion": "b.bvh", "joint_map": {"left_hipp": "x"}},
+        {"motion": "b.bvh", "joint_map": {"left_hip": ["x"]}}, {"motion": "b.bvh", "joint_map": {}},
+        {"motion": "b.bvh", "joint_map": "{no json"}, {"motion": "b.bvh", "joint_map": "gone.json"},
+        {"motion": "b.bvh", "joint_map": "../outside.json"}, {"motion": "b.bvh", "joint_map": 3},
     ],
-)
+)  # fmt: skip
 def test_wrong_joint_maps(source: Path, row: dict[str, Any]) -> None:
     with raises_message(SourceError, "joint_map", where="source/manifest.jsonl, line 1"):
         scan(source, f"{json.dumps(row)}\n", "manifest.jsonl")
-
-
-# ---- free columns
 
 
 def test_free_columns_of_csv_have_the_type_of_all_their_values(source: Path) -> None:
@@ -211,9 +198,6 @@ def test_wrong_lists_of_csv(source: Path) -> None:
         scan(source, f"motion,{columns}\na.npz{',' * 101}\n")
 
 
-# ---- numbers of genres
-
-
 def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
     head, shas = "id,motion,genre,genre_id\n", []
     assert scan(source, f"{head}a,a.npz,waltz,\n").genre_ids == {}
@@ -237,9 +221,6 @@ def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
 def test_wrong_numbers_of_genres(source: Path, rows: list[str]) -> None:
     with raises_message(SourceError, "genre_id"):
         scan(source, "id,motion,genre,genre_id\n" + "".join(f"c{k},a.npz,{row}\n" for k, row in enumerate(rows)))
-
-
-# ---- from the manifest to the dataset
 
 
 @pytest.fixture(scope="module")

@@ -49,9 +49,6 @@ def source(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-# ---- names
-
-
 @pytest.mark.parametrize(
     ("stem", "song", "genre", "dancer"),
     [
@@ -68,9 +65,6 @@ def source(tmp_path: Path) -> Callable[..., Path]:
 def test_names(stem: str, song: str, genre: str, dancer: str) -> None:
     name = parse_name(stem)
     assert (name.id, name.song, name.genre, name.dancer) == (stem, song, genre, dancer)
-
-
-# ---- scan
 
 
 def test_scan(example: Path) -> None:
@@ -220,9 +214,6 @@ def test_other_folders(tmp_path: Path) -> None:
         Motorica().scan(tmp_path)
 
 
-# ---- motion
-
-
 def test_motion(example: Path) -> None:
     reader, kept = Motorica(), Motorica(fingers="keep")
     clip = reader.scan(example).clips[0]
@@ -289,9 +280,6 @@ def test_other_spellings(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         load_motion(other, fingers=True).rotations, load_motion(path, fingers=True).rotations
     )
-
-
-# ---- LDA's own numbers
 
 
 def test_joints_and_rotations_are_ldas(shared: Path) -> None:

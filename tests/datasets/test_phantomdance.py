@@ -33,9 +33,6 @@ def write(path: Path, content: Any) -> Path:
     return path
 
 
-# ---- scan
-
-
 def test_scan(source: Path) -> None:
     (source / "music" / "other.wav").write_bytes(b"")
     (source / "motion" / "readme.txt").write_bytes(b"")
@@ -70,9 +67,6 @@ def test_several_folders(source: Path) -> None:
     assert len(PhantomDance(motions="motion").scan(source).clips) == 3
     with raises_message(SourceError, "unpacked", where="мой dänce/music"):
         PhantomDance(motions="music").scan(source)
-
-
-# ---- motion
 
 
 def test_axes_and_rotations(tmp_path: Path) -> None:

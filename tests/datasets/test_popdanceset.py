@@ -18,7 +18,7 @@ from dancedata.pipeline.build import build
 from dancedata.representations.edge151 import Edge151
 from dancedata.store.verify import verify_store
 from dancedata.testing.dataset_checks import recipe_with
-from tests.datasets.scans import notes, rejects, splits
+from tests.datasets.scans import change_pickle, notes, rejects, splits
 from tests.messages import raises_message
 
 FIRST, SECOND = "BVaaaaaaaa1a_Clip_1", "BVaaaaaaaa1a_Clip_2"
@@ -29,15 +29,6 @@ MATRICES, TEST = "BVbbbbbbbb2b_Clip_1", "BVcccccccc3c_Clip_7"
 def source(tmp_path: Path) -> Path:
     write_example(tmp_path / "мой dänce")
     return tmp_path / "мой dänce"
-
-
-def change(path: Path, **changes: Any) -> None:
-    """Replace values of a pickle; None removes a key."""
-    content = {**pickle.loads(path.read_bytes()), **changes}
-    path.write_bytes(pickle.dumps({key: value for key, value in content.items() if value is not None}))
-
-
-# ---- scan
 
 
 def test_scan(source: Path) -> None:
@@ -104,9 +95,6 @@ def test_what_is_left_out(source: Path) -> None:
     assert splits(PopDanceSet(music="optional").scan(source))[SECOND] == "train"
 
 
-# ---- motion
-
-
 def test_motion_stands_upright_in_metres(source: Path) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
     content = pickle.loads(path.read_bytes())
@@ -128,7 +116,7 @@ def test_shapes_of_rotations(source: Path, shape: tuple[int, ...]) -> None:
     thetas = pickle.loads(path.read_bytes())["pred_thetas"].astype(np.float64)
     if np.prod(shape[1:]) == 216:
         thetas = Rotation.from_rotvec(thetas.reshape(-1, 3)).as_matrix()
-    change(path, pred_thetas=thetas.reshape(shape))
+    change_pickle(path, pred_thetas=thetas.reshape(shape))
     np.testing.assert_allclose(load_motion(path, "none").joints(), expected, atol=1e-6)
 
 
@@ -153,14 +141,14 @@ def bad(key: str, array: Any) -> Any:
 )
 def test_bad_files(source: Path, reason: str, make: Any) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
-    change(path, **make(pickle.loads(path.read_bytes())))
+    change_pickle(path, **make(pickle.loads(path.read_bytes())))
     with raises_message(DataError, "frames|matrix|pred_camera|pred_thetas|transl", reason=reason):
         load_motion(path, "multiply")
 
 
 def test_pred_camera_is_not_read_without_scale(source: Path) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
-    change(path, pred_camera=None)
+    change_pickle(path, pred_camera=None)
     assert load_motion(path, "none").n_frames == 181
 
 
@@ -171,9 +159,6 @@ def test_pickles_that_run_code_are_refused(source: Path, unpickled_marker: Any) 
     with raises_message(DataError, "", reason="unsafe_pickle"):
         load_motion(path, "multiply")
     assert not marker.exists()
-
-
-# ---- POPDG's own numbers
 
 
 def test_columns_are_popdgs(shared: Path) -> None:

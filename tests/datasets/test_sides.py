@@ -146,9 +146,6 @@ def test_real_files_with_planted_swaps(shared: Path, tmp_path: Path) -> None:
             load(path, unit=unit, up=up)
 
 
-# --- bones that stretch, rates that drift -----------------------------------------------------------------------
-
-
 def stretched(text: str, by_m: float) -> str:
     """Give the left elbow position channels, and pull it along its bone by up to `by_m`."""
     hierarchy, motion = text.split("MOTION")

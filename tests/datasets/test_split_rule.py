@@ -137,30 +137,17 @@ def test_an_empty_split_names_a_seed_that_does() -> None:
 @pytest.mark.parametrize(
     "rule",
     [
-        {"val": 0.1},
-        {"val": 0.1, "by": "song"},
-        {"val": 0.1, "by": ["music"]},
-        {"val": 0.1, "bye": "music", "by": "clip"},
-        {"val": 1.5, "by": "clip"},
-        {"val": -0.1, "by": "clip"},
-        {"val": "a few", "by": "clip"},
-        {"val": True, "by": "clip"},
-        {"val": "nan", "by": "clip"},
-        {"val": 0.6, "test": 0.4, "by": "clip"},
-        {"by": "clip"},
-        {"val": 0.1, "by": "clip", "seed": -1},
-        {"val": 0.1, "by": "clip", "seed": "x"},
-        {"val": 0.1, "by": "clip", "balance": "yes"},
-        {"val": 0.1, "train": 0.8, "by": "clip"},
-        {},
+        {"val": 0.1}, {"val": 0.1, "by": "song"}, {"val": 0.1, "by": ["music"]},
+        {"val": 0.1, "bye": "music", "by": "clip"}, {"val": 1.5, "by": "clip"}, {"val": -0.1, "by": "clip"},
+        {"val": "a few", "by": "clip"}, {"val": True, "by": "clip"}, {"val": "nan", "by": "clip"},
+        {"val": 0.6, "test": 0.4, "by": "clip"}, {"by": "clip"}, {"val": 0.1, "by": "clip", "seed": -1},
+        {"val": 0.1, "by": "clip", "seed": "x"}, {"val": 0.1, "by": "clip", "balance": "yes"},
+        {"val": 0.1, "train": 0.8, "by": "clip"}, {},
     ],
-)
+)  # fmt: skip
 def test_nonsense_is_refused(rule: dict[str, Any]) -> None:
     with raises_message(UsageError, "splits"):
         Folder(split=rule)
-
-
-# ---- few groups
 
 
 def uneven(*sizes: int) -> list[ClipRef]:
@@ -207,12 +194,9 @@ def test_recipes_without_balance_have_their_hash() -> None:
 
 def document(split: Any) -> dict[str, Any]:
     return {
-        "recipe": 1,
-        "name": "own",
-        "dataset": {"folder": {"unit": "cm", "fps": 60, "up": "y", "split": split}},
-        "windows": {"length_s": 2, "stride_s": 1},
-        "motion": {"edge151": {}},
-    }
+        "recipe": 1, "name": "own", "dataset": {"folder": {"unit": "cm", "fps": 60, "up": "y", "split": split}},
+        "windows": {"length_s": 2, "stride_s": 1}, "motion": {"edge151": {}},
+    }  # fmt: skip
 
 
 def test_one_rule_is_one_recipe_however_it_is_written() -> None:

@@ -136,9 +136,6 @@ def test_normals_point_outside() -> None:
     assert normals[4].tolist() == [0, 1, 0]
 
 
-# ---- glTF
-
-
 class Read:
     """A .glb file, read by plain numpy."""
 

@@ -121,13 +121,10 @@ def test_the_library_gives_the_same_joints(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "skeleton", "width"),
     [
-        ("SMPLX_MALE.npz", SMPLX55, 165),
-        ("smplx/SMPLX_MALE.npz", SMPLX55, 165),
-        ("smplh/male/model.npz", SMPLH52, 156),
-        ("SMPLH_MALE.npz", SMPLH52, 156),
-        ("smpl/SMPL_MALE.npz", SMPL24, 72),
+        ("SMPLX_MALE.npz", SMPLX55, 165), ("smplx/SMPLX_MALE.npz", SMPLX55, 165),
+        ("smplh/male/model.npz", SMPLH52, 156), ("SMPLH_MALE.npz", SMPLH52, 156), ("smpl/SMPL_MALE.npz", SMPL24, 72),
     ],
-)
+)  # fmt: skip
 def test_folders_of_models(tmp_path: Path, file: str, skeleton: Skeleton, width: int) -> None:
     model(tmp_path / "models" / file, skeleton, taller=0.1)
     model(tmp_path / "models" / file.replace("MALE", "NEUTRAL").replace("male", "neutral"), skeleton)
@@ -180,14 +177,11 @@ def test_a_model_of_another_body(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"J_regressor": None},
-        {"v_template": np.zeros((7, 3))},
-        {"shapedirs": np.zeros((110, 3))},
-        {"v_template": np.full((110, 3), np.nan)},
-        {"kintree_table": np.zeros((2, 55))},
+        {"J_regressor": None}, {"v_template": np.zeros((7, 3))}, {"shapedirs": np.zeros((110, 3))},
+        {"v_template": np.full((110, 3), np.nan)}, {"kintree_table": np.zeros((2, 55))},
         {"J_regressor": np.array({"sparse": 1}, dtype=object)},
     ],
-)
+)  # fmt: skip
 def test_files_that_are_not_a_model(tmp_path: Path, changes: dict[str, Any]) -> None:
     with raises_message(UsageError, "body_model", where="m.npz"):
         body_model_skeleton(model(tmp_path / "m.npz", SMPLX55, **changes))
@@ -241,16 +235,11 @@ def test_planted_code_in_a_model_does_not_run(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize(
     "change",
     [
-        {"_shape": (24, 2**29)},
-        {"_shape": (3, 4)},
-        {"_shape": (24.0, 48)},
-        {"indices": np.arange(48) + 1000},
-        {"indices": np.zeros(48)},
-        {"indptr": np.arange(49)[::-1].astype(np.int32)},
-        {"data": "text"},
+        {"_shape": (24, 2**29)}, {"_shape": (3, 4)}, {"_shape": (24.0, 48)}, {"indices": np.arange(48) + 1000},
+        {"indices": np.zeros(48)}, {"indptr": np.arange(49)[::-1].astype(np.int32)}, {"data": "text"},
     ],
     ids=lambda change: next(iter(change)),
-)
+)  # fmt: skip
 def test_sparse_matrices_that_contradict_themselves(tmp_path: Path, change: dict[str, Any]) -> None:
     arrays = model_arrays(tmp_path, SMPL24)
     (tmp_path / "SMPL_NEUTRAL.pkl").write_bytes(smpl_pickle(arrays, regressor=change))

@@ -76,17 +76,13 @@ def test_rotations_turn_about_the_axes_of_the_joint_in_the_order_of_the_channels
 @pytest.mark.parametrize(
     "changed",
     [
-        TEXT.replace("\n", "\r\n"),
-        TEXT.replace("\n", "\r"),
-        "\ufeff" + TEXT,
+        TEXT.replace("\n", "\r\n"), TEXT.replace("\n", "\r"), "\ufeff" + TEXT,
         TEXT.replace("\t", "    ").replace("ROOT Hips\n{", "ROOT Hips {"),
         TEXT.replace("Xrotation", "XROTATION").replace("OFFSET", "offset").replace("JOINT", "Joint"),
-        TEXT.replace("Frames: 2", "\nFrames:\t2\n"),
-        TEXT.replace("Frame Time:", "Frame  time :"),
-        TEXT.replace("1 2 3", "  1.0\t2e0 +3.").rstrip("\n") + "\n\n \n",
-        TEXT.replace("End Site", "End site"),
+        TEXT.replace("Frames: 2", "\nFrames:\t2\n"), TEXT.replace("Frame Time:", "Frame  time :"),
+        TEXT.replace("1 2 3", "  1.0\t2e0 +3.").rstrip("\n") + "\n\n \n", TEXT.replace("End Site", "End site"),
     ],
-)
+)  # fmt: skip
 def test_the_same_file_in_other_hands(write, changed: str) -> None:
     original, bvh = read_bvh(write(TEXT)), read_bvh(write(changed))
     assert bvh.names == original.names
@@ -209,23 +205,12 @@ def test_any_damage_is_a_data_error_or_none(write, cuts: list[tuple[int, int, li
 @pytest.mark.parametrize(
     ("text", "rate"),
     [
-        (".0083333", 120),
-        ("0.0333333", 30),
-        ("0.010000", 100),
-        ("0.033", 30),
-        ("0.0416667", 24),
-        ("0.04", 25),
-        ("0.016666", 60),
-        ("1e-2", 100),
-        ("0.03333333507180214", 30),
-        ("0.0333667", Fraction(30000, 1001)),
-        ("0.0166833", Fraction(60000, 1001)),
-        ("0.03", Fraction(100, 3)),
-        ("0.0125", 80),
-        ("0.00001", None),
+        (".0083333", 120), ("0.0333333", 30), ("0.010000", 100), ("0.033", 30), ("0.0416667", 24), ("0.04", 25),
+        ("0.016666", 60), ("1e-2", 100), ("0.03333333507180214", 30), ("0.0333667", Fraction(30000, 1001)),
+        ("0.0166833", Fraction(60000, 1001)), ("0.03", Fraction(100, 3)), ("0.0125", 80), ("0.00001", None),
         ("5", None),
     ],
-)
+)  # fmt: skip
 def test_frame_times_are_rounded_rates(text: str, rate: int | Fraction | None) -> None:
     assert rate_of_period(text) == rate
 

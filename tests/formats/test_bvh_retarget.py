@@ -407,18 +407,13 @@ def with_bones(**lengths: float) -> Skeleton:
 @pytest.mark.parametrize(
     "lengths",
     [
-        {"left_knee": 0},
-        {"right_ankle": 0},
-        {"left_elbow": 0, "left_wrist": 0, "right_elbow": 0, "right_wrist": 0},
-        {"left_elbow": 0, "left_wrist": 0},
-        {"right_elbow": 1e-7},
-        {"left_wrist": 0},
-        {"left_hip": 0, "right_hip": 0},
+        {"left_knee": 0}, {"right_ankle": 0}, {"left_elbow": 0, "left_wrist": 0, "right_elbow": 0, "right_wrist": 0},
+        {"left_elbow": 0, "left_wrist": 0}, {"right_elbow": 1e-7}, {"left_wrist": 0}, {"left_hip": 0, "right_hip": 0},
         {f"{side}_{joint}": 0 for side in ("left", "right") for joint in ("collar", "shoulder")},
         {"spine1": 0, "spine2": 0, "spine3": 0, "neck": 0},
     ],
     ids=lambda lengths: "-".join(lengths),
-)
+)  # fmt: skip
 def test_bones_without_length_are_refused(tmp_path: Path, danced: Motion, lengths: dict[str, float]) -> None:
     write_as(tmp_path / "a.bvh", danced, with_bones(**lengths), Rotation.identity(24))
     with raises_message(DataError, "", reason="bad_skeleton"):

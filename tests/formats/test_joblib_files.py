@@ -22,15 +22,11 @@ COMPRESSIONS = [0, 3, ("gzip", 3), ("bz2", 1), ("lzma", 1), ("xz", 1)]
 CONTENT = {
     0: {"pose": np.random.default_rng(0).normal(size=(5000, 3)).astype(np.float32), "one": np.float32(3)},
     7: {
-        "fortran": np.asfortranarray(np.arange(20.0).reshape(5, 4)),
-        "big": np.arange(4, dtype=">f8"),
-        "objects": np.array([None, {"a": 1}, "x"], dtype=object),
-        "names": np.array(["a", "bcd"]),
-        "empty": np.zeros((0, 3)),
-        "single": np.array(2.5),
-        "after": np.arange(6, dtype=np.uint8)[::2],
+        "fortran": np.asfortranarray(np.arange(20.0).reshape(5, 4)), "big": np.arange(4, dtype=">f8"),
+        "objects": np.array([None, {"a": 1}, "x"], dtype=object), "names": np.array(["a", "bcd"]),
+        "empty": np.zeros((0, 3)), "single": np.array(2.5), "after": np.arange(6, dtype=np.uint8)[::2],
     },
-}
+}  # fmt: skip
 
 
 def leaves(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:

@@ -44,18 +44,13 @@ def refused(path: Path, data: bytes, reason: str) -> str:
 def test_arrays_scalars_and_containers(path: Path, protocol: int) -> None:
     content = {
         "smpl_poses": np.arange(72, dtype=np.float32).reshape(3, 24),
-        "fortran": np.asfortranarray(np.arange(6).reshape(2, 3)),
-        "big": np.arange(4, dtype=">f8"),
-        "empty": np.zeros((0, 3)),
-        "text": np.array(["a", "длинный"]),
-        "raw": np.array([b"x", b"yz"]),
-        "flags": np.array([True, False]),
-        "objects": np.array([None, "x", [1]], dtype=object),
-        "scalar": np.float32(0.5),
-        "big scalar": np.array([2.5], ">f4")[0],
+        "fortran": np.asfortranarray(np.arange(6).reshape(2, 3)), "big": np.arange(4, dtype=">f8"),
+        "empty": np.zeros((0, 3)), "text": np.array(["a", "длинный"]), "raw": np.array([b"x", b"yz"]),
+        "flags": np.array([True, False]), "objects": np.array([None, "x", [1]], dtype=object),
+        "scalar": np.float32(0.5), "big scalar": np.array([2.5], ">f4")[0],
         "plain": [1, 2.5, "x", b"\xff", b"", None, True, (1, (2,)), {3, 4}, frozenset({5}), 10**30],
         "ordered": OrderedDict(a=1),
-    }
+    }  # fmt: skip
     path.write_bytes(pickle.dumps(content, protocol))
     back = load_pickle(path)
     plain = pickle.loads(path.read_bytes())  # numpy turns big-endian arrays to native ones
@@ -93,16 +88,11 @@ def test_code_is_not_run(path: Path, protocol: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "value",
     [
-        Counter("x"),
-        Path("x"),
-        Call(eval, "1"),
-        Call(getattr, "", "x"),
-        Call(bytearray, 10**12),
-        Call(np.ndarray, (10**12,)),
-        Call(np.lib.npyio.DataSource, "x"),
+        Counter("x"), Path("x"), Call(eval, "1"), Call(getattr, "", "x"), Call(bytearray, 10**12),
+        Call(np.ndarray, (10**12,)), Call(np.lib.npyio.DataSource, "x"),
     ],
     ids=lambda v: type(v).__name__,
-)
+)  # fmt: skip
 def test_names_that_are_not_on_the_list(path: Path, value: Any) -> None:
     refused(path, pickle.dumps(value), "unsafe_pickle")
 
@@ -199,14 +189,10 @@ def test_missing_file(path: Path) -> None:
 @pytest.mark.parametrize(
     "value",
     [
-        {(1, 2): 3},
-        {1 << 63: 3},
-        {"a": {np.longdouble(1): 3}},
-        OrderedDict({(): 1}),
-        {frozenset()},
+        {(1, 2): 3}, {1 << 63: 3}, {"a": {np.longdouble(1): 3}}, OrderedDict({(): 1}), {frozenset()},
         [frozenset({(1,)})],
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("protocol", range(6))
 def test_keys_have_hashes_that_are_short_and_differ(path: Path, protocol: int, value: Any) -> None:
     assert "a key" in refused(path, pickle.dumps(value, protocol), "broken_file")
@@ -308,14 +294,10 @@ def test_a_pickle_builds_no_more_than_it_holds(path: Path) -> None:
 @pytest.mark.parametrize(
     "data",
     [
-        b"\x80\x02c__builtin__\nset\n)\x81.",
-        b"(c__builtin__\nset\no.",
-        b"(i__builtin__\nset\n.",
-        b"\x80\x02NNR.",
-        b"\x80\x05\x97.",
-        b"\x80\x05C\x01a\x98.",
+        b"\x80\x02c__builtin__\nset\n)\x81.", b"(c__builtin__\nset\no.", b"(i__builtin__\nset\n.", b"\x80\x02NNR.",
+        b"\x80\x05\x97.", b"\x80\x05C\x01a\x98.",
     ],
-)
+)  # fmt: skip
 def test_objects_are_made_in_no_other_way(path: Path, data: bytes) -> None:
     refused(path, data, "unsafe_pickle")
 
@@ -328,14 +310,10 @@ def test_containers_are_filled_in_no_other_way(path: Path, data: bytes) -> None:
 @pytest.mark.parametrize(
     ("value", "dtype"),
     [
-        (np.arange(3.0), "float64"),
-        (np.float32(1.5), "float32"),
-        ([1, 2.5, np.float32(2)], "float64"),
-        ((1, 2), "int64"),
-        (7, "int64"),
-        ([], "float64"),
+        (np.arange(3.0), "float64"), (np.float32(1.5), "float32"), ([1, 2.5, np.float32(2)], "float64"),
+        ((1, 2), "int64"), (7, "int64"), ([], "float64"),
     ],
-)
+)  # fmt: skip
 def test_values_that_are_arrays(value: Any, dtype: str) -> None:
     array = as_array(value)
     assert array is not None

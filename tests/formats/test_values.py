@@ -34,20 +34,14 @@ def load(path: Path, person: str = "", **options: Any) -> Motion:
 @pytest.mark.parametrize(
     ("name", "content", "person"),
     [
-        ("a.npy", DANCER, ""),
-        ("a.npy", boxed(DANCER), ""),
-        ("a.npy", boxed(DANCER).reshape(1, 1), ""),
-        ("a.npy", boxed(DANCER, DANCER), "1"),
-        ("a.npz", {"results": DANCER}, ""),
-        ("a.npz", {"results": boxed(DANCER), "fps": 30}, ""),
-        ("a.npz", {"anna": DANCER, "ben": DANCER}, "ben"),
-        ("a.npz", {**DANCER, "labels": {"poses": "other"}}, ""),
-        ("a.pkl", boxed(DANCER), ""),
-        ("a.pkl", [DANCER, DANCER], "0"),
-        ("a.pkl", {**DANCER, "poses": POSES.astype(object)}, ""),
+        ("a.npy", DANCER, ""), ("a.npy", boxed(DANCER), ""), ("a.npy", boxed(DANCER).reshape(1, 1), ""),
+        ("a.npy", boxed(DANCER, DANCER), "1"), ("a.npz", {"results": DANCER}, ""),
+        ("a.npz", {"results": boxed(DANCER), "fps": 30}, ""), ("a.npz", {"anna": DANCER, "ben": DANCER}, "ben"),
+        ("a.npz", {**DANCER, "labels": {"poses": "other"}}, ""), ("a.pkl", boxed(DANCER), ""),
+        ("a.pkl", [DANCER, DANCER], "0"), ("a.pkl", {**DANCER, "poses": POSES.astype(object)}, ""),
         ("a.npy", {**DANCER, "trans": DANCER["trans"].astype(object)}, ""),
     ],
-)
+)  # fmt: skip
 def test_dicts_in_arrays_of_objects_are_read(tmp_path: Path, name: str, content: Any, person: str) -> None:
     path = tmp_path / name
     if name.endswith(".npy"):

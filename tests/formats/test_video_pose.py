@@ -1,7 +1,6 @@
 """Files of WHAM, PHALP, GVHMR and others: read, divided by people, put on the frames of the video, built."""
 
 import pickle
-import wave
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
@@ -113,13 +113,7 @@ def test_frames_before_a_person_appears_and_short_gaps(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "frames",
-    [
-        np.r_[:30, 41:71],
-        np.r_[:30, 30:60][::-1],
-        np.r_[:30, 29:59],
-        np.arange(N) - 1,
-        np.arange(N) + 200_000,
-    ],
+    [np.r_[:30, 41:71], np.r_[:30, 30:60][::-1], np.r_[:30, 29:59], np.arange(N) - 1, np.arange(N) + 200_000],
 )
 def test_frames_that_cannot_be_put_on_the_video(tmp_path: Path, frames: Any) -> None:
     path = tmp_path / "a.pkl"
@@ -199,9 +193,7 @@ def test_positions_and_degrees_of_gvhmr_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "change",
-    [lambda m: m * 1.1, lambda m: m * [1, 1, -1], lambda m: m * 0],
-    ids=["scaled", "reflected", "zeros"],
+    "change", [lambda m: m * 1.1, lambda m: m * [1, 1, -1], lambda m: m * 0], ids=["scaled", "reflected", "zeros"]
 )
 def test_matrices_of_phalp_that_are_not_rotations(tmp_path: Path, change: Any) -> None:
     path = tmp_path / "demo_clip.pkl"
@@ -314,12 +306,9 @@ def test_a_dataset_of_people(tmp_path: Path) -> None:
     call = b"X\x01\0\0\0xcos\nsystem\n(S'touch PWNED'\ntRss."
     bad = joblib_bytes({0: {"pose_world": 1}}, 0, 2).removesuffix(b"s.") + call
     (source / "motions" / "bad.pkl").write_bytes(bad)
+    noise = np.random.default_rng(0).integers(-9000, 9000, (64_000, 1)).astype(np.int16)
     for name in ("wham", "phalp", "gvhmr", "bad"):
-        with wave.open(str(source / "music" / f"{name}.wav"), "wb") as file:
-            file.setnchannels(1)
-            file.setsampwidth(2)
-            file.setframerate(16_000)
-            file.writeframes(np.random.default_rng(0).integers(-9000, 9000, 64_000).astype("<i2").tobytes())
+        (source / "music" / f"{name}.wav").write_bytes(wav_bytes(noise, 16_000))
     recipe = {
         "recipe": 1,
         "name": "video",

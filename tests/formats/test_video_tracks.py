@@ -111,10 +111,7 @@ def test_tracks_of_phalp(tmp_path: Path) -> None:
     from tests.video_files import dance
 
     rotations, path_of = dance(60)
-    people = {
-        3: (rotations[:30], path_of[:30], np.arange(30)),
-        8: (rotations[33:], path_of[33:], np.arange(33, 60)),
-    }
+    people = {3: (rotations[:30], path_of[:30], np.arange(30)), 8: (rotations[33:], path_of[33:], np.arange(33, 60))}
     path = tmp_path / "demo.pkl"
     path.write_bytes(phalp(people))
     assert load(path).n_frames == 60

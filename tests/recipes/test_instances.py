@@ -59,11 +59,8 @@ def test_instances_are_built_together(
         window = ds.windows("train")[1]
         rows = {name: ds.read(window, name) for name in ds.fields}
         assert {name: len(own) for name, own in rows.items()} == {
-            "edge151": 60,
-            "edge151.strict": 60,
-            "librosa35": 60,
-            "librosa35.60": 120,
-        }
+            "edge151": 60, "edge151.strict": 60, "librosa35": 60, "librosa35.60": 120,
+        }  # fmt: skip
         # The first four columns are contacts: fewer where the limit on the speed is lower.
         assert rows["edge151.strict"][:, :4].sum() < rows["edge151"][:, :4].sum()
         np.testing.assert_array_equal(rows["edge151.strict"][:, 4:], rows["edge151"][:, 4:])
@@ -94,16 +91,12 @@ def test_set_takes_the_longest_key() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"audio": {"librosa35.a b": {}}},
-        {"audio": {"librosa35.60": {"fsp": 60}}},
-        {"audio": {"librosa35.60": {"fps": "fast"}}},
-        {"audio": {"librosa.60": {}}},
-        {"audio": {"librosa35.60": {"fps": "1/7"}}},
-        {"audio": {35: {}}},
-        {"augment": "miror"},
+        {"audio": {"librosa35.a b": {}}}, {"audio": {"librosa35.60": {"fsp": 60}}},
+        {"audio": {"librosa35.60": {"fps": "fast"}}}, {"audio": {"librosa.60": {}}},
+        {"audio": {"librosa35.60": {"fps": "1/7"}}}, {"audio": {35: {}}}, {"augment": "miror"},
         {"dataset": {"aist++.mine": {}}},
     ],
-)
+)  # fmt: skip
 def test_bad_instances_are_named(changes: dict[str, Any]) -> None:
     with raises_message(RecipeError, r"librosa35\.60|problem", where="recipe"):
         recipe(**changes)

@@ -1,8 +1,10 @@
 """A small HTTP server with ranges, whose answers to single files are replaced by faults; and a fake hub."""
 
 import json
+import logging
 import threading
 import time
+import urllib.request
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -100,12 +102,12 @@ class Handler(BaseHTTPRequestHandler):
         first, _, last = self.headers.get("Range", "bytes=0-").removeprefix("bytes=").partition("-")
         return int(first), min(size, int(last) + 1) if last else size
 
-    def give(self, data: bytes, *, only: int | None = None) -> None:
-        """Send the bytes that were asked for; `only` so many of them, and then cut the connection."""
+    def head(self, data: bytes) -> bytes | None:
+        """Send status and headers; return the bytes that were asked for."""
         begin, end = self.asked(len(data)) if self.server.ranges else (0, len(data))
         if begin >= len(data):
             self.status(416)
-            return
+            return None
         if "Range" in self.headers and self.server.ranges:
             self.send_response(206)
             self.send_header("Content-Range", f"bytes {begin}-{end - 1}/{len(data)}")
@@ -115,7 +117,14 @@ class Handler(BaseHTTPRequestHandler):
         self.send_header("ETag", '"1"')  # as clients of buckets need it
         self.send_header("Last-Modified", "Wed, 21 Oct 2015 07:28:00 GMT")
         self.end_headers()
-        body = data[begin:end] if only is None else data[begin:end][:only]
+        return data[begin:end]
+
+    def give(self, data: bytes, *, only: int | None = None) -> None:
+        """Send the bytes that were asked for; `only` so many of them, and then cut the connection."""
+        body = self.head(data)
+        if body is None:
+            return
+        body = body[:only]
         self.server.sent[self.path.rsplit("/", 1)[-1]] += len(body)  # before a client that has it can look
         self.wfile.write(body)
         if only is not None:
@@ -190,3 +199,28 @@ class Hub(Server):
 
     def commit_of(self, revision: str) -> str:
         return self.branches.get(revision, revision)
+
+
+#: Credentials and region of a bucket, as clients of S3 read them.
+S3 = {
+    "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "s3cr3tOfTheBucket",
+    "AWS_REGION": "us-east-1",
+}  # fmt: skip
+
+
+@contextmanager
+def moto_bucket(folder: Path, prefix: str) -> Iterator[dict[str, str]]:
+    """Serve the files of a folder as s3://dances/PREFIX/...; yield the environment that clients need."""
+    from moto.server import ThreadedMotoServer
+
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    for name in ("", *(f"/{prefix}/{p.name}" for p in folder.iterdir())):
+        data = (folder / name.rsplit("/", 1)[-1]).read_bytes() if name else b""
+        headers = {"Content-Type": "binary/octet-stream"}
+        request = urllib.request.Request(f"http://{host}:{port}/dances{name}", data, headers, method="PUT")
+        urllib.request.urlopen(request, timeout=9).close()
+    yield {**S3, "AWS_ENDPOINT": f"http://{host}:{port}"}
+    server.stop()

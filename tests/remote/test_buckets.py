@@ -3,7 +3,6 @@
 import base64
 import hmac
 import json
-import logging
 import os
 import shutil
 import signal
@@ -16,7 +15,6 @@ from contextlib import suppress
 from email.utils import formatdate
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 from torch.utils.data import DataLoader
@@ -28,45 +26,28 @@ from dancedata.remote import pull
 from dancedata.remote.address import parse_address
 from dancedata.remote.client import Client
 from tests.messages import raises_message
-from tests.remote.servers import Server
+from tests.remote.servers import Server, moto_bucket
 
 obstore = pytest.importorskip("obstore")
-moto = pytest.importorskip("moto.server")
+pytest.importorskip("moto.server")
 
 
 @pytest.fixture(scope="module")
-def endpoint(published: Path) -> Iterator[str]:
-    """Return the address of an S3 server with a bucket that has the dataset."""
-    logging.getLogger("werkzeug").setLevel(logging.ERROR)
-    server = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    bucket = f"http://{host}:{port}/dances"
-    for path in (bucket, *(f"{bucket}/some/set/{p.name}" for p in published.iterdir())):
-        data = b"" if path == bucket else (published / path.rsplit("/", 1)[-1]).read_bytes()
-        headers = {"Content-Type": "binary/octet-stream"}
-        urllib.request.urlopen(urllib.request.Request(path, data, headers, method="PUT"), timeout=9).close()
-    yield f"http://{host}:{port}"
-    server.stop()
+def environment(published: Path) -> Iterator[dict[str, str]]:
+    with moto_bucket(published, "some/set") as environment:
+        yield environment
 
 
 @pytest.fixture
-def bucket(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> str:
+def bucket(environment: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> str:
     """Return the address of the dataset, with its credentials in the environment."""
-    for name, value in {
-        "AWS_ENDPOINT": endpoint, "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "key", "AWS_REGION": "us-east-1",
-        "AWS_SECRET_ACCESS_KEY": "s3cr3tOfTheBucket",
-    }.items():  # fmt: skip
+    for name, value in environment.items():
         monkeypatch.setenv(name, value)
     return "s3://dances/some/set"
 
 
 def test_a_bucket(bucket: str, published: Path) -> None:
-    with dancedata.open(bucket) as remote, dancedata.open(published) as local:
-        window = local.windows("train")[-1]
-        np.testing.assert_array_equal(remote.read(window, "pose"), local.read(window, "pose"))
-    folder = pull(bucket, progress=False).path
-    assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir() if p.name != "README.md")
+    _same_rows(bucket, published)
 
 
 def test_goes_on_from_a_part(bucket: str, published: Path) -> None:

@@ -65,16 +65,6 @@ def test_parts_are_pruned_too(server: Server, own_cache: Path, published: Path) 
     assert not list(own_cache.rglob("*.part"))
 
 
-@pytest.mark.parametrize("command", ["info", "check"])
-def test_commands_take_an_address(hub: Hub, published: Path, command: str) -> None:
-    remote, local = _run(command, "hf://datasets/org/name"), _run(command, published)
-    for about in (remote, local):
-        about.pop("path")
-        for problem in about.get("problems", ()):
-            problem.pop("where")
-    assert remote == local
-
-
 def test_exports_and_evaluations_name_the_commit(
     hub: Hub, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,9 +1,7 @@
 """Commands on addresses of a hub, a bucket and an https server give what they give for the folder."""
 
 import json
-import logging
 import ssl
-import urllib.request
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
@@ -14,10 +12,10 @@ import pytest
 import dancedata
 from dancedata.core.errors import StoreError
 from tests.commands import as_json, run
-from tests.remote.servers import Hub, Server, serving, status
+from tests.remote.servers import Hub, Server, moto_bucket, serving, status
 
 cryptography = pytest.importorskip("cryptography")
-moto = pytest.importorskip("moto.server")
+pytest.importorskip("moto.server")
 pytest.importorskip("obstore")
 pytest.importorskip("huggingface_hub")
 
@@ -66,20 +64,7 @@ def secure(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
 @pytest.fixture(scope="module")
 def addresses(built: Path, secure: Server) -> Iterator[dict[str, str]]:
     """Return the built dataset's address on a hub, in a bucket of moto, and on an https server."""
-    logging.getLogger("werkzeug").setLevel(logging.ERROR)
-    bucket = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    bucket.start()
-    host, port = bucket.get_host_and_port()
-    for name in ("", *(f"/set/{p.name}" for p in built.iterdir())):
-        data = (built / name.rsplit("/", 1)[-1]).read_bytes() if name else b""
-        headers = {"Content-Type": "binary/octet-stream"}
-        request = urllib.request.Request(f"http://{host}:{port}/dances{name}", data, headers, method="PUT")
-        urllib.request.urlopen(request, timeout=9).close()
-    environment = {
-        "AWS_ENDPOINT": f"http://{host}:{port}", "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "key",
-        "AWS_SECRET_ACCESS_KEY": "secret", "AWS_REGION": "us-east-1",
-    }  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch, serving(Hub(built)) as hub:
+    with moto_bucket(built, "set") as environment, pytest.MonkeyPatch.context() as patch, serving(Hub(built)) as hub:
         patch.delenv("HF_TOKEN", raising=False)
         for name, value in {**environment, "HF_ENDPOINT": hub.url}.items():
             patch.setenv(name, value)
@@ -88,7 +73,6 @@ def addresses(built: Path, secure: Server) -> Iterator[dict[str, str]]:
             "s3": "s3://dances/set",
             "https": f"https://127.0.0.1:{secure.server_address[1]}/{built.name}",
         }
-    bucket.stop()
 
 
 @pytest.mark.parametrize("scheme", ["hf", "s3", "https"])
@@ -100,11 +84,12 @@ def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme
         run("view", where, "--export", tmp_path / folder / "page.html", "--quiet")
         report = as_json("report", where, "--clips", "none", "--quiet")
         found = as_json("check", where, "--quiet")
-        assert found["path"] == as_json("info", where)["path"] == str(where)
+        about = as_json("info", where)
+        assert found["path"] == about.pop("path") == str(where)
         assert f": {where} (" in run("info", where).output
         checked = [p for p in found["problems"] if p["severity"] == "error"]
         values = dancedata.evaluate(where, metrics=("pfc",), bootstrap=0, jobs=1, progress=False).to_json()
-        (tmp_path / folder / "numbers.json").write_text(json.dumps([report, checked, values["scores"]]))
+        (tmp_path / folder / "numbers.json").write_text(json.dumps([about, report, checked, values["scores"]]))
     for path in sorted((tmp_path / "local").rglob("*")):
         if path.is_file() and path.name != "export.json":
             other = tmp_path / "remote" / path.relative_to(tmp_path / "local")

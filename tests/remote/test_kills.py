@@ -93,16 +93,10 @@ class Watched(Handler):
     server: "WatchedServer"
 
     def give(self, data: bytes, *, only: int | None = None) -> None:
-        begin = int(self.headers["Range"][6:].split("-")[0]) if "Range" in self.headers else 0
-        self.send_response(206 if begin else 200)
-        if begin:
-            self.send_header("Content-Range", f"bytes {begin}-{len(data) - 1}/{len(data)}")
-        self.send_header("Content-Length", str(len(data) - begin))
-        self.end_headers()
-        for at in range(begin, len(data), 512):
-            piece = data[at : at + 512]
-            self.wfile.write(piece)
-            self.server.counted(len(piece))
+        body = self.head(data) or b""
+        for at in range(0, len(body), 512):
+            self.wfile.write(body[at : at + 512])
+            self.server.counted(len(body[at : at + 512]))
 
 
 class WatchedServer(Server):

@@ -16,7 +16,7 @@ from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
 from dancedata.remote import client, fetch, pull, source
 from dancedata.remote.cached import local_folder
-from tests.remote.servers import Fault, Handler, Hub, Server, cut, other, serving, status
+from tests.remote.servers import S3, Fault, Handler, Hub, Server, cut, other, serving, status
 
 Way = Callable[[str], object]
 
@@ -26,10 +26,7 @@ def _row(address: str) -> object:
     return store.read(store.windows("train")[0], "pose")
 
 
-WAYS: dict[str, Way] = {
-    "open": _row,
-    "pull": lambda address: pull(address, progress=False),
-}
+WAYS: dict[str, Way] = {"open": _row, "pull": lambda address: pull(address, progress=False)}
 
 
 def _wait_for(monkeypatch: pytest.MonkeyPatch, silence: float, stall: float, attempts: int) -> None:
@@ -97,32 +94,32 @@ def _with(body: Callable[[bytes], bytes], **headers: str) -> Fault:
     return answer
 
 
-def _chunked(handler: Handler, data: bytes) -> bool:
+def _begun(handler: Handler, data: bytes, **headers: str) -> bytes:
     begin, end = handler.asked(len(data))
     ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
-    _head(handler, 206 if ranged else 200, Transfer_Encoding="chunked", **ranged)
+    _head(handler, 206 if ranged else 200, **headers, **ranged)
+    return data[begin:end]
+
+
+def _chunked(handler: Handler, data: bytes) -> bool:
+    _begun(handler, data, Transfer_Encoding="chunked")
     return _endless(handler, b"10000\r\n" + bytes(1 << 16) + b"\r\n")
 
 
 def _drip(handler: Handler, data: bytes) -> bool:
     begin, end = handler.asked(len(data))
-    ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
-    _head(handler, 206 if ranged else 200, Content_Length=str(end - begin), **ranged)
+    _begun(handler, data, Content_Length=str(end - begin))
     return _endless(handler, b"x", 0.02)
 
 
 def _chunk_size_that_does_not_end(handler: Handler, data: bytes) -> bool:
-    begin, end = handler.asked(len(data))
-    ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
-    _head(handler, 206 if ranged else 200, Transfer_Encoding="chunked", **ranged)
+    _begun(handler, data, Transfer_Encoding="chunked")
     return _endless(handler, b"0", 0.02)
 
 
 def _trailers_that_do_not_end(handler: Handler, data: bytes) -> bool:
-    begin, end = handler.asked(len(data))
-    ranged = {"Content_Range": f"bytes {begin}-{end - 1}/{len(data)}"} if "Range" in handler.headers else {}
-    _head(handler, 206 if ranged else 200, Transfer_Encoding="chunked", **ranged)
-    handler.wfile.write(b"%x\r\n" % 9 + data[begin : begin + 9] + b"\r\n0\r\n")
+    body = _begun(handler, data, Transfer_Encoding="chunked")
+    handler.wfile.write(b"%x\r\n" % 9 + body[:9] + b"\r\n0\r\n")
     return _endless(handler, b"X-Trailer: 1\r\n" * 1000)
 
 
@@ -252,12 +249,14 @@ def test_a_file_that_is_shorter_than_it_should_be(server: Server, published: Pat
 
 @pytest.mark.parametrize(
     "text",
-    [b"[" * 200_000, b'{"self_sha256": ' + b"9" * 10_000 + b"}", b'{"a": 1, "a": 2}', b"\xff\xfe", b"null", b""],
-)
+    [b"[" * 200_000, b'{"self_sha256": ' + b"9" * 10_000 + b"}", b'{"a": 1, "a": 2}', b"\xff\xfe", b"null", b"",
+     b"<html>login</html>", b"{}", b"[1]", b'{"self_sha256": "abc"}'],
+)  # fmt: skip
 def test_descriptions_that_are_none(server: Server, text: bytes) -> None:
     server.fault("dataset.json", *[other(lambda data: text)] * 9)
     with pytest.raises(StoreError, match=r"not the dataset\.json of a finished dataset|HTTP 416"):
         local_folder(f"{server.url}/store")
+    assert server.requests["dataset.json"] == 2 or not text
 
 
 def test_lies_of_a_hub_about_a_commit(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -298,10 +297,7 @@ def test_a_bucket_that_lies(published: Path, monkeypatch: pytest.MonkeyPatch) ->
     pytest.importorskip("obstore")
     fixed = {"ETag": '"1"', "Last_Modified": "Wed, 21 Oct 2015 07:28:00 GMT"}
     with serving(Server(published.parent)) as server:
-        for name, value in {
-            "AWS_ENDPOINT": server.url, "AWS_ALLOW_HTTP": "true", "AWS_ACCESS_KEY_ID": "key",
-            "AWS_SECRET_ACCESS_KEY": "secret", "AWS_REGION": "us-east-1",
-        }.items():  # fmt: skip
+        for name, value in {**S3, "AWS_ENDPOINT": server.url}.items():
             monkeypatch.setenv(name, value)
         assert _row("s3://store") is not None
         store = dancedata.open("s3://store")
@@ -318,4 +314,4 @@ def test_a_bucket_that_lies(published: Path, monkeypatch: pytest.MonkeyPatch) ->
             server.fault(shard, *lies)
             with pytest.raises(StoreError, match=problem) as caught:
                 store.read(window, "pose")
-            assert "secret" not in str(caught.value)
+            assert S3["AWS_SECRET_ACCESS_KEY"] not in str(caught.value)

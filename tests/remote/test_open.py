@@ -66,15 +66,6 @@ def test_readers_and_workers(server: Server, published: Path, context: str) -> N
     assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}  # workers fetch once
 
 
-def test_batch_loader(server: Server, published: Path) -> None:
-    batches = [
-        list(BatchLoader(WindowDataset(where, "val", normalize=False), 2, shuffle=False))
-        for where in (f"{server.url}/store", published)
-    ]
-    assert len(batches[0]) == len(batches[1])
-    assert all(torch.equal(a["pose"], b["pose"]) for a, b in zip(*batches, strict=True))
-
-
 def test_pull_then_offline(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     address = f"{server.url}/store"
     pulled = pull(address, "train", progress=False)
@@ -138,19 +129,12 @@ def test_a_folder_of_a_repository(hub: Hub, published: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "hf://models/org/name",
-        "hf://datasets/name",
-        "hf://datasets/org/name/../other",
-        "http://example.org/store",
-        "https://user:secret@example.org/store",
-        "https://example.org/store?sig=secret",
-        "HTTPS://user:secret@example.org/store",
-        "https://user:secret@[example.org/store",
-        "hf://user:secret@datasets/org/name",
-        "s3://bucket/../other",
-        "ftp://example.org/store",
+        "hf://models/org/name", "hf://datasets/name", "hf://datasets/org/name/../other", "http://example.org/store",
+        "https://user:secret@example.org/store", "https://example.org/store?sig=secret",
+        "HTTPS://user:secret@example.org/store", "https://user:secret@[example.org/store",
+        "hf://user:secret@datasets/org/name", "s3://bucket/../other", "ftp://example.org/store",
     ],
-)
+)  # fmt: skip
 def test_addresses_that_are_refused(text: str) -> None:
     with raises_message(UsageError, "address") as caught:
         dancedata.open(text)

@@ -253,15 +253,10 @@ def _commit(hub: UploadHub, match: Any, body: bytes) -> tuple[int, Any]:
 
 _REPO = "/api/datasets/org/name"
 _ROUTES: dict[str, Callable[[UploadHub, Any, bytes], tuple[int, Any]]] = {
-    "POST /api/repos/create": _create,
-    f"PUT {_REPO}/settings": _settings,
-    f"GET {_REPO}": _info,
-    f"GET {_REPO}/refs": _refs,
-    f"POST {_REPO}/branch/(.+)": _branch,
-    f"POST {_REPO}/tag/(.+)": _tag,
+    "POST /api/repos/create": _create, f"PUT {_REPO}/settings": _settings, f"GET {_REPO}": _info,
+    f"GET {_REPO}/refs": _refs, f"POST {_REPO}/branch/(.+)": _branch, f"POST {_REPO}/tag/(.+)": _tag,
     f"POST {_REPO}/paths-info/(.+)": _paths,
     "POST /api/validate-yaml": lambda hub, match, body: (200, {"errors": [], "warnings": []}),
-    f"POST {_REPO}/preupload/(.+)": _preupload,
-    r"POST /datasets/org/name\.git/info/lfs/objects/batch": _batch,
+    f"POST {_REPO}/preupload/(.+)": _preupload, r"POST /datasets/org/name\.git/info/lfs/objects/batch": _batch,
     f"POST {_REPO}/commit/(.+)": _commit,
-}
+}  # fmt: skip

@@ -123,24 +123,15 @@ def test_control_characters_in_a_description(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("name", 7),
-        ("licence", ["x"]),
-        ("recipe", []),
-        ("recipe", {"x": "y" * 200_000}),
-        ("source", {"notes": [1]}),
-        ("source", {"notes": {}}),
-        ("counts", {"train": {}}),
-        ("counts", {"train": 3}),
+        ("name", 7), ("licence", ["x"]), ("recipe", []), ("recipe", {"x": "y" * 200_000}), ("source", {"notes": [1]}),
+        ("source", {"notes": {}}), ("counts", {"train": {}}), ("counts", {"train": 3}),
         ("counts", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": "x"}}),
         ("counts", {"train": {"clips": -1, "windows": 1, "frames": 1, "songs": 1, "hours": 1}}),
         ("counts", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": 10**400}}),
-        ("quality_flags", "many"),
-        ("axes", 3),
-        ("format", [[[[]]] * 1000]),
-        ("scope", {"x": [1] * 100_000}),
+        ("quality_flags", "many"), ("axes", 3), ("format", [[[[]]] * 1000]), ("scope", {"x": [1] * 100_000}),
         ("shards", [{"file": ["x"] * 100_000}]),
     ],
-)
+)  # fmt: skip
 def test_values_of_other_types_are_an_error(folder: Path, key: str, value: object) -> None:
     edit(folder, lambda document: document.update({key: value}))
     with pytest.raises(StoreError, match=r"dataset\.json") as error:

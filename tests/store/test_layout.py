@@ -81,11 +81,8 @@ def test_example_of_the_documentation_runs(make_store: Any, scope: str, capsys: 
     exec(code, namespace)
     exec(of_groups, namespace)  # nothing: there are none
     assert capsys.readouterr().out.splitlines() == [
-        "train_c00 pose (30, 7)",
-        "train_c00 fast (60, 4)",
-        "train_c00 music (30, 5)",
-        "train_c00 layer (30, 3)",
-    ]
+        "train_c00 pose (30, 7)", "train_c00 fast (60, 4)", "train_c00 music (30, 5)", "train_c00 layer (30, 3)",
+    ]  # fmt: skip
     np.testing.assert_array_equal(namespace["window"], made.rows("train_c00", "layer", 0, 30))
 
 
@@ -149,12 +146,9 @@ def test_dataset_json(make_store: Any) -> None:
     train = [c for c in made.clips if c.split == "train"]
     frames = sum(c.n_frames for c in train)
     assert info["counts"]["train"] == {
-        "clips": 6,
-        "windows": sum(len(c.starts) for c in train),
-        "frames": frames,
-        "hours": frames / 108_000,
+        "clips": 6, "windows": sum(len(c.starts) for c in train), "frames": frames, "hours": frames / 108_000,
         "songs": 3,
-    }
+    }  # fmt: skip
     for entry in info["shards"]:
         data = (made.path / entry["file"]).read_bytes()
         assert (len(data), hashlib.sha256(data).hexdigest()) == (entry["size"], entry["sha256"])

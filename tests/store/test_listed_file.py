@@ -1,6 +1,7 @@
 """Files of an open dataset: a file opened later is the one that dataset.json listed."""
 
 import os
+import pickle
 import shutil
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from dancedata.store.dataset import Store, open_store
 from dancedata.testing.stores import random_fields
 from tests.messages import raises_message
 
-BUILT_AGAIN = r"built again since it was opened"
 SHARD = "train-00000-of-00001.h5"
 
 
@@ -57,16 +57,18 @@ def test_the_same_bytes_are_the_same_dataset(make_store: Any, tmp_path: Path, ho
     np.testing.assert_array_equal(read(store), wanted)
 
 
-@pytest.mark.parametrize("what", ["windows", "read", "map", "stats"])
+@pytest.mark.parametrize("what", ["windows", "read", "map", "stats", "pickle"])
 def test_every_way_to_a_file_looks_at_it(make_store: Any, what: str) -> None:
     made, other = make_store(), make_store(seed=1)
     store = open_store(made.path)
     if what in ("read", "map"):
         window = store.windows("train")[0]
         shard = store.locate(window, "pose").shard
+    pickled = pickle.dumps(store)
     shutil.rmtree(made.path)
     shutil.copytree(other.path, made.path)
     ways = {
+        "pickle": lambda: pickle.loads(pickled),
         "windows": lambda: store.windows("train"),
         "read": lambda: store.read(window, "pose"),
         "map": lambda: shard.mapped_rows("pose"),

@@ -226,9 +226,6 @@ def test_silence_and_short_songs_are_not_alike(write: Callable[..., Path]) -> No
     assert verify_store(write(songs)) == []
 
 
-# ---- several datasets
-
-
 def test_datasets_that_share_a_re_encoded_song(write: Callable[..., Path], tmp_path: Path) -> None:
     """Quieter, as mp3 of 44.1 kHz, begun 2 s later: found, with the shift; songs that are only alike are not."""
     first, second = (song(name) for name in CLOSE)

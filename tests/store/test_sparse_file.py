@@ -11,10 +11,7 @@ from dancedata.store.hdf5 import SparseFile
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.lists(
-        st.tuples(st.integers(0, 300_000), st.binary(min_size=1, max_size=200), st.integers(1, 900)),
-        max_size=8,
-    )
+    st.lists(st.tuples(st.integers(0, 300_000), st.binary(min_size=1, max_size=200), st.integers(1, 900)), max_size=8)
 )
 def test_same_as_bytes_io(writes: list[tuple[int, bytes, int]]) -> None:
     sparse, plain = SparseFile(), io.BytesIO()
