@@ -32,6 +32,7 @@ class Lexicon:
     `exact`: Pairs that are compared with their case, such as ("L", "R"). Single letters also count in small where
         they are joined to another word: "l_arm", "hand.l", "lArm".
     `same`: Phrases that stay as they are: "right away".
+    `alone`: Phrases that stay, unless a side follows at once: "cross right behind left" names two.
     `whole_words`: False for scripts without spaces between words.
     """
 
@@ -39,11 +40,12 @@ class Lexicon:
     pairs: tuple[tuple[str, str], ...]
     exact: tuple[tuple[str, str], ...] = ()
     same: tuple[str, ...] = ()
+    alone: tuple[str, ...] = ()
     whole_words: bool = True
 
     def names_side(self, text: str) -> bool:
         """Whether a text has one of the words."""
-        return any(match.lastgroup != "same" for match in self._pattern.finditer(_split(text)))
+        return any(match.lastgroup not in ("same", "alone") for match in self._pattern.finditer(_split(text)))
 
     def mirrored(self, text: str) -> str:
         """Return a text with the words exchanged; their capitals stay."""
@@ -57,7 +59,7 @@ class Lexicon:
 
     def _exchanged(self, match: re.Match[str]) -> str:
         word = match[0]
-        if match.lastgroup == "same":
+        if match.lastgroup in ("same", "alone"):
             return word
         if match.lastgroup == "exact":
             return self._exact[word]
@@ -93,36 +95,43 @@ class Lexicon:
         joined = rf"(?P<joined>(?-i:(?<={_L}{_L}{joint})(?:{letters})|(?:{letters})(?={joint}{_L}{_L})))"
         # "is_left" is a side, "is left" is not.
         same = group("same", self.same, "i", r"\s+")
-        parts = "|".join((same, group("exact", self._exact, "-i"), group("any", self._any_case, "i"), joined))
+        sides = "|".join(re.escape(word) for word in self._any_case if word.isalpha())
+        alone = rf"(?!-|\s+(?:(?:of|the|to|your|his|her|their|my)\s+)*(?i:{sides or '(?!)'})(?!{_L}))"
+        alone = group("alone", self.alone, "i", r"\s+") + alone
+        parts = "|".join((same, alone, group("exact", self._exact, "-i"), group("any", self._any_case, "i"), joined))
         return re.compile(rf"(?<!{_L})(?:{parts})(?!{_L})" if self.whole_words else parts)
 
 
 ENGLISH = Lexicon(
     "en",
     pairs=(
-        ("left", "right"), ("lefts", "rights"), ("lft", "rgt"),
+        ("left", "right"), ("lefts", "rights"), ("lft", "rgt"), ("lt", "rt"),
         *((f"left{end}", f"right{end}") for end in (
             "ward", "wards", "most", "hand", "handed", "hander", "foot", "footed", "side", "sided", "y")),
         ("lefties", "righties"),
         ("clockwise", "counterclockwise"), ("anticlockwise", "clockwise"), ("anti clockwise", "clockwise"),
         ("counter clockwise", "clockwise"), ("cw", "ccw"), ("acw", "cw"),
-        *((f"{a} o'clock", f"{b} o'clock") for a, b in ((1, 11), (2, 10), (3, 9), (4, 8), (5, 7))),
+        *((f"{a} {clock}", f"{b} {clock}") for clock in ("o'clock", "o\N{RIGHT SINGLE QUOTATION MARK}clock", "oclock")
+          for a, b in (("1", "11"), ("2", "10"), ("3", "9"), ("4", "8"), ("5", "7"), ("one", "eleven"),
+                       ("two", "ten"), ("three", "nine"), ("four", "eight"), ("five", "seven"))),
     ),
     exact=(("L", "R"), ("LH", "RH"), ("LF", "RF")),
     same=(
-        "right away", "right now", "right after", "right before", "right behind", "right in front", "right on time",
-        "right on the beat", "right on beat", "right there", "right here", "right next to", "right at the",
-        "right angle", "right angles", "right angled", "right-angled", "right side up", "right way up",
-        "the right way", "all right", "just right", "R&B", "R & B",
+        "right away", "right now", "right on time", "right on the beat", "right on beat", "right there", "right here",
+        "right at the", "right angle", "right angles", "right angled", "right-angled", "right side up",
+        "right way up", "the right way", "all right", "just right", "R&B", "R & B",
         *(f"left the {place}" for place in ("stage", "floor", "frame", "room", "ground", "circle", "group", "scene")),
-        "left off", "left over", "left alone", "is left", "are left", "has left", "have left", "had left",
-        "nothing left", "anything left", "the right thing",
+        "left alone", "nothing left", "anything left", "the right thing",
         *(f"{start}right{end}" for start, ends in (
             ("up", ("", "s", "ness")), ("b", ("", "er", "est", "ly", "ness", "en", "ens", "ened", "ening")),
             ("f", ("", "s", "en", "ens", "ened", "ening", "ful")), ("", ("ful", "fully", "ly", "eous", "eously")),
             ("sp", ("ly",)), ("copy", ("", "ed")), ("w", ("", "s")), ("playw", ("",)), ("birth", ("",)),
             ("al", ("",)), ("a", ("",)), ("out", ("",)), ("down", ("",)), ("forth", ("",))) for end in ends),
         "cleft", "leftover", "leftovers", "leftist",
+    ),
+    alone=(
+        "right behind", "right in front", "right next to", "right before", "right after", "left behind",
+        "is left", "are left", "has left", "have left", "had left",
     ),
 )  # fmt: skip
 

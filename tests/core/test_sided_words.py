@@ -36,6 +36,13 @@ def segment(*texts: str, layer: Layer = WORDS, **more: object) -> Segment:
         ("from 3 o'clock to 10 o'clock", "from 9 o'clock to 2 o'clock"),
         ("lefts and rights", "rights and lefts"),
         ("the dancer's left, bright", "the dancer's right, bright"),
+        ("cross left over right, right behind left", "cross right over left, left behind right"),
+        (
+            "right in front of the left foot, left off the floor",
+            "left in front of the right foot, right off the floor",
+        ),
+        ("is left-handed, at nine o'clock", "is right-handed, at three o'clock"),
+        ("9 o\N{RIGHT SINGLE QUOTATION MARK}clock, rt foot", "3 o\N{RIGHT SINGLE QUOTATION MARK}clock, lt foot"),
     ],
 )
 def test_words_are_exchanged(text: str, mirrored: str) -> None:
@@ -46,7 +53,8 @@ def test_words_are_exchanged(text: str, mirrored: str) -> None:
 @pytest.mark.parametrize(
     "text",
     ["upright", "he left the stage right away", "R&B", "a right angle", "the lift", "l", "l. and r.", "r.n.b",
-     "bright", "all  right", "he has nothing left", "Brightly frightened, a leftover", "XL, ULTRA, Rn", "a l'air",
+     "bright", "all  right", "he has nothing left", "is left, stands right behind her",
+     "Brightly frightened, a leftover", "XL, ULTRA, Rn", "a l'air",
      "LaFAN, McLeod", "clock", "\u5411\u5de6\u8f6c"],
 )  # fmt: skip
 def test_words_that_name_no_side(text: str) -> None:
