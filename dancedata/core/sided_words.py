@@ -32,16 +32,16 @@ class Lexicon:
     `exact`: Pairs that are compared with their case, such as ("L", "R"). Single letters also count in small where
         they are joined to another word: "l_arm", "hand.l", "lArm".
     `same`: Phrases that stay as they are: "right away".
-    `alone`: Phrases that stay, unless a side follows at once: "cross right behind left" names two.
     `whole_words`: False for scripts without spaces between words.
+    `alone`: Phrases that stay, unless a side follows at once: "cross right behind left" names two.
     """
 
     language: str
     pairs: tuple[tuple[str, str], ...]
     exact: tuple[tuple[str, str], ...] = ()
     same: tuple[str, ...] = ()
-    alone: tuple[str, ...] = ()
     whole_words: bool = True
+    alone: tuple[str, ...] = ()
 
     def names_side(self, text: str) -> bool:
         """Whether a text has one of the words."""

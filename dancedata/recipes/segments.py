@@ -114,17 +114,18 @@ def _lexicon(value: Any) -> Lexicon:
             value = read_yaml(Path(value).expanduser())
         except (OSError, ValueError, UnicodeDecodeError) as error:
             raise UsageError("segments.lexicon: the file cannot be read", where=where, found=shown(error)) from error
-    allowed = "{language: de, pairs: [[links, rechts]], exact: [...], same: [...], whole_words: true}"
+    allowed = "{language: de, pairs: [[links, rechts]], exact: [...], same: [...], alone: [...], "
+    allowed += "whole_words: true}"
     keys = {f.name for f in fields(Lexicon)}
     try:
         language, whole = value["language"], value.get("whole_words", True)
         pairs, exact = (tuple((a, b) for a, b in value.get(name) or ()) for name in ("pairs", "exact"))
-        same = tuple(value.get("same") or ())
-        words = [language, *same, *(word for pair in (*pairs, *exact) for word in pair)]
+        same, alone = (tuple(value.get(name) or ()) for name in ("same", "alone"))
+        words = [language, *same, *alone, *(word for pair in (*pairs, *exact) for word in pair)]
         valid = set(value) <= keys and all(isinstance(word, str) and word for word in words) and (pairs or exact)
         if not valid or not isinstance(whole, bool):
             raise ValueError("not texts")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         problem = "segments.lexicon: not a lexicon"
         raise UsageError(problem, where=where, found=shown(value), allowed=allowed) from error
-    return Lexicon(language.lower(), pairs, exact, same, whole)
+    return Lexicon(language.lower(), pairs, exact, same, whole, alone)
