@@ -57,7 +57,7 @@ KINDS_HELP = "dataset, representation, contact-rule, feature, key-motion, augmen
 PACKAGE_HELP = "Add it to the package OUT/PACKAGE, which may hold plug-ins of several kinds."
 TARGET_HELP = "Set a parameter of the target; list shows them."
 OUTPUT_HELP = "A trainer's output: .npy, .npz or .pkl files, folders of them, or patterns."
-FRAMES_HELP = "Frames of --to obj, from 0: one, or BEGIN:END:STEP; default: all."
+FRAMES_HELP = "Frames of --to obj, from 0; default: all."
 WEIGHTS_HELP = "Folder of a network's weights; FIELD=FOLDER, once for each, where several features need some."
 PART_HELP = "Compute the K-th of N shares of the work into the cache and write no dataset, for job arrays."
 
@@ -256,7 +256,7 @@ def export(
 
 @errors_to_exit_codes
 def info(
-    path: Annotated[Path, typer.Argument(help="A built dataset.")],
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="A built dataset.")],
     clips: Annotated[bool, typer.Option(help="List every clip with its windows and quality flags.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -270,7 +270,7 @@ def info(
 
 @errors_to_exit_codes
 def segments(
-    path: Annotated[Path, typer.Argument(help="A built dataset.")],
+    path: Annotated[Path, typer.Argument(metavar="OUT", help="A built dataset.")],
     to: Annotated[Path | None, typer.Option(help="New .csv or .jsonl file for its segments.")] = None,
     set_file: Annotated[
         Path | None, typer.Option("--set", metavar="FILE", help="Replace the layers that a .csv or .jsonl file has.")
@@ -324,11 +324,13 @@ def features(
     like: Annotated[str | None, typer.Option(help="A built dataset or recipe whose features to match.")] = None,
     bpm: Annotated[float | None, typer.Option(help="Tempo; default: what --like states, else estimated.")] = None,
     weights: Annotated[list[str] | None, typer.Option(metavar="[FIELD=]FOLDER", help=WEIGHTS_HELP)] = None,
+    plugins: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, as in training."""
     from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
 
+    load_plugins(*(plugins or ()))
     written = write_features(songs, out, find_jobs(feature, like), bpm, weights or (), like=like)
     print_result(as_json, lambda: written, lambda: "\n".join(describe_features(out, record) for record in written))
 

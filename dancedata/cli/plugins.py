@@ -48,11 +48,11 @@ def test_conformance(tmp_path: Path) -> None:
 '''
 _NEXT = """wrote {module} and {test}
 next:
-  1. python -m pytest {test}: the template passes; change it, and run the test again
+  1. python -m pytest {test} (pip install pytest): the template passes; change it, and run the test again
   2. in a checkout of dancedata: move {module} to {folder}/;
      elsewhere: name the file in a recipe (plugins: [{module}]) or on the command line (--plugin {module});
      for a package: write the pyproject.toml below next to it, and pip install -e {out}
-  3. dancedata list shows it, and {use}
+  3. dancedata list shows it where it is installed; {use}
 
 [project]
 name = "{name}"

@@ -308,21 +308,32 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
         _require_files(reader, path)
         return reader, reader.scan(path)
     _require_folder(path)
-    failures: list[tuple[bool, str]] = []
+    failures: list[tuple[type[Dataset], SourceError]] = []
     # A generator would fill this folder. A reader for any files comes last, and only where the folder has a list for
     # it: it would take a copy of a supported dataset that the dataset's reader refuses.
     readers = [cls for cls in map(DATASETS.get, DATASETS.names()) if not cls.generates]
     for cls in sorted(readers, key=lambda cls: cls.explicit_only):
-        reason = f"accepts any layout; select it with --dataset {cls.name}"
+        reason = SourceError(f"accepts any layout; select it with --dataset {cls.name}")
         if not cls.explicit_only or cls.has_listing(path):
             reader = cls()
             try:
                 return reader, reader.scan(path)
             except SourceError as error:
-                reason = str(error)
-        failures.append((not cls.explicit_only, f"  - {cls.name}: {reason}"))
-    lines = [line for _, line in sorted(failures, key=lambda failure: failure[0])]  # the user's own files first
-    raise SourceError("this is neither a built dataset nor a source folder of a known one:\n" + "\n".join(lines))
+                reason = error
+        failures.append((cls, reason))
+    failures.sort(key=lambda failure: not failure[0].explicit_only)  # the user's own files first
+    # What most readers found is the names of the folder's files: it is named once.
+    founds = Counter(str(error.found) for _, error in failures if error.found is not None)
+    common = next((found for found, times in founds.most_common(1) if times > 1), None)
+    lines = "".join(f"\n  - {cls.name}: {_reason(cls, error, common)}" for cls, error in failures)
+    listing = "" if common is None else f"; found {common}"
+    raise SourceError(f"this is neither a built dataset nor a source folder of a known one{listing}:{lines}")
+
+
+def _reason(cls: type[Dataset], error: SourceError, common: str | None) -> str:
+    if error.found is None or str(error.found) != common:
+        return str(error)
+    return str(SourceError(error.problem.removeprefix(f"{cls.name}: "), allowed=error.allowed, fix=error.fix))
 
 
 def _require_folder(path: Path) -> None:

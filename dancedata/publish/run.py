@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.errors import UsageError
+from dancedata.core.packages import require
 from dancedata.core.text import counted, size_text
 from dancedata.execution.progress import Progress
 from dancedata.publish.contents import contents
@@ -157,6 +158,7 @@ def _check_options(
     tag: str | None,
     beside: Sequence[str | Path],
 ) -> None:
+    require("remote", what="push")
     where = str(address)
     if is_offline():
         raise UsageError("HF_HUB_OFFLINE is set: nothing is uploaded", where=where)

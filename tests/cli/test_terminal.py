@@ -87,6 +87,10 @@ def test_a_file_gets_the_text_as_it_is(capsys: pytest.CaptureFixture[str]):
     assert capsys.readouterr() == (f"{text}\n", f"{text}\n")
 
 
+def test_no_word_of_help_is_taken_for_an_emoji():
+    assert "🔚" not in run("decode", "--help").stdout
+
+
 def test_help_has_groups_in_the_order_of_use():
     text = run("--help").stdout
     titles = re.findall(r"^╭─ (.*?) ─+╮$", text, re.M)

@@ -1,6 +1,6 @@
 """Models whose files and outputs are kept: releases of transformers must not change them.
 
-The cache key of the feature hf does not have the version of transformers (decision 0024), so a release that changes
+The cache key of the feature hf does not have the version of transformers (a decision), so a release that changes
 numbers has to fail a test. `data/golden.json.gz` has, for each kind of model, config.json, the extractor's parameters
 and the names and shapes of the tensors as transformers 4.57 and 5.23 both write them; the tensors are drawn here.
 `data/golden.npz` has outputs::

@@ -15,6 +15,7 @@ import yaml
 import dancedata
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.licence import Licence
+from dancedata.core.packages import MissingPackageError
 from dancedata.core.registry import DATASETS
 from dancedata.publish import contents, hub, run
 from dancedata.publish.terms import restrictions
@@ -55,6 +56,14 @@ def test_one_commit_has_all_files_and_reads_as_the_local_dataset(uploads: Upload
     folder = pull(pushed.address, progress=False).path
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == local
     assert not [p for p in dancedata.check(pushed.address) if "README" in p.message]
+
+
+def test_push_without_its_packages_is_an_error_before_anything_is_read(
+    published: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dancedata.core.packages._is_installed", lambda module: module != "huggingface_hub")
+    with pytest.raises(MissingPackageError, match="push needs huggingface_hub"):
+        push(published)
 
 
 def test_the_card_states_terms_sizes_columns_and_hashes(uploads: UploadHub, published: Path) -> None:

@@ -78,7 +78,7 @@ def needs_splits(job: ExportJob, *splits: str) -> list[Missing]:
     if not absent:
         return []
     problem = f"the dataset has no clips in {' and '.join(absent)} (its splits: {', '.join(job.store.splits)})"
-    fix = "a recipe whose dataset key has these splits, such as dataset: {aist++: {split: crossmodal}}"
+    fix = "a source with clips of them, a recipe with these splits, such as dataset: {aist++: {split: crossmodal}}"
     return [Missing(problem, fix)]
 
 
