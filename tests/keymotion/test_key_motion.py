@@ -94,7 +94,9 @@ def test_rows_of_a_clip() -> None:
     assert rows.dtype == np.float32
     np.testing.assert_allclose(rows[:-1, 0], found.curve, rtol=1e-6)
     assert rows[-1, 0] == rows[-2, 0]
+    # The way from m to m + 1 is shortest where cos(2 pi (m + 1) / 40) is 1.
     assert np.flatnonzero(rows[:, 1]).tolist() == found.minima.tolist() == [39, 79, 119]
+    assert (found.prominence > 0).all()
     assert set(rows[:, 1].tolist()) == {0, 1}
     assert (rows[rows[:, 1] == 0, 2] == 0).all()
     assert rows[-1, 1:].tolist() == [0, 0]

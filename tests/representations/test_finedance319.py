@@ -7,7 +7,6 @@ from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SMPLX52, SMPLX55
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS
 from dancedata.representations.finedance319 import FineDance319
 from dancedata.representations.lodge319 import Lodge319
 
@@ -20,26 +19,6 @@ def random_motion(n: int = 8, trim: int = 0) -> Motion:
     rotations = rng.normal(0, 0.3, (1, 52, 3)) + rng.normal(0, 0.003, (n, 52, 3)).cumsum(axis=0)
     translation = np.add(rng.normal(0, 0.003, (n, 3)).cumsum(axis=0), (0, 1.2, 0))
     return Motion(translation, rotations, THIRTY, SMPLX52, trim)
-
-
-def test_not_grounded() -> None:
-    motion = random_motion(trim=3)
-    array = FINE.encode(motion, Velocity())
-    np.testing.assert_array_equal(array[:, 4:7], motion.translation.astype(np.float32))
-    assert FINE.columns.width == 319
-
-
-def test_contacts_are_speeds_over_the_whole_clip() -> None:
-    """The default rule on SMPL-X's joints: only the clip's last frame has no next."""
-    assert FINE.default_contacts == "velocity"
-    assert CONTACTS.get("velocity")().max_speed_m_s == 0.3
-    motion = random_motion()
-    feet = motion.joints()[:, [7, 8, 10, 11]]
-    slow = np.linalg.norm(np.diff(feet, axis=0), axis=-1) < 0.01
-    assert 0 < slow.mean() < 1
-    array = FINE.encode(motion, Velocity())
-    np.testing.assert_array_equal(array[:-1, :4], slow)
-    np.testing.assert_array_equal(array[-1, :4], 1)
 
 
 def test_lodges_layout_is_the_same_and_its_numbers_are_not() -> None:
