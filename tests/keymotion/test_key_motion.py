@@ -63,15 +63,6 @@ def test_minima_are_strict_and_never_at_the_ends() -> None:
     assert local_minima(np.zeros(0)).size == 0
 
 
-def test_slowest_frames_are_found() -> None:
-    found = key_motion(swinging(200))
-    assert found.minima.dtype == np.int64
-    assert len(found.curve) == 199
-    # The way from m to m + 1 is shortest where cos(2 pi (m + 1) / 40) is 1.
-    assert found.minima.tolist() == [39, 79, 119, 159]
-    assert (found.prominence > 0).all()
-
-
 def test_minima_are_scipys() -> None:
     rng = np.random.default_rng(3)
     joints = np.cumsum(rng.normal(size=(400, 4, 3)), axis=0)
