@@ -54,7 +54,7 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
 
     Of a song those that begin at the same second of it are preferred.
 
-    Raises UsageError: if there is none.
+    Raises DataError: if there is none.
     """
     for by_song in (False, True):
         named: list[dict[str, list[Item]]] = []
@@ -69,8 +69,9 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
         if shared:
             return {name: _nearest([mine[name] for mine in named], systems) for name in shared}
     examples = {system: listed([item.id for item in scenes.items], 2) for system, scenes in systems.items()}
-    raise UsageError(
-        "the systems have no clip in common", found="; ".join(f"{name}: {text}" for name, text in examples.items()),
+    raise DataError(
+        "the systems have no clip in common", reason="nothing_matched",
+        found="; ".join(f"{name}: {text}" for name, text in examples.items()),
         allowed="clips of the same names, or of the same songs", fix="name the files of a model as the clips",
     )  # fmt: skip
 

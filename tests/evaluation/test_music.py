@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.inputs.clip import MemoryClip
@@ -48,9 +48,16 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
     named = dancedata.evaluate(tmp_path, music_of=tmp_path / "songs.csv", **options)
     stored = dancedata.evaluate({clip.id: dancedata.decode(clip.read("edge151"), "edge151")}, like=store, bootstrap=0)
     assert named["bas"] == stored["bas"] is not None
-    nameless = dancedata.evaluate(tmp_path, **options)
-    assert nameless["bas"] is None
-    assert any("no beats of music" in warning for warning in nameless.warnings)
+    # Of nothing that the dataset has there is no music: an error, unless no metric takes it.
+    with raises_message(DataError, "named") as error:
+        dancedata.evaluate(tmp_path, **options)
+    assert error.value.reason == "nothing_matched"
+    assert dancedata.evaluate(tmp_path, metrics=["pfc"], **options)["pfc"] is not None
+    # Of some a warning comes first, with their number.
+    np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("edge151")[:150])
+    some = dancedata.evaluate(tmp_path, **options)
+    assert some.warnings[0].startswith("1 of 2 files have no clip, window or song")
+    assert "sample" in some.warnings[0]
 
 
 def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_studies_without_music_or_clips_in_common(demo: Path, systems: tuple[Pat
     (tmp_path / "other").mkdir()
     np.savez(tmp_path / "other" / "nobody.npz", joints=np.zeros((60, 24, 3)), fps=30)
     apart = StudyRequest({"a": ViewRequest(systems[0]), "b": ViewRequest(tmp_path / "other")}, songs=1)
-    with raises_message(UsageError, "systems"):
+    with raises_message(DataError, "systems"):
         write_study(apart, tmp_path / "b.html")
     short = request(demo, systems, seconds=1.0)
     with raises_message(UsageError, "trials"):

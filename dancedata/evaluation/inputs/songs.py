@@ -121,6 +121,12 @@ def read_songs(path: Path) -> dict[str, Song]:
     return songs
 
 
+def clip_of(name: str) -> str:
+    """Return the clip of the window that an id names; "" for what is no window."""
+    window = _WINDOW.fullmatch(name)
+    return "" if window is None else window[1]
+
+
 def window_begin(name: str, like: Store | None) -> Fraction | None:
     """Return the second of its song at the first frame of the window that an id names; 0 for what is no window.
 
