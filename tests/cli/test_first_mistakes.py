@@ -36,9 +36,6 @@ def larger(tmp_path: Path) -> Path:
 ALL = ("--set", "dataset.aist++.split=all")
 
 
-# Missing music
-
-
 def test_a_build_without_music_names_the_folders_and_the_fix(larger: Path, out: Path):
     shutil.rmtree(larger / "wavs")
     output = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
@@ -191,9 +188,6 @@ def _recipe(folder: Path, dataset: str) -> Path:
     return path
 
 
-# A plan of nothing
-
-
 @pytest.mark.parametrize("broken", ["no music", "every clip broken", "too short", "short music"])
 def test_a_plan_of_nothing_ends_with_1_and_a_builds_words(larger: Path, out: Path, broken: str):
     longer: tuple[str, ...] = ()
@@ -234,9 +228,6 @@ def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path
     assert "would leave out: missing_label" not in run("plan", "finedance", "--source", source, *optional).stdout
 
 
-# Names
-
-
 @pytest.mark.parametrize(
     ("args", "suggested"),
     [
@@ -256,9 +247,6 @@ def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path
 def test_suggested_names(args: str, suggested: str, tmp_path: Path, monkeypatch: Any):
     monkeypatch.chdir(tmp_path)
     assert f"id you mean '{suggested}'?" in run(*args.split(), code=2).stderr
-
-
-# The closing summary
 
 
 def test_the_closing_summary_is_short_and_names_the_next_steps(larger: Path, out: Path):
@@ -312,9 +300,6 @@ def test_flags_are_summed_up_by_kind(built_copy: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(Store, "quality", flags)
     output = describe_built(built_copy)
     assert "  flagged, not repaired: fast_turn in 1 clip, root_jump in 2 clips\n" in output
-
-
-# Features of the user's own songs
 
 
 def about_of(folder: Path) -> dict[str, Any]:

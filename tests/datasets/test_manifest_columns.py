@@ -14,8 +14,10 @@ from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.motorica.motion import write_recording
+from dancedata.store import Store, verify_store
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from tests.commands import as_json, run
+from tests.datasets.scans import notes
 from tests.messages import raises_message
 
 N = 240
@@ -52,8 +54,10 @@ def scan(source: Path, text: str, name: str = "manifest.csv", **keys: Any) -> Sc
     return Folder(**{"unit": "m", "up": "y", "fps": RATE, "music": "optional", **keys}).scan(source)
 
 
-def notes(scanned: Scan) -> str:
-    return "\n".join(scanned.notes)
+def built_in(folder: Path, source: Path) -> Store:
+    recipe = {**HEAD, "dataset": {"folder": {"unit": "m", "up": "y", "fps": 30, "music": "optional"}}}
+    options: dict[str, Any] = {"cache": folder / "cache", "jobs": 1, "progress": False, "overwrite": True}
+    return dancedata.build(recipe, source, folder / "out", **options).open()
 
 
 def test_parts_are_whole_frames_and_the_music_follows(source: Path) -> None:
@@ -102,10 +106,7 @@ def test_another_part_is_other_motion(source: Path, tmp_path: Path) -> None:
     """With one cache: the cache key of a clip has its part."""
     for end, n in ((4, 120), (5, 150)):
         (source / "manifest.csv").write_text(f"id,motion,start_s,end_s\nc,a.npz,,{end}\n", encoding="utf-8")
-        recipe = {**HEAD, "dataset": {"folder": {"unit": "m", "up": "y", "fps": 30, "music": "optional"}}}
-        options: dict[str, Any] = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}
-        dancedata.build(recipe, source, tmp_path / f"{end}", **options)
-        with dancedata.open(tmp_path / f"{end}") as store:
+        with built_in(tmp_path, source) as store:
             assert [clip.n_frames for clip in store.clips] == [n]
 
 
@@ -204,10 +205,7 @@ def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
     for number in (7, 8):
         found = scan(source, f"{head}a,a.npz,waltz,{number}\nb,a.npz,waltz,\nc,a.npz,tango,0\nd,a.npz,,\n")
         assert found.genre_ids == {"waltz": number, "tango": 0}
-        recipe = {**HEAD, "dataset": {"folder": {"unit": "m", "up": "y", "fps": 30, "music": "optional"}}}
-        options: dict[str, Any] = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}
-        dancedata.build(recipe, source, tmp_path / f"{number}", **options)
-        with dancedata.open(tmp_path / f"{number}") as store:
+        with built_in(tmp_path, source) as store:
             assert store.meta["genre_ids"] == found.genre_ids
             shas.append(store.meta["source_sha256"])
     assert shas[0] != shas[1], "another number is another dataset"
@@ -243,8 +241,6 @@ def built(files: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_parts_and_columns_of_a_dataset(built: Path, files: Path) -> None:
-    from dancedata.store import verify_store
-
     assert [p for p in verify_store(built) if p.severity == "error" and "song" not in str(p)] == []
     with dancedata.open(built) as store:
         one, copy, two = (store.clip(name) for name in ("one", "one__mirror", "two"))

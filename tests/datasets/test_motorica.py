@@ -165,17 +165,6 @@ def test_two_takes(tmp_path: Path) -> None:
         np.testing.assert_array_equal(motion.rotations, whole.rotations[begin:360:4])
 
 
-def test_another_trim_is_other_motion(tmp_path: Path) -> None:
-    """The same clip, file and cache."""
-    write_example(tmp_path / "source", ((JAZZ, "mJB2", 0.0),), dance_s=6, pose_s=1)
-    for trim, n_frames in ((0, 240), (1, 180)):
-        overrides = [f"dataset.motorica.trim_s={trim}", "audio={}"]
-        options = {"overrides": overrides, "cache": tmp_path / "cache", "jobs": 1, "progress": False}
-        dancedata.build("motorica", tmp_path / "source", tmp_path / f"{trim}", **options)
-        with dancedata.open(tmp_path / f"{trim}") as store:
-            assert [clip.n_frames for clip in store.clips] == [n_frames]
-
-
 def test_numbers_of_genres_are_ldas() -> None:
     assert list(Motorica().genre_ids.items()) == [
         ("casual", 0), ("charleston", 1), ("jazz", 2), ("krump", 3), ("hiphop", 4), ("locking", 5), ("popping", 6),

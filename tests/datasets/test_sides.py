@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
@@ -18,6 +17,7 @@ from dancedata.datasets.folder.load import Reading
 from dancedata.datasets.folder.reader import describe
 from dancedata.formats.bvh.write import motion_bvh
 from dancedata.synthetic import synthesise_motion
+from tests.datasets.test_up_axis import smpl, turned
 from tests.messages import raises_message
 
 SIDE = {"Left": "Right", "Right": "Left", "L": "R", "R": "L"}
@@ -113,7 +113,7 @@ def test_a_wrong_up_axis_of_a_bvh(bvh: Path, up: Any) -> None:
 def test_a_wrong_up_axis_of_arrays(tmp_path: Path, up: Any) -> None:
     motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
     path = tmp_path / "a.npz"
-    np.savez(path, poses=motion.rotations.reshape(-1, 72), trans=motion.translation)
+    smpl(path, motion)
     assert np.allclose(load(path, fps=60, up="y").translation, motion.translation)
     with raises_message(DataError, "stand", where="a.npz", reason="bad_declaration"):
         load(path, fps=60, up=up)
@@ -124,11 +124,7 @@ def test_a_body_along_an_axis_that_cannot_be_declared(tmp_path: Path) -> None:
     """No declaration of up makes it stand, so none is wrong: a flag, but the clip is read."""
     motion, path = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0], tmp_path / "a.npz"
     for axis, angle in (("x", -90), ("z", 90), ("z", -90)):
-        world = Rotation.from_euler(axis, angle, degrees=True)
-        rotations, root = np.array(motion.rotations), motion.skeleton.offsets[0]
-        rotations[:, 0] = (world * Rotation.from_rotvec(rotations[:, 0])).as_rotvec()
-        translation = world.apply(root + motion.translation) - root
-        np.savez(path, poses=rotations.reshape(-1, 72), trans=translation)
+        smpl(path, turned(motion, axis, angle))
         assert "implausible_up" in [flag.kind for flag in implausible_flags(load(path, fps=60, up="y"))]
 
 

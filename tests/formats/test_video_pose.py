@@ -310,12 +310,9 @@ def test_a_dataset_of_people(tmp_path: Path) -> None:
     for name in ("wham", "phalp", "gvhmr", "bad"):
         (source / "music" / f"{name}.wav").write_bytes(wav_bytes(noise, 16_000))
     recipe = {
-        "recipe": 1,
-        "name": "video",
-        "dataset": {"folder": {"fps": 30, "people": "split"}},
-        "motion": {"edge151": {}},
-    }
-    recipe |= {"windows": {"length_s": 2, "stride_s": 1}}
+        "recipe": 1, "name": "video", "dataset": {"folder": {"fps": 30, "people": "split"}},
+        "motion": {"edge151": {}}, "windows": {"length_s": 2, "stride_s": 1},
+    }  # fmt: skip
     build(parse_recipe(recipe), source, tmp_path / "out", cache=tmp_path / "cache")
     with dancedata.open(tmp_path / "out") as ds:
         assert [c.id for c in ds.clips] == ["gvhmr", "phalp-person2", "wham-person0", "wham-person1"]

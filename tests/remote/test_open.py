@@ -52,16 +52,8 @@ def test_readers_and_workers(server: Server, published: Path, context: str) -> N
     address = f"{server.url}/store"
     remote, local = (WindowDataset(where, "train", normalize=False) for where in (address, published))
     assert len(remote) == len(local)
-    loaders = [
-        torch.utils.data.DataLoader(
-            d,
-            batch_size=4,
-            num_workers=2 if d is remote else 0,
-            multiprocessing_context=context if d is remote else None,
-        )
-        for d in (remote, local)
-    ]
-    for a, b in zip(*loaders, strict=True):
+    loader = torch.utils.data.DataLoader(remote, batch_size=4, num_workers=2, multiprocessing_context=context)
+    for a, b in zip(loader, torch.utils.data.DataLoader(local, batch_size=4), strict=True):
         assert torch.equal(a["pose"], b["pose"])
     assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}  # workers fetch once
 

@@ -162,9 +162,6 @@ def test_branches_and_folders(uploads: UploadHub, published: Path) -> None:
         assert remote.meta["self_sha256"] == local.meta["self_sha256"]
 
 
-# Terms
-
-
 def of_dataset(random_store: Callable[..., Any], out: Path, name: str, *, music: bool = True, **writer: Any) -> Path:
     pose = Field("pose", "motion", random_columns(7), Fraction(30))
     sound = Field("music", "audio", random_columns(5, mirror=False), Fraction(30))
@@ -214,9 +211,6 @@ def test_terms_of_clips(
         assert list(map(str, restrictions(store))) == expected
 
 
-# Secrets
-
-
 def test_no_token_and_no_signature_anywhere(
     uploads: UploadHub, published: Path, caplog: pytest.LogCaptureFixture, tmp_path: Path, own_cache: Path
 ) -> None:
@@ -255,9 +249,6 @@ def test_without_a_token(
     with raises_message(UsageError, "HF_TOKEN", where="hf://datasets/org/name@main"):
         push(published)
     assert not uploads.log
-
-
-# Servers that fail and lie
 
 
 @pytest.mark.parametrize(
@@ -347,9 +338,6 @@ def test_a_hub_that_does_not_answer(uploads: UploadHub, published: Path, monkeyp
     gone.set()
 
 
-# Arguments
-
-
 @pytest.mark.parametrize(
     ("to", "options"),
     [
@@ -420,11 +408,7 @@ def test_a_dataset_that_is_replaced_during_the_upload(
 
 
 def test_a_dataset_that_is_replaced_before_the_upload(
-    uploads: UploadHub,
-    published: Path,
-    random_store: Callable[..., Any],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    uploads: UploadHub, published: Path, random_store: Callable[..., Any], tmp_path: Path, monkeypatch: Any
 ) -> None:
     other, store = random_store(tmp_path / "other", seed=3).path, tmp_path / "store"
     shutil.copytree(published, store)

@@ -167,9 +167,6 @@ def test_files_beside(uploads: UploadHub, fine: Path, fine_source: Path, tmp_pat
         dancedata.push(fine, WHERE, recipe_only=True, beside=[tmp_path / "nothing.csv"], progress=False)
 
 
-# Nothing is executed
-
-
 class edited:  # noqa: N801 (a context)
     """publication.json of a folder, to change; its hashes are made right again."""
 
@@ -240,9 +237,6 @@ def test_local_plugins(
     assert not [name for name in sys.modules if "loudness" in name and name in plugin_files._files]
     dancedata.load_plugins(here)  # the user's own step
     assert rebuild(WHERE, corpus, out, cache).rebuilt
-
-
-# Publications that lie
 
 
 @pytest.mark.parametrize(

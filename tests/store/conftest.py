@@ -27,6 +27,14 @@ def make_store(tmp_path: Path, random_store: MakeStore) -> MakeStore:
     return make
 
 
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """An empty folder."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
 def mixed_fields() -> tuple[Field, ...]:
     """Return two motion fields, one of them at 60 a second, and two audio fields, one of them float16."""
     return (

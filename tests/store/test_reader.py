@@ -168,7 +168,7 @@ def test_other_windows_at_read_time(make_store: Any) -> None:
     assert len(store.windows("train", stride_frames=1)) > len(store.windows("train"))
 
 
-def test_other_windows_end_with_the_music(tmp_path: Path, make_store: Any) -> None:
+def test_other_windows_end_with_the_music(out: Path, make_store: Any) -> None:
     made = make_store()
     from dancedata.store import AudioBlock, StoredClip, write_store
 
@@ -180,8 +180,6 @@ def test_other_windows_end_with_the_music(tmp_path: Path, make_store: Any) -> No
             "layer": (AudioBlock("l", np.zeros((200, 3))),),
         },
     )  # fmt: skip
-    out = tmp_path / "out"
-    out.mkdir()
     write_store(out, made.header, [clip])
     store = open_store(out)
     assert [w.start for w in store.windows("train", stride_frames=10)] == [0, 10, 20, 30]

@@ -137,7 +137,7 @@ def test_window_scope_shares_equal_blocks(make_store: Any) -> None:
     assert shard.layout("fast").n_rows == 3 * n_windows * 60
 
 
-def test_song_of_two_splits_is_in_each(tmp_path: Path, make_store: Any) -> None:
+def test_song_of_two_splits_is_in_each(out: Path, make_store: Any) -> None:
     template = make_store().header
     timeline = np.arange(200, dtype=np.float32).reshape(40, 5)
     layer = np.ones((40, 3), np.float32)
@@ -149,8 +149,6 @@ def test_song_of_two_splits_is_in_each(tmp_path: Path, make_store: Any) -> None:
         )
         for split in ("val", "train")
     ]  # fmt: skip
-    out = tmp_path / "out"
-    out.mkdir()
     write_store(out, template, clips)
     store = open_store(out)
     for split in ("train", "val"):
@@ -169,7 +167,7 @@ def test_clips_without_windows_are_kept(make_store: Any, scope: str) -> None:
     assert verify_store(made.path) == []
 
 
-def test_values_in_lazy_arrays_are_loaded_one_at_a_time(tmp_path: Path, make_store: Any) -> None:
+def test_values_in_lazy_arrays_are_loaded_one_at_a_time(out: Path, make_store: Any) -> None:
     template: StoreHeader = make_store().header
     alive: list[int] = []
     loads: list[int] = []
@@ -202,34 +200,28 @@ def test_values_in_lazy_arrays_are_loaded_one_at_a_time(tmp_path: Path, make_sto
         )
         for i in range(20)
     ]  # fmt: skip
-    out = tmp_path / "out"
-    out.mkdir()
     write_store(out, template, clips)
     assert len(loads) == 20 * 2 + 2
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("name", ["pose", "music"])
-def test_values_that_are_not_finite_are_refused(tmp_path: Path, make_store: Any, value: float, name: str) -> None:
+def test_values_that_are_not_finite_are_refused(out: Path, make_store: Any, value: float, name: str) -> None:
     made = make_store(clips={"train": 2}, clips_per_song=1)
     clip = made.clips[1]
     array = np.asarray(clip.motion["pose"] if name == "pose" else clip.audio["music"][0].array)
     array[17, 1] = value
-    out = tmp_path / "out"
-    out.mkdir()
     with raises_message(StoreError, "repair"):
         write_store(out, made.header, made.clips)
     assert not any(out.iterdir())
 
 
-def test_values_beyond_float16_are_refused(tmp_path: Path, make_store: Any) -> None:
+def test_values_beyond_float16_are_refused(out: Path, make_store: Any) -> None:
     made = make_store(clips={"train": 2}, clips_per_song=1)
     audio = dict(made.clips[0].audio)
     too_large = np.zeros(audio["layer"][0].array.shape, np.float32)
     too_large[3, 2] = -70000
     audio["layer"] = (AudioBlock("large", too_large),)
     clip = StoredClip(**{**vars(made.clips[0]), "audio": audio})
-    out = tmp_path / "out"
-    out.mkdir()
     with raises_message(StoreError, "float16"):
         write_store(out, made.header, [clip])

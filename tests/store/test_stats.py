@@ -56,27 +56,24 @@ def test_stats_do_not_depend_on_shards(make_store: Any, scope: str) -> None:
     assert len(texts) == 1
 
 
-def test_small_deviations_far_from_0_are_exact(tmp_path: Path, make_store: Any) -> None:
+def test_small_deviations_far_from_0_are_exact(out: Path, make_store: Any) -> None:
     made = make_store(clips={"train": 9})
     for number, clip in enumerate(made.clips):
         pose = np.asarray(clip.motion["pose"])
         pose[:] = 30_000 + number + np.random.default_rng(number).standard_normal(pose.shape) / 64
-    (tmp_path / "out").mkdir()
-    write_store(tmp_path / "out", made.header, made.clips)
-    found, rows = open_store(tmp_path / "out").stats["fields"]["pose"], covered(made, "pose")
+    write_store(out, made.header, made.clips)
+    found, rows = open_store(out).stats["fields"]["pose"], covered(made, "pose")
     np.testing.assert_allclose(found["mean"], rows.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(found["std"], rows.std(axis=0), rtol=1e-12)
 
 
-def test_column_without_range_is_scaled_as_edge_does(tmp_path: Path, make_store: Any) -> None:
+def test_column_without_range_is_scaled_as_edge_does(out: Path, make_store: Any) -> None:
     made = make_store()
     for clip in made.clips:
         np.asarray(clip.motion["pose"])[:, 2] = np.float32(0.1)
         np.asarray(clip.motion["pose"])[::2, 3] = -0.0
         np.asarray(clip.motion["pose"])[1::2, 3] = 0.0
         np.asarray(clip.motion["pose"])[:, 4] = -0.0
-    out = tmp_path / "out"
-    out.mkdir()
     write_store(out, made.header, made.clips)
     stats = json.loads((out / "stats.json").read_text())["fields"]["pose"]
     assert stats["scaler"]["scale"][2] == 2.0

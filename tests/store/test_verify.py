@@ -234,14 +234,20 @@ def test_the_last_row_of_a_field_is_the_last_of_a_window(make_store: Any) -> Non
     assert "/windows/rows/music" in errors_after(made.path, "windows/rows/music", 3, rows - 29)
 
 
-def test_codes_are_those_of_their_codebook(make_store: Any, tmp_path: Path) -> None:
+CODES = Field(
+    "codes", "motion", Columns((Group("code", 2, "1"),), None), Fraction(30), "int16", Codebook("body", (4, 7))
+)
+
+
+def write_codes(make_store: Any, out: Path, field: Field) -> None:
     made = make_store(clips={"train": 2}, n_frames=(60, 60), length=30, stride=20)
-    columns = Columns((Group("code", 2, "1"),), None)
-    field = Field("codes", "motion", columns, Fraction(30), "int16", Codebook("body", (4, 7)))
     rows = np.array([[0, 0], [3, 6], [-1, -1]] * 20, dtype=np.int16)
     clips = [dataclasses.replace(clip, motion={"codes": rows}, audio={}) for clip in made.clips]
-    (out := tmp_path / "codes").mkdir()
     write_store(out, dataclasses.replace(made.header, fields=(field,)), clips)
+
+
+def test_codes_are_those_of_their_codebook(make_store: Any, out: Path) -> None:
+    write_codes(make_store, out, CODES)
     assert verify_store(out) == []
     for row, column, value in ((60, 0, 4), (61, 1, 7), (119, 1, -2)):
         edit(out, "motion/codes", (row, column), value)
@@ -256,22 +262,15 @@ BAD_BOOKS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("case", BAD_BOOKS)
-def test_codebooks_that_do_not_fit(make_store: Any, tmp_path: Path, case: str) -> None:
+def test_codebooks_that_do_not_fit(make_store: Any, out: Path, case: str) -> None:
     """Neither written nor read: a reader would fill rows up with a pad that the type cannot hold."""
-    made = make_store(clips={"train": 1}, n_frames=(60, 60), length=30, stride=20)
-    columns = Columns((Group("code", 2, "1"),), None)
-    good = Codebook("body", (4, 7))
-    field = Field("codes", "motion", columns, Fraction(30), "int16", good)
-    rows = np.zeros((60, 2), np.int16)
-    clips = [dataclasses.replace(clip, motion={"codes": rows}, audio={}) for clip in made.clips]
-    entry = {**field.to_json(), "codebook": {**good.to_json(), **BAD_BOOKS[case]}}
+    good = CODES.codebook
+    assert good is not None
     with pytest.raises(ValueError, match="codebook: "):
-        Field.from_json(entry)
+        Field.from_json({**CODES.to_json(), "codebook": {**good.to_json(), **BAD_BOOKS[case]}})
     changes = {key: tuple(v) if isinstance(v, list) else v for key, v in BAD_BOOKS[case].items()}
-    bad = dataclasses.replace(field, codebook=dataclasses.replace(good, **changes))
-    (out := tmp_path / "codes").mkdir()
     with raises_message(StoreError, "codebook"):
-        write_store(out, dataclasses.replace(made.header, fields=(bad,)), clips)
+        write_codes(make_store, out, dataclasses.replace(CODES, codebook=dataclasses.replace(good, **changes)))
 
 
 @pytest.mark.parametrize("dataset", ["clips/lists/list", "clips/lists/offset"])
@@ -363,13 +362,11 @@ def test_songs_that_splits_share(make_store: Any, tmp_path: Path) -> None:
     assert build("d", train="", val="", test="") == []
 
 
-def test_copy_of_a_clip_of_another_split(make_store: Any, tmp_path: Path) -> None:
+def test_copy_of_a_clip_of_another_split(make_store: Any, out: Path) -> None:
     made = make_store()
     copy = dataclasses.replace(made.clips[0], id="test_c00__mirror", source="test_c00")
-    write_store_to = tmp_path / "out"
-    write_store_to.mkdir()
-    write_store(write_store_to, made.header, [copy, *made.clips[1:]])
-    assert "is a copy of test_c00 of test" in only_error(write_store_to)
+    write_store(out, made.header, [copy, *made.clips[1:]])
+    assert "is a copy of test_c00 of test" in only_error(out)
 
 
 def test_files_that_belong_to_nothing(make_store: Any) -> None:
@@ -405,12 +402,11 @@ def test_a_tempo_that_is_infinite_is_unknown(make_store: Any) -> None:
         assert next(iter(store.clips)).tempo_bpm is None
 
 
-def test_what_official_splits_share_is_a_counted_note(make_store: Any, tmp_path: Path) -> None:
+def test_what_official_splits_share_is_a_counted_note(make_store: Any, out: Path) -> None:
     made = make_store()
     clips = [dataclasses.replace(c, music="mBR0") for c in made.clips]
     header = dataclasses.replace(made.header, meta={**made.header.meta, "split_rule": "official"})
-    (tmp_path / "out").mkdir()
-    write_store(tmp_path / "out", header, clips)
-    problems = verify_store(tmp_path / "out")
+    write_store(out, header, clips)
+    problems = verify_store(out)
     assert {p.severity for p in problems} == {"note"}
     assert any("the official train and test share 1 song: mBR0" in p.message for p in problems)

@@ -19,14 +19,6 @@ from dancedata.testing.stores import RandomStore
 from tests.messages import raises_message
 
 
-@pytest.fixture
-def out(tmp_path: Path) -> Path:
-    """An empty folder."""
-    folder = tmp_path / "out"
-    folder.mkdir()
-    return folder
-
-
 def audio_of(clip: StoredClip, **change: Any) -> dict[str, Any]:
     [block] = clip.audio["music"]
     return {"audio": {**clip.audio, "music": (dataclasses.replace(block, **change),)}}
