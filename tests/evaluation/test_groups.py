@@ -38,12 +38,7 @@ def motions() -> dict[str, list[Motion]]:
     groups = {}
     for name, dancers in {"duet": (4, 5), "pair": (6, 7), "trio": (4, 6, 8)}.items():
         groups[name] = [
-            Motion(
-                m.translation[::2] + np.array([1.5 * k, 0, 0]),
-                m.rotations[::2],
-                FrameGrid.of(FPS),
-                m.skeleton,
-            )
+            Motion(m.translation[::2] + np.array([1.5 * k, 0, 0]), m.rotations[::2], FrameGrid.of(FPS), m.skeleton)
             for k, dancer in enumerate(dancers)
             for m in [synthesise_motion(f"gBR_sBM_cAll_d0{dancer}_mBR0_ch01", n_frames=360)[0]]
         ]

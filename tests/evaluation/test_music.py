@@ -176,10 +176,7 @@ def test_songs_may_be_given_with_suffix_in_memory(store: Store, motions: Mapping
     assert dancedata.evaluate(renamed, like=store, metrics=["bas"], music_of=songs, bootstrap=0)["bas"] is not None
 
 
-@pytest.mark.parametrize(
-    "lines",
-    ["x,a\nx,b\n", "x, \n"],
-)
+@pytest.mark.parametrize("lines", ["x,a\nx,b\n", "x, \n"])
 def test_lists_of_songs_that_contradict_themselves(lines: str, tmp_path: Path) -> None:
     (tmp_path / "songs.csv").write_text(lines, encoding="utf-8")
     with raises_message(UsageError, "delete|song"):

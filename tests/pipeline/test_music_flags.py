@@ -43,10 +43,7 @@ def test_songs_without_sound_are_flagged_and_counted(source: Path, tmp_path: Pat
         (reject,) = store.rejects
     assert (reject["clip"], reject["reason"], reject["file"]) == ("broken", "broken_audio", "broken.wav")
     assert "silent music: 2 clips" in built.summary
-    for problems in (
-        dancedata.check(tmp_path / "out"),
-        dancedata.check(source, recipe=RECIPE, progress=False),
-    ):
+    for problems in (dancedata.check(tmp_path / "out"), dancedata.check(source, recipe=RECIPE, progress=False)):
         found = {(p.severity, p.where) for p in problems if p.message.startswith("silent_music")}
         assert found == {("note", "muted"), ("note", "constant")}
 

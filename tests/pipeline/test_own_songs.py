@@ -101,10 +101,7 @@ def test_weights_go_to_a_field_by_name(tmp_path: Path) -> None:
 
 def test_a_dataset_names_its_weights(tmp_path: Path) -> None:
     about = {"model": "m-a-p/MERT-v1-95M", "revision": "c" * 40, "sha256": SHA, "licence": "cc-by-nc-4.0"}
-    meta = {
-        "encoders": {"edge151": about},
-        "recipe": {"audio": {"librosa35": {"weights_sha256": SHA, "layer": 66}}},
-    }
+    meta = {"encoders": {"edge151": about}, "recipe": {"audio": {"librosa35": {"weights_sha256": SHA, "layer": 66}}}}
     path = write_random_store(tmp_path / "store", meta=meta).path
     wanted = f"m-a-p/MERT-v1-95M, revision {'c' * 40}, sha256 {SHA}, licence: cc-by-nc-4.0"
     assert store_json(path)["weights"] == {"edge151": wanted, "librosa35": f"sha256 {SHA}"}

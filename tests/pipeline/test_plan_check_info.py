@@ -69,12 +69,7 @@ def test_a_plan_gives_the_reasons_that_a_build_gives(source: Path, out: Path, sc
     assert (
         plan["left_out"]
         == built["rejects"]
-        == {
-            "broken_audio": 1,
-            "broken_file": 1,
-            "short_audio": 2,
-            "too_short": 1,
-        }
+        == {"broken_audio": 1, "broken_file": 1, "short_audio": 2, "too_short": 1}
     )
 
 

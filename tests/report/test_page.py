@@ -249,10 +249,7 @@ def test_clips_beyond_twelve_are_files_next_to_the_page(relabelled, tmp_path: Pa
         write_report(path, page_path, overwrite=True)
 
 
-@pytest.mark.parametrize(
-    "to",
-    ["inside/demo.html", "nowhere/x.html", "."],
-)
+@pytest.mark.parametrize("to", ["inside/demo.html", "nowhere/x.html", "."])
 def test_where_a_report_is_not_written(demo: Path, tmp_path: Path, monkeypatch, to: str) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "inside").symlink_to(demo)

@@ -15,11 +15,7 @@ from dancedata.viewer.view import ViewRequest, serve
 FPS, SECONDS, RATE = 30, 6, 44_100
 CLICKS = np.arange(0.25, SECONDS, 0.5)
 #: Names of clips: those of files, as hostile as a file system allows.
-HOSTILE = (
-    "a\"b'c&d=e#f%41+g ?h",
-    "<script>window.PWN=1<",
-    "<img src=x onerror=window.PWN=1>",
-)
+HOSTILE = ("a\"b'c&d=e#f%41+g ?h", "<script>window.PWN=1<", "<img src=x onerror=window.PWN=1>")
 #: A name that no file can have: readers of folders escape unprintable characters.
 TURNED = "left\u202eright\u2028end"
 FORMATS = ("wav", "flac", "ogg", "mp3")
