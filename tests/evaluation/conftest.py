@@ -11,14 +11,10 @@ from dancedata.store import Store
 from tests.features import bailando438_rows
 
 RECIPE = {
-    "recipe": 1,
-    "name": "small",
-    "dataset": {"synthetic": {"songs": 4, "clips_per_song": 2, "clip_s": 6}},
-    "fps": 30,
-    "windows": {"length_s": 5, "stride_s": 0.5},
-    "motion": {"edge151": {}, "joints": {}, "lodge139": {}},
+    "recipe": 1, "name": "small", "dataset": {"synthetic": {"songs": 4, "clips_per_song": 2, "clip_s": 6}}, "fps": 30,
+    "windows": {"length_s": 5, "stride_s": 0.5}, "motion": {"edge151": {}, "joints": {}, "lodge139": {}},
     "audio": {"librosa35": {}},
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="session")

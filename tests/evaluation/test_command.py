@@ -106,22 +106,10 @@ def test_beats_of_windows_are_computed_each_by_itself(store: Store, folder: Path
     assert any("no beats of music" in warning for warning in without["warnings"])
     assert without["scores"]["pfc"]["n"] > 0
     wavs = folder / "small-source" / "wavs"
-    found = json.loads(
-        run(
-            store.path,
-            "--protocol",
-            "dgsdp",
-            "--split",
-            "test",
-            "--source",
-            wavs,
-            "--jobs",
-            1,
-            "--bootstrap",
-            0,
-            "--json",
-        )
-    )
+    found = json.loads(run(
+        store.path, "--protocol", "dgsdp", "--split", "test", "--source", wavs, "--jobs", 1, "--bootstrap", 0,
+        "--json",
+    ))  # fmt: skip
     assert found["scores"]["bas"]["n"] == found["pieces"]
 
 

@@ -190,13 +190,10 @@ def test_features(golden: Golden, case: tuple[Any, ...]) -> None:
 
 #: Protocol and the golden set's name for its statistics, of the features that it takes.
 STATISTICS_OF = {
-    "bailando-aistpp": ("bailando", "numpy"),
-    "fact-aistpp": ("fact", "numpy"),
-    "motius-aistpp": ("motius", "numpy"),
-    "megadance-finedance": ("megadance", "torch"),
-    "flowerdance-code": ("flowerdance_normalise", "flowerdance"),
+    "bailando-aistpp": ("bailando", "numpy"), "fact-aistpp": ("fact", "numpy"), "motius-aistpp": ("motius", "numpy"),
+    "megadance-finedance": ("megadance", "torch"), "flowerdance-code": ("flowerdance_normalise", "flowerdance"),
     "lodge-finedance": ("lodge", "numpy"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", sorted(STATISTICS_OF))

@@ -153,16 +153,10 @@ def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> 
     assert other.tempo_bpm is None
 
 
-@pytest.mark.parametrize(
-    ("text", "name"),
-    [
-        ("mBR0", "mBR0"),
-        ("mBR0.wav", "mBR0"),
-        (" music/mBR0.MP3 ", "music/mBR0"),
-        ("Mr. Brown", "Mr. Brown"),
-        ("a.v2.ogg", "a.v2"),
-    ],
-)
+@pytest.mark.parametrize(("text", "name"), [
+    ("mBR0", "mBR0"), ("mBR0.wav", "mBR0"), (" music/mBR0.MP3 ", "music/mBR0"), ("Mr. Brown", "Mr. Brown"),
+    ("a.v2.ogg", "a.v2"),
+])  # fmt: skip
 def test_only_the_suffix_of_a_music_file_is_left_out_of_a_songs_name(text: str, name: str, tmp_path: Path) -> None:
     assert song_name(text) == name
     (tmp_path / "songs.csv").write_text(f'clip,song\nx,"{text}"\n', encoding="utf-8")
@@ -183,18 +177,11 @@ def test_lists_of_songs_that_contradict_themselves(lines: str, tmp_path: Path) -
         read_songs(tmp_path / "songs.csv")
 
 
-@pytest.mark.parametrize(
-    ("written", "name"),
-    [
-        ("session2/take1.wav", "session2/take1"),
-        ("session2\\take1.mp3", "session2/take1"),
-        ("/data/songs/session1/take1.wav", "session1/take1"),
-        ("session1/take1", "session1/take1"),
-        ("music/mBR0.wav", "mBR0"),
-        ("mBR0", "mBR0"),
-        ("elsewhere/take1.wav", "take1"),
-    ],
-)
+@pytest.mark.parametrize(("written", "name"), [
+    ("session2/take1.wav", "session2/take1"), ("session2\\take1.mp3", "session2/take1"),
+    ("/data/songs/session1/take1.wav", "session1/take1"), ("session1/take1", "session1/take1"),
+    ("music/mBR0.wav", "mBR0"), ("mBR0", "mBR0"), ("elsewhere/take1.wav", "take1"),
+])  # fmt: skip
 def test_songs_that_share_a_name_are_named_by_their_folders(tmp_path: Path, written: str, name: str) -> None:
     known = ("session1/take1", "session2/take1", "mBR0")
     (tmp_path / "songs.csv").write_text(f"a,{written},1.5\r", encoding="utf-8")

@@ -30,10 +30,8 @@ from dancedata.viewer.comparisons import comparison_of, file_format
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {
-    "mirror": {"mirror": 1.0},
-    "yaw": {"augment": ["yaw"]},
-    "root_offset": {"augment": ["root_offset"]},
-}
+    "mirror": {"mirror": 1.0}, "yaw": {"augment": ["yaw"]}, "root_offset": {"augment": ["root_offset"]},
+}  # fmt: skip
 
 
 def joints(rows: Any, store: Store, field: str = FIELD) -> Any:
@@ -266,28 +264,11 @@ def test_the_commands(store: Store, tmp_path: Path) -> None:
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
     decode = (
-        "decode",
-        tmp_path / "made" / "x.npy",
-        "--as",
-        FIELD,
-        "--to",
-        "npz",
-        "--like",
-        store.path,
-        "--overwrite",
-    )
+        "decode", tmp_path / "made" / "x.npy", "--as", FIELD, "--to", "npz", "--like", store.path, "--overwrite",
+    )  # fmt: skip
     evaluate = (
-        "evaluate",
-        tmp_path / "made",
-        "--like",
-        store.path,
-        "--field",
-        FIELD,
-        "--metric",
-        "pfc",
-        "--bootstrap",
-        0,
-    )
+        "evaluate", tmp_path / "made", "--like", store.path, "--field", FIELD, "--metric", "pfc", "--bootstrap", 0,
+    )  # fmt: skip
     view_ = ("view", store.path, "--compare", tmp_path / "made", "--compare-as", FIELD, "--no-browser")
     for command in (decode, evaluate, view_):
         out = ("--out", tmp_path / "out") if command is decode else ()

@@ -184,22 +184,16 @@ def _beats() -> Any:
     return MusicBeats.of([10, 70, 130, 190, 250], FrameGrid.of(30))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"protocol": "bailando"}, "unknown protocol 'bailando'.*Did you mean 'bailando-aistpp'"),
-        ({"role": "ground truth"}, "unknown role"),
-        ({"normalized": True}, "normalised columns need the scaler"),
-        ({"scaler": "scaler.json"}, "a scaler is of columns"),
-        ({"split": "test"}, "only a dataset has splits"),
-        ({"bootstrap": -1}, "invalid number of bootstrap draws"),
-        ({"fps": None}, "the frame rate of the joints is unknown"),
-        ({"music_of": {"nobody": "song"}}, "the list of songs names unknown clips; found nobody"),
-        ({"beats": {"nobody": [1]}}, "beats given for unknown clips; found nobody"),
-        ({"beats": {"d0": [1]}}, "does not state a rate of beats"),
-        ({"up": "x"}, None),
-    ],
-)
+@pytest.mark.parametrize(("options", "message"), [
+    ({"protocol": "bailando"}, "unknown protocol 'bailando'.*Did you mean 'bailando-aistpp'"),
+    ({"role": "ground truth"}, "unknown role"), ({"normalized": True}, "normalised columns need the scaler"),
+    ({"scaler": "scaler.json"}, "a scaler is of columns"), ({"split": "test"}, "only a dataset has splits"),
+    ({"bootstrap": -1}, "invalid number of bootstrap draws"),
+    ({"fps": None}, "the frame rate of the joints is unknown"),
+    ({"music_of": {"nobody": "song"}}, "the list of songs names unknown clips; found nobody"),
+    ({"beats": {"nobody": [1]}}, "beats given for unknown clips; found nobody"),
+    ({"beats": {"d0": [1]}}, "does not state a rate of beats"), ({"up": "x"}, None),
+])  # fmt: skip
 def test_options_that_do_not_go_together(options: dict[str, Any], message: str | None) -> None:
     given = {"fps": 30} | options
     if message is None:

@@ -91,14 +91,10 @@ def test_too_few_clips_say_so() -> None:
     assert report.scores[0].interval is None
 
 
-@pytest.mark.parametrize(
-    ("values", "warning"),
-    [
-        ([1, 1, 1, 1], "no interval: no clip changes the score"),
-        ([0.01, 0.02, 0.01, 900], "1.0 of 4 clips carry the score"),
-        ([1, 2, 3, 2], None),
-    ],
-)
+@pytest.mark.parametrize(("values", "warning"), [
+    ([1, 1, 1, 1], "no interval: no clip changes the score"),
+    ([0.01, 0.02, 0.01, 900], "1.0 of 4 clips carry the score"), ([1, 2, 3, 2], None),
+])  # fmt: skip
 def test_wide_intervals_are_reported(values: list[float], warning: str | None) -> None:
     rows = MetricRows(np.array(values)[:, None], np.arange(4.0), tuple("abcd"), {})
     ((score,), warnings) = scores_of(Pfc(), rows, None, draws=200)
@@ -170,18 +166,8 @@ def _beats(store: Store) -> dancedata.metrics.MusicBeats:
 
 def test_foreign_files_are_not_replaced_by_a_table(store: Store, tmp_path: Path) -> None:
     options = [
-        store.path,
-        "--split",
-        "test",
-        "--metric",
-        "pfc",
-        "--bootstrap",
-        0,
-        "--quiet",
-        "--jobs",
-        1,
-        "--per-clip",
-    ]
+        store.path, "--split", "test", "--metric", "pfc", "--bootstrap", 0, "--quiet", "--jobs", 1, "--per-clip",
+    ]  # fmt: skip
     path = tmp_path / "rows.csv"
     path.write_text("mine", encoding="utf-8")
     assert "refusing to overwrite a file that is not a table of clips" in run(*options, path, code=2)

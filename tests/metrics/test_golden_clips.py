@@ -81,12 +81,9 @@ def _slice_scores(clip: Clip) -> list[float | None]:
 def _physics(joints: np.ndarray) -> dict[str, float]:
     found = physics(joints)
     return {
-        "Jitter": found.jitter,
-        "Dynamic": found.dynamic,
-        "Penet": found.penetration,
-        "Float": found.floating,
+        "Jitter": found.jitter, "Dynamic": found.dynamic, "Penet": found.penetration, "Float": found.floating,
         "Slide": found.sliding,
-    }
+    }  # fmt: skip
 
 
 def _counts(joints: np.ndarray) -> list[int]:
@@ -127,11 +124,9 @@ VALUES: dict[str, tuple[float, Callable[[Clip], Any]]] = {
     "bas_lodge.music_beats_feat": (BAS, lambda c: c.score(LODGE, c.lodge, 30, c.values["music_beats_feat"])),
     "fsr_lodge": (0, lambda c: skating(c.lodge, 30, rule="lodge-code").ratios.tolist()),
     "skating_gmd_20fps": (PFC, lambda c: _gmd(c.joints("smpl24_yup60", 3))),
-    "skating_gmd_asis": (PFC, lambda c: _gmd(c.lodge)),
-    "footskate_duolando30": (0, lambda c: _counts(c.up30)),
-    "physical_motius60": (1e-6, lambda c: _physics(c.up60)),
-    "physical_motius30": (1e-6, lambda c: _physics(c.up30)),
-}
+    "skating_gmd_asis": (PFC, lambda c: _gmd(c.lodge)), "footskate_duolando30": (0, lambda c: _counts(c.up30)),
+    "physical_motius60": (1e-6, lambda c: _physics(c.up60)), "physical_motius30": (1e-6, lambda c: _physics(c.up30)),
+}  # fmt: skip
 #: Inputs, not values.
 INPUTS = {
     "slice_starts30", "music_beats_fact60", "music_beats_fact60_cut", "music_beats_bailando60_cut",

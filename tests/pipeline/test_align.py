@@ -33,11 +33,9 @@ from tests.messages import raises_message
 RATE, SECONDS, FRAME_S = 24_000, 14, 1 / 60
 #: Clip, and milliseconds by which the music of its file is late: the second at frame 0.
 PLANTED = {
-    "gPO_sBM_cAll_d10_mPO4_ch03": 40,
-    "gLO_sBM_cAll_d13_mLO2_ch01": 80,
-    "gHO_sFM_cAll_d19_mHO3_ch01": 0,
+    "gPO_sBM_cAll_d10_mPO4_ch03": 40, "gLO_sBM_cAll_d13_mLO2_ch01": 80, "gHO_sFM_cAll_d19_mHO3_ch01": 0,
     "gKR_sBM_cAll_d28_mKR5_ch03": 200,
-}
+}  # fmt: skip
 #: A dance to a song whose file is another one, at another tempo.
 WRONG = "gWA_sFM_cAll_d26_mWA3_ch01"
 RECIPE: dict[str, Any] = {
@@ -144,17 +142,8 @@ def test_json_has_all_numbers(planted: Path, cache: Path) -> None:
 @pytest.mark.parametrize("kernel", ["Haswell", "Sandybridge"])
 def test_other_kernels_and_workers_find_the_same(planted: Path, tmp_path: Path, cache: Path, kernel: str) -> None:
     command = [
-        sys.executable,
-        "-m",
-        "dancedata",
-        "align",
-        str(planted),
-        "--dataset",
-        "folder",
-        "--json",
-        "--jobs",
-        "2",
-    ]
+        sys.executable, "-m", "dancedata", "align", str(planted), "--dataset", "folder", "--json", "--jobs", "2",
+    ]  # fmt: skip
     environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
     other = subprocess.run(
         [*command, "--cache", str(tmp_path)], env=environment, capture_output=True, check=True, text=True

@@ -8,7 +8,6 @@ import pytest
 import dancedata
 from dancedata.audio.signal import load_audio
 from dancedata.core.errors import DataError, RecipeError, UsageError
-from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
 from dancedata.testing.examples import random_motion, random_signal
 from tests.messages import raises_message
@@ -23,31 +22,12 @@ def test_extract_takes_a_file_or_a_signal(corpus: Path):
     assert np.array_equal(rows, dancedata.extract("librosa35", load_audio(path), start_bpm=120))
 
 
-def test_extract_gives_the_rows_of_a_built_dataset(corpus: Path, built: Path):
-    with dancedata.open(built) as ds:
-        clip = next(c for c in ds.clips if c.music == "mHO3")
-        rows = dancedata.extract("librosa35", corpus / "wavs" / "mHO3.wav", start_bpm=clip.tempo_bpm)
-        stored = ds.clip(clip.id).read("librosa35")
-    assert len(stored) == 180
-    assert np.array_equal(stored, rows[:180])
-
-
 def test_extract_at_another_rate_and_with_parameters():
     signal = random_signal(3, 16_000)
     assert len(dancedata.extract("librosa35", signal, fps=60)) == 2 * len(dancedata.extract("librosa35", signal)) - 1
     assert dancedata.extract("librosa35", signal, start_bpm=120, tightness=50).shape == (91, 35)
     with raises_message(RecipeError, r"audio\.librosa35"):
         dancedata.extract("librosa35", signal, tightness=-1)
-
-
-def test_encode_then_decode_gives_back_the_motion():
-    motion = random_motion(SMPL24, 30)
-    array = dancedata.encode(motion, "edge151")
-    assert array.shape == (30, 151)
-    back = dancedata.decode(array, "edge151", fps=30)
-    assert back.grid == motion.grid
-    assert np.abs(back.translation - motion.translation).max() < 1e-6
-    assert (rotation(back.rotations).inv() * rotation(motion.rotations)).magnitude().max() < 1e-4
 
 
 def test_a_value_without_rotations_is_a_usage_error():

@@ -35,7 +35,6 @@ from dancedata.store.beats import field_beats
 from dancedata.store.songs import alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
 from dancedata.viewer import Scenes
-from dancedata.viewer.source import cut
 from tests.messages import raises_message
 
 RATE, SECONDS = 24_000, 8
@@ -234,12 +233,6 @@ def test_edge_gets_the_sound_of_its_windows(
         [file] = (tmp_path / "edge").rglob(f"train/wavs_sliced/a_slice{window.start // 15}.wav")
         first = int((Fraction(start) + Fraction(window.start, 30)) * RATE)
         np.testing.assert_array_equal(soundfile.read(file, dtype="float32")[0], song[first : first + 5 * RATE])
-
-
-def test_the_viewer_plays_silence_before_the_music() -> None:
-    signal = AudioSignal(np.arange(1, 101, dtype=np.float32), 10)
-    heard = cut(signal, Fraction(-1, 2), Fraction(1)).samples
-    np.testing.assert_array_equal(heard, [0, 0, 0, 0, 0, 1, 2, 3, 4, 5])
 
 
 @pytest.mark.parametrize("start", ["1/2", "51/100", "-3/5", "5"])

@@ -3,7 +3,6 @@
 import os
 import pickle
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,7 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.core.errors import RecipeError, SourceError, StoreError
-from dancedata.recipes.parse import load_recipe
+from dancedata.core.errors import SourceError, StoreError
 from dancedata.store import verify_store
 from tests.messages import raises_message
 
@@ -45,35 +43,24 @@ def tone(seconds: float, channels: int = 1) -> np.ndarray[Any, Any]:
 
 #: Clip -> (what is wrong, reason, the message in addition to the file's name).
 MOTIONS = {
-    name_of(11): ("truncated", "broken_file", "truncated"),
-    name_of(12): ("attack", "unsafe_pickle", "posix.system"),
-    name_of(13): ("nan", "nan", "frame 7"),
-    name_of(14): ("shape", "bad_shape", "(360, 71)"),
-    name_of(15): ("no frames", "empty", "no frames"),
-    name_of(16): ("no scaling", "missing_key", "smpl_scaling"),
+    name_of(11): ("truncated", "broken_file", "truncated"), name_of(12): ("attack", "unsafe_pickle", "posix.system"),
+    name_of(13): ("nan", "nan", "frame 7"), name_of(14): ("shape", "bad_shape", "(360, 71)"),
+    name_of(15): ("no frames", "empty", "no frames"), name_of(16): ("no scaling", "missing_key", "smpl_scaling"),
     name_of(17): ("lengths", "length_mismatch", "360 and 359 frames"),
     name_of(18): ("short", "too_short", "120 frames at 60 per second (2.00 s)"),
     name_of(19): ("no bytes", "broken_file", "EOFError"),
-}
+}  # fmt: skip
 #: Song -> (what is wrong, reason, the message in addition to the file's name).
 SONGS = {
-    "mBR1": ("0 samples", "empty_audio", "0 samples"),
-    "mBR2": ("0 bytes", "broken_audio", "0 bytes"),
-    "mBR3": ("no audio", "broken_audio", "cannot be decoded"),
-    "mBR4": ("nan", "nan", "NaN"),
-    "mBR5": ("short", "short_audio", "shorter than a window: 3.0 s"),
-    "mPO1": ("missing", "missing_music", "mPO1"),
-}
+    "mBR1": ("0 samples", "empty_audio", "0 samples"), "mBR2": ("0 bytes", "broken_audio", "0 bytes"),
+    "mBR3": ("no audio", "broken_audio", "cannot be decoded"), "mBR4": ("nan", "nan", "NaN"),
+    "mBR5": ("short", "short_audio", "shorter than a window: 3.0 s"), "mPO1": ("missing", "missing_music", "mPO1"),
+}  # fmt: skip
 #: Song -> how it is stored. All of these are fine.
 FORMATS = {
-    "mHO0": ("wav", "PCM_U8", 1),
-    "mHO1": ("wav", "FLOAT", 2),
-    "mHO2": ("wav", "PCM_24", 2),
-    "mLH0": ("mp3", None, 2),
-    "mLH1": ("ogg", None, 1),
-    "mLH2": ("flac", None, 2),
-    "mLH3": ("wav", "PCM_16", 2),
-}
+    "mHO0": ("wav", "PCM_U8", 1), "mHO1": ("wav", "FLOAT", 2), "mHO2": ("wav", "PCM_24", 2), "mLH0": ("mp3", None, 2),
+    "mLH1": ("ogg", None, 1), "mLH2": ("flac", None, 2), "mLH3": ("wav", "PCM_16", 2),
+}  # fmt: skip
 
 
 def clip_to(song: str) -> str:
@@ -211,14 +198,11 @@ def test_the_other_clips_are_unharmed(bad: Bad, built: Path):
             assert starts[0] == starts[1] != []
 
 
-def test_no_reject_contains_the_path_of_the_source(bad: Bad):
-    assert str(bad.source.parent) not in (bad.out / "rejects.jsonl").read_text(encoding="utf-8")
-
-
 def test_rejects_are_counted_in_the_card_and_in_dataset_json(bad: Bad, rejects: Any):
     reasons = [r["reason"] for r in rejects(bad.out)]
     with dancedata.open(bad.out) as ds:
         assert ds.meta["rejects"] == {r: reasons.count(r) for r in sorted(set(reasons))}
+    assert str(bad.source.parent) not in (bad.out / "rejects.jsonl").read_text(encoding="utf-8")
     assert "- unsafe_pickle: 1" in (bad.out / "README.md").read_text(encoding="utf-8")
 
 
@@ -232,12 +216,9 @@ def test_bad_input_is_set_aside_in_window_scope_too(bad: Bad, run_build: Any, re
     run_build(few, out, "aist++-edge-exact", set=["dataset.aist++.split=all"])
     found = {(r["reason"], r["clip"], r.get("window")) for r in rejects(out) if "clip" in r}
     assert {f for f in found if f[0] != "missing_motion"} == {
-        ("empty_audio", clip_to("mBR1"), None),
-        ("short_audio", clip_to("mBR5"), None),
-        ("nan", name_of(13), None),
-        ("too_short", name_of(18), None),
-        ("no_audio", clip_to("mKR0"), 30),
-    }
+        ("empty_audio", clip_to("mBR1"), None), ("short_audio", clip_to("mBR5"), None), ("nan", name_of(13), None),
+        ("too_short", name_of(18), None), ("no_audio", clip_to("mKR0"), 30),
+    }  # fmt: skip
     with dancedata.open(out) as ds:
         assert [(w.clip, w.start) for w in ds.windows("all")] == [(clip_to("mKR0"), 0), (clip_to("mKR0"), 15)]
 
@@ -281,18 +262,3 @@ def test_a_cache_that_cannot_be_written_is_named(run_build: Any, corpus: Path, t
     with pytest.raises(StoreError, match=f"{cache}: the cache cannot be written.*Set DANCEDATA_CACHE"):
         run_build(corpus, out, cache=cache)
     assert not out.exists()
-
-
-def test_an_unknown_key_of_a_recipe_is_named_and_nothing_is_built(tmp_path: Path):
-    path = tmp_path / "mine.yaml"
-    path.write_text("recipe: 1\nname: mine\ndataset: aist++\nwindow: {length_s: 5, stride_s: 1}\nmotion: edge151\n")
-    with raises_message(RecipeError, "curate", where="mine.yaml"):
-        load_recipe(path)
-
-
-def test_a_missing_motion_that_a_list_names_is_reported(
-    run_build: Any, source: Path, out: Path, rejects: Callable[[Path], Any]
-):
-    (source / "motions" / f"{GOOD}.pkl").unlink()
-    run_build(source, out)
-    assert [(r["reason"], r["clip"]) for r in rejects(out)] == [("missing_motion", GOOD)]

@@ -1,7 +1,6 @@
 """Builds: equal bytes in every way of building, nothing computed twice, foreign files untouched."""
 
 import os
-import pickle
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +15,6 @@ import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.datasets.aistpp import AistPP
-from dancedata.datasets.synthetic import Synthetic
 from dancedata.files import publish
 from dancedata.files.locks import writing_lock
 from dancedata.pipeline import build as build_module
@@ -27,17 +25,9 @@ from tests.messages import raises_message
 Hashes = Callable[[Path], dict[str, str]]
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 FILES = {
-    "README.md",
-    "dataset.json",
-    "rejects.jsonl",
-    "stats.json",
-    "train-00000-of-00001.h5",
-    "val-00000-of-00001.h5",
-    "test-00000-of-00001.h5",
-    "train-tables.h5",
-    "val-tables.h5",
-    "test-tables.h5",
-}
+    "README.md", "dataset.json", "rejects.jsonl", "stats.json", "train-00000-of-00001.h5", "val-00000-of-00001.h5",
+    "test-00000-of-00001.h5", "train-tables.h5", "val-tables.h5", "test-tables.h5",
+}  # fmt: skip
 
 
 def count_calls(monkeypatch: pytest.MonkeyPatch, cls: type[Any], name: str) -> list[str]:
@@ -70,14 +60,7 @@ def test_a_built_dataset_is_whole_and_sound(built_in: dict[str, Path], scope: st
         assert ds.read(window, "librosa35").shape == (150, 35)
 
 
-def test_two_jobs_give_the_same_bytes(
-    run_build: Any, corpus: Path, built: Path, out: Path, tmp_path: Path, hashes: Any
-):
-    run_build(corpus, out, jobs=2, cache=tmp_path / "cache")
-    assert hashes(out) == hashes(built)
-
-
-def test_a_source_elsewhere_made_in_another_order_gives_the_same_bytes(
+def test_two_jobs_and_a_source_elsewhere_made_in_another_order_give_the_same_bytes(
     run_build: Any, corpus: Path, built: Path, out: Path, tmp_path: Path, hashes: Hashes
 ):
     elsewhere = tmp_path / "мои dänce 舞 files"
@@ -86,7 +69,7 @@ def test_a_source_elsewhere_made_in_another_order_gives_the_same_bytes(
             target = elsewhere / path.relative_to(corpus)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(path, target)
-    run_build(elsewhere, out, cache=tmp_path / "cache")
+    run_build(elsewhere, out, jobs=2, cache=tmp_path / "cache")
     assert hashes(out) == hashes(built)
 
 
@@ -102,29 +85,6 @@ def test_another_recipe_is_refused_with_the_difference(
     before = hashes(built_copy)
     with raises_message(StoreError, "different", where="outs/out"):
         run_build(corpus, built_copy, set=["windows.stride_s=1", "audio.librosa35.tightness=50"])
-    assert hashes(built_copy) == before
-
-
-@pytest.mark.parametrize("change", ["motion", "song", "split", "fewer"])
-def test_another_source_is_refused(run_build: Any, source: Path, built_copy: Path, hashes: Hashes, change: str):
-    before = hashes(built_copy)
-    motion = source / "motions" / f"{TRAIN}.pkl"
-    if change == "motion":
-        content = pickle.loads(motion.read_bytes())
-        content["smpl_trans"][0, 0] += 1
-        motion.write_bytes(pickle.dumps(content))
-    elif change == "song":
-        wav = source / "wavs" / "mHO3.wav"
-        wav.write_bytes(wav.read_bytes()[:-2] + b"\x01\x01")
-    elif change == "split":
-        lists = source / "splits"
-        (lists / "crossmodal_val.txt").rename(lists / "spare")
-        (lists / "crossmodal_test.txt").rename(lists / "crossmodal_val.txt")
-        (lists / "spare").rename(lists / "crossmodal_test.txt")
-    else:
-        motion.unlink()
-    with raises_message(StoreError, "rebuild", where="outs/out"):
-        run_build(source, built_copy)
     assert hashes(built_copy) == before
 
 
@@ -179,14 +139,6 @@ def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
         run_build(corpus, out)
     assert not out.exists()
     assert run_build(corpus, out).built
-
-
-def test_a_lock_left_by_a_killed_build_does_not_block(run_build: Any, corpus: Path, out: Path):
-    out.parent.mkdir()
-    (out.parent / ".dancedata-out.lock").write_text("")
-    assert run_build(corpus, out).built
-    assert {p.name for p in out.iterdir()} == FILES
-    assert [p.name for p in out.parent.iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
@@ -257,23 +209,11 @@ def test_a_damaged_entry_of_the_cache_is_made_again(
     assert hashes(out) == hashes(built)
 
 
-def test_a_clip_that_shares_its_song_shares_its_rows(built: Path):
-    with dancedata.open(built) as ds:
-        one, two = (c.id for c in ds.clips if c.split == "train")
-        assert np.array_equal(ds.clip(one).read("librosa35"), ds.clip(two).read("librosa35"))
-        shard = built / "train-00000-of-00001.h5"
-        assert shard.stat().st_size < 2 * 180 * 151 * 4 + 2 * len(ds.clip(one).read("librosa35")) * 35 * 4 + 20_000
-
-
 def test_strict_stops_at_a_broken_clip(run_build: Any, source: Path, out: Path):
     break_clip(source)
     with raises_message(DataError, f"{source}/motions/{TRAIN}.pkl", reason="broken_file"):
         run_build(source, out, strict=True)
     assert not out.exists()
-
-
-def test_strict_builds_a_sound_source(run_build: Any, corpus: Path, out: Path):
-    assert run_build(corpus, out, strict=True).built
 
 
 def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: Any, source: Path, out: Path):
@@ -282,30 +222,6 @@ def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: A
     assert run_build(source, out).built is False
     with pytest.raises(DataError, match="1 broken clip in a strict build"):
         run_build(source, out, strict=True)
-
-
-def test_nothing_left_to_build_is_an_error_that_says_why(run_build: Any, source: Path, out: Path):
-    for path in (source / "motions").iterdir():
-        break_clip(source, path.stem)
-    with pytest.raises(StoreError, match=r"no clip is left to build from(.|\n)*broken_file: .*pkl"):
-        run_build(source, out)
-    assert not out.exists()
-
-
-def test_a_source_that_is_missing_leaves_no_folder_behind(run_build: Any, out: Path, tmp_path: Path):
-    with raises_message(SourceError, "edge_aistpp", where="nowhere"):
-        run_build(tmp_path / "nowhere", out)
-    assert not out.exists()
-
-
-def test_the_demo_writes_its_own_source(run_build: Any, out: Path, tmp_path: Path):
-    small = ["dataset.synthetic.songs=2", "dataset.synthetic.clips_per_song=2", "dataset.synthetic.clip_s=6"]
-    result = run_build(tmp_path / "made", out, "demo", set=small)
-    assert result.built
-    assert (tmp_path / "made" / "motions" / f"{TRAIN}.pkl").is_file()
-    with dancedata.open(out) as ds:
-        assert ds.meta["licence"] == Synthetic.licence
-        assert len(ds.clips) == 4
 
 
 @pytest.mark.parametrize(("recipe", "windows"), [("aist++", 3), ("aist++-edge-exact", 2)])

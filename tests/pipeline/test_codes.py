@@ -280,12 +280,9 @@ def test_padding_is_the_pad(build: Callable[..., Store]) -> None:
 
 
 CHANGES: tuple[dict[str, Any], ...] = (
-    {"normalize": ["file.tokens"]},
-    {"mirror": 0.5},
-    {"augment": ["yaw"]},
-    {"augment": ["noise"]},
+    {"normalize": ["file.tokens"]}, {"mirror": 0.5}, {"augment": ["yaw"]}, {"augment": ["noise"]},
     {"augment": {"mirror": 0.5}},
-)
+)  # fmt: skip
 
 
 def test_codes_are_not_changed(build: Callable[..., Store]) -> None:
@@ -350,20 +347,16 @@ def test_padded_codes_stay(source: Path) -> None:
 
 
 BAD_KEYS: dict[str, dict[str, Any]] = {
-    "no codebook": {"codebook": None},
-    "real": {"dtype": "float32"},
-    "linear": {"resample": "linear"},
+    "no codebook": {"codebook": None}, "real": {"dtype": "float32"}, "linear": {"resample": "linear"},
     "levels": {"codebook": {"name": "vq", "sizes": [8, 8]}},
     "no size": {"codebook": {"name": "vq", "sizes": [8, 8, 0]}},
     "large": {"dtype": "uint8", "codebook": {"name": "vq", "sizes": [8, 8, 512], "pad": 255}},
     "pad": {"codebook": {"name": "vq", "sizes": [8, 8, 16], "pad": 3}},
     "no name": {"codebook": {"name": "", "sizes": [8, 8, 16]}},
     "hash": {"codebook": {"name": "vq", "sizes": [8, 8, 16], "sha256": "x"}},
-    "unknown key": {"codebook": {"name": "vq", "sizes": [8, 8, 16], "size": 3}},
-    "first codes": {"first_codes": [1]},
-    "of": {"of": "dancer"},
-    "music's begin": {"begins": "music"},
-}
+    "unknown key": {"codebook": {"name": "vq", "sizes": [8, 8, 16], "size": 3}}, "first codes": {"first_codes": [1]},
+    "of": {"of": "dancer"}, "music's begin": {"begins": "music"},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD_KEYS)

@@ -93,12 +93,10 @@ def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, scope: str, 
     run_build(corpus, tmp_path / "plain", "aist++", plain, cache=tmp_path / "cache")
     entries = set((tmp_path / "cache").rglob("*.npy"))
     run_build(
-        corpus,
-        tmp_path / "out",
-        "aist++",
+        corpus, tmp_path / "out", "aist++",
         (*plain, "augment={mirror: true, speckle: true, shift: {metres: 0.25}, shift.far: {metres: 2}}"),
         cache=tmp_path / "cache",
-    )
+    )  # fmt: skip
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
     one, all_of_it = dancedata.open(tmp_path / "plain"), dancedata.open(tmp_path / "out")
     train = [c.id for c in one.clips if c.split == "train"]

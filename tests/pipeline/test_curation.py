@@ -20,13 +20,10 @@ from tests.commands import as_json, run
 from tests.messages import raises_message
 
 DOCUMENT: dict[str, Any] = {
-    "recipe": 1,
-    "name": "mine",
+    "recipe": 1, "name": "mine",
     "dataset": {"folder": {"unit": "m", "up": "y", "fps": 60, "music": "optional", "layout": "smpl"}},
-    "windows": {"length_s": 2, "stride_s": 1},
-    "motion": {"edge151": {}},
-    "audio": {},
-}
+    "windows": {"length_s": 2, "stride_s": 1}, "motion": {"edge151": {}}, "audio": {},
+}  # fmt: skip
 FRAMES = 480
 #: First frame that is held in the clip "held".
 HELD = 200

@@ -76,18 +76,11 @@ def test_dancers_without_a_place_in_their_columns_stand_where_they_were() -> Non
     np.testing.assert_allclose(roots(placed), wanted, rtol=0, atol=2e-5)  # float32 columns summed over 20 rows
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("humanml263", {"fps": 30}),
-        ("edge151", {"place": np.zeros((4, 20, 6))}),
-        ("humanml263", {"fps": 30, "place": np.zeros((4, 19, 3))}),
-        ("edge151", {"person_mask": [1, 1, 0]}),
-        ("edge151", {"person_mask": [0, 0, 0, 0]}),
-        ("edge151", {"person_mask": [2, 1, 0, 1]}),
-        ("joints", {}),
-    ],
-)
+@pytest.mark.parametrize(("name", "options"), [
+    ("humanml263", {"fps": 30}), ("edge151", {"place": np.zeros((4, 20, 6))}),
+    ("humanml263", {"fps": 30, "place": np.zeros((4, 19, 3))}), ("edge151", {"person_mask": [1, 1, 0]}),
+    ("edge151", {"person_mask": [0, 0, 0, 0]}), ("edge151", {"person_mask": [2, 1, 0, 1]}), ("joints", {}),
+])  # fmt: skip
 def test_what_is_refused(name: str, options: dict[str, Any]) -> None:
     with raises_message(UsageError, "person_mask|places|turns"):
         dancedata.decode_group(columns(name)[0], name, **options)

@@ -37,13 +37,9 @@ def _columns(name: str, n_frames: int = 30) -> tuple[Any, np.ndarray]:
 def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     folder = tmp_path_factory.mktemp("decoding")
     document = {
-        "recipe": 1,
-        "name": "decoding",
-        "dataset": {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 6}},
-        "fps": 24,
-        "windows": {"length_s": 5, "stride_s": 0.5},
-        "motion": {"edge151": {}},
-    }
+        "recipe": 1, "name": "decoding", "dataset": {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 6}},
+        "fps": 24, "windows": {"length_s": 5, "stride_s": 0.5}, "motion": {"edge151": {}},
+    }  # fmt: skip
     recipe = parse_recipe(document)
     dancedata.build(recipe, folder / "source", folder / "store", cache=folder / "cache", jobs=1, progress=False)
     return open_store(folder / "store")
@@ -87,14 +83,10 @@ def test_the_normaliser_is_undone(store: Store) -> None:
 def test_invalid_input_of_decode(store: Store) -> None:
     _, array = _columns("edge151")
     cases: list[tuple[np.ndarray, str, dict[str, Any]]] = [
-        (array[:, :139], "edge151", {}),
-        (array[None, None], "edge151", {}),
-        (array[:0], "edge151", {}),
-        (array, "edge", {}),
-        (array[:, :72], "bailando72", {}),
-        (array, "edge151", {"fps": 30, "like": store}),
+        (array[:, :139], "edge151", {}), (array[None, None], "edge151", {}), (array[:0], "edge151", {}),
+        (array, "edge", {}), (array[:, :72], "bailando72", {}), (array, "edge151", {"fps": 30, "like": store}),
         (_columns("fact219")[1], "fact219", {"like": store}),
-    ]
+    ]  # fmt: skip
     for wrong, name, options in cases:
         with raises_message(UsageError, "bailando72|field|omit|these"):
             dancedata.decode(wrong, name, **options)

@@ -157,16 +157,9 @@ def test_numbers_about_clips_are_within_the_tolerance_and_counts_are_exact(built
 
 
 def test_lines_match_if_their_numbers_are_within_the_tolerance():
-    one = [
-        {"clip": "a", "frame": 3, "value": 2.0},
-        {"clip": "a", "frame": 3, "value": 1.0},
-        {"clip": "b", "numbers": {"std": 0.07, "n": 3}},
-    ]
-    two = [
-        {"clip": "a", "frame": 3, "value": 1.0004},
-        {"clip": "a", "frame": 3, "value": 2.5},
-        {"clip": "b", "numbers": {"std": 0.0701, "n": 4}},
-    ]
+    a, b = {"clip": "a", "frame": 3}, {"clip": "b"}
+    one = [{**a, "value": 2.0}, {**a, "value": 1.0}, {**b, "numbers": {"std": 0.07, "n": 3}}]
+    two = [{**a, "value": 1.0004}, {**a, "value": 2.5}, {**b, "numbers": {"std": 0.0701, "n": 4}}]
     assert unmatched(one, two, None) == (one, two)
     assert unmatched(one, two, 0.001) == ([one[0], one[2]], two[1:])
     assert unmatched(one, two, 1.0) == ([one[2]], [two[2]]), "a whole number is exact"

@@ -148,21 +148,11 @@ def test_no_facts_are_asked_for_by_default() -> None:
     assert parse_recipe(plain.document).sha256 == plain.sha256
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        True,
-        {"fact": True},
-        {"facts": 3},
-        {"facts": {"turns": 90}},
-        {"facts": {"turn_degrees": -1}},
-        {"facts": {"kinds": ["turns", "spins"]}},
-        {"genre": "yes"},
-        {"lexicon": "nowhere.yaml"},
-        {"lexicon": {"language": "de"}},
-        {"lexicon": {"language": "de", "pairs": [["a"]]}},
-    ],
-)
+@pytest.mark.parametrize("value", [
+    True, {"fact": True}, {"facts": 3}, {"facts": {"turns": 90}}, {"facts": {"turn_degrees": -1}},
+    {"facts": {"kinds": ["turns", "spins"]}}, {"genre": "yes"}, {"lexicon": "nowhere.yaml"},
+    {"lexicon": {"language": "de"}}, {"lexicon": {"language": "de", "pairs": [["a"]]}},
+])  # fmt: skip
 def test_wrong_values_are_named(value: Any) -> None:
     with raises_message(RecipeError, "problem", where="recipe"):
         parse_recipe(document(segments=value))
@@ -177,11 +167,9 @@ def test_check_names_words_that_facts_do_not_show(
         return Segment(layer, Fraction(start), Fraction(end), texts=texts)
 
     words = (
-        says(0, 3, "spins around", "turns to the left", "turns right once"),
-        says(3, 4.5, "a jump", "spins twice"),
-        says(5, 7, "hops, then kneels"),
-        says(0, 1, "springt", layer=Layer("german", language="de")),
-    )
+        says(0, 3, "spins around", "turns to the left", "turns right once"), says(3, 4.5, "a jump", "spins twice"),
+        says(5, 7, "hops, then kneels"), says(0, 1, "springt", layer=Layer("german", language="de")),
+    )  # fmt: skip
     plain = Planted.scan
 
     def scan(self: Planted, source: Path) -> Scan:

@@ -177,18 +177,14 @@ def test_windows_outside_the_rows_are_left_out(
 
 
 BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
-    "shorter": (ramp(146), {}, "feature_length"),
-    "longer": (ramp(154), {}, "feature_length"),
-    "width": (ramp(150, 4), {}, "bad_shape"),
-    "vector": (ramp(150)[:, 0], {}, "bad_shape"),
-    "codes": (ramp(150).astype(np.int32), {}, "bad_dtype"),
-    "empty": (ramp(0), {}, "empty"),
+    "shorter": (ramp(146), {}, "feature_length"), "longer": (ramp(154), {}, "feature_length"),
+    "width": (ramp(150, 4), {}, "bad_shape"), "vector": (ramp(150)[:, 0], {}, "bad_shape"),
+    "codes": (ramp(150).astype(np.int32), {}, "bad_dtype"), "empty": (ramp(0), {}, "empty"),
     "objects": (np.array([[{}]], dtype=object), {}, "unsafe_pickle"),
     "nan": (np.where(np.arange(150)[:, None] == 7, np.nan, ramp(150)), {}, "nan"),
-    "overflow": (ramp(150) * 1e6, {"dtype": "float16"}, "nan"),
-    "missing": (None, {}, "missing_feature"),
+    "overflow": (ramp(150) * 1e6, {"dtype": "float16"}, "nan"), "missing": (None, {}, "missing_feature"),
     "short": (ramp(30), {"tolerance_s": None}, "short_feature"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -278,18 +274,13 @@ def test_a_plan_counts_what_a_build_stores(source: Path, build: Callable[..., St
 
 
 WRONG: dict[str, dict[str, Any]] = {
-    "another rate": {},
-    "no name": {"path": "muq/all.npy", "fps": 25},
-    "outside": {"path": "../{clip}.npy", "fps": 25},
-    "absolute": {"path": "/muq/{clip}.npy", "fps": 25},
-    "unknown name": {"path": "{clip}{fps}.npy", "fps": 25},
-    "a format": {"path": "{clip.split}.npy", "fps": 25},
-    "a brace": {"path": "{clip.npy", "fps": 25},
-    "a pickle": {"path": "{clip}.pkl", "fps": 25},
-    "negative": {"tolerance_s": -1, "fps": 25},
-    "negative width": {"columns_per_row": -1, "fps": 25},
+    "another rate": {}, "no name": {"path": "muq/all.npy", "fps": 25},
+    "outside": {"path": "../{clip}.npy", "fps": 25}, "absolute": {"path": "/muq/{clip}.npy", "fps": 25},
+    "unknown name": {"path": "{clip}{fps}.npy", "fps": 25}, "a format": {"path": "{clip.split}.npy", "fps": 25},
+    "a brace": {"path": "{clip.npy", "fps": 25}, "a pickle": {"path": "{clip}.pkl", "fps": 25},
+    "negative": {"tolerance_s": -1, "fps": 25}, "negative width": {"columns_per_row": -1, "fps": 25},
     "rate": {"rate": "fast", "fps": 25},
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", WRONG)

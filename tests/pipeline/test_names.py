@@ -28,12 +28,9 @@ motion: {edge151: {}}
 """
 #: Names as in old archives, or made to do harm; and as shown.
 NAMES = {
-    b"caf\xe9": r"caf\udce9",
-    b"\xed\xa0\x80": r"\udced\udca0\udc80",
-    b"red\x1b[31m": r"red\x1b[31m",
-    b"new\nline": r"new\nline",
-    "back\u202ewards".encode(): r"back\u202ewards",
-}
+    b"caf\xe9": r"caf\udce9", b"\xed\xa0\x80": r"\udced\udca0\udc80", b"red\x1b[31m": r"red\x1b[31m",
+    b"new\nline": r"new\nline", "back\u202ewards".encode(): r"back\u202ewards",
+}  # fmt: skip
 HALF_A_CHARACTER = b"\x80\x04\x8c\x03\xed\xa0\x80\x8c\x03\xed\xa0\x80\x93."
 Source = Callable[[bytes], Path]
 Run = Callable[..., str]
@@ -173,11 +170,9 @@ def test_clips_of_a_plug_in_with_invalid_texts(
     def scanned(self: Folder, source: Path) -> Scan:
         found = scan(self, source)
         (good,) = found.clips
-        more = [
-            replace(good, id="a\udcff"),
-            replace(good, id="b", genre="\ud800"),
-            replace(good, id="c", lists=("\udcff",)),
-        ]
+        more = [replace(good, id="a\udcff"), replace(good, id="b", genre="\ud800"), replace(
+            good, id="c", lists=("\udcff",),
+        )]  # fmt: skip
         return replace(found, clips=(*more, good))
 
     monkeypatch.setattr(Folder, "scan", scanned)

@@ -44,13 +44,9 @@ TAKES = (
 FIELD = "finedance319"
 WITHOUT = {"bvh_1", "bvh_2"}
 RECIPE: dict[str, Any] = {
-    "recipe": 1,
-    "name": "mixed",
-    "dataset": {"folder": {"unit": "cm"}},
-    "windows": {"length_s": 1, "stride_s": 0.5},
-    "motion": {"edge151": {}, FIELD: {"optional": True}},
-    "audio": {"librosa35": {}},
-}
+    "recipe": 1, "name": "mixed", "dataset": {"folder": {"unit": "cm"}}, "windows": {"length_s": 1, "stride_s": 0.5},
+    "motion": {"edge151": {}, FIELD: {"optional": True}}, "audio": {"librosa35": {}},
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -111,14 +107,10 @@ def test_a_direct_read_of_a_missing_field_is_an_error(mixed: Path) -> None:
     assert ds.read(window, "edge151").shape == (30, 151)
     out = np.zeros((30, 319), np.float32)
     reads = [
-        lambda: ds.read(window, FIELD),
-        lambda: ds.read_into(window, FIELD, out),
-        lambda: ds.locate(window, FIELD),
-        lambda: ds["bvh_1"][FIELD],
-        lambda: ds.rows_within("bvh_1", FIELD),
-        lambda: ds.window_rows(ds.windows("train", fields=("edge151",)), FIELD),
-        lambda: ds["bvh_1"].motion(FIELD),
-    ]
+        lambda: ds.read(window, FIELD), lambda: ds.read_into(window, FIELD, out), lambda: ds.locate(window, FIELD),
+        lambda: ds["bvh_1"][FIELD], lambda: ds.rows_within("bvh_1", FIELD),
+        lambda: ds.window_rows(ds.windows("train", fields=("edge151",)), FIELD), lambda: ds["bvh_1"].motion(FIELD),
+    ]  # fmt: skip
     for read in reads:
         with pytest.raises(UsageError, match=f"no rows of field {FIELD}|no field of motion"):
             read()

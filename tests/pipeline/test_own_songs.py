@@ -57,10 +57,8 @@ def test_a_song_of_the_same_name_and_one_that_is_unknown(built: Path, corpus: Pa
     assert "the dataset states" not in set_by_hand
     found = {p.parent.name: json.loads(p.read_text()) for p in tmp_path.glob("*/*.json")}
     assert {name: about["tempo_from"] for name, about in found.items()} == {
-        "a": "name",
-        "b": "estimate",
-        "c": "--bpm",
-    }
+        "a": "name", "b": "estimate", "c": "--bpm",
+    }  # fmt: skip
     assert found["c"]["tempo_bpm"] == 93
 
 

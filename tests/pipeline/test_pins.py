@@ -31,42 +31,29 @@ DEMO = "demo"
 #: Packages whose versions change the bytes of the demo.
 PACKAGES = ("numpy", "scipy", "soxr", "h5py", "soundfile", "librosa")
 CLIP = ClipRef(
-    id="gBR_sBM_cAll_d04_mBR0_ch01",
-    motion_path=Path("motions/gBR_sBM_cAll_d04_mBR0_ch01.pkl"),
-    audio_path=Path("wavs/mBR0.wav"),
-    split="train",
-    music="mBR0",
-    tempo_bpm=80.0,
-    genre="break",
-    dancer="d04",
-)
+    id="gBR_sBM_cAll_d04_mBR0_ch01", motion_path=Path("motions/gBR_sBM_cAll_d04_mBR0_ch01.pkl"),
+    audio_path=Path("wavs/mBR0.wav"), split="train", music="mBR0", tempo_bpm=80.0, genre="break", dancer="d04",
+)  # fmt: skip
 SONG = SignalId(Path("wavs/mBR0.wav"), "file", "a" * 64, 48_000, 10**6)
 
 
 def keys_of(name: str) -> dict[str, Any]:
     """Return the hash of a recipe and the keys of its units, for one clip and song, with versions left out."""
     recipe = load_recipe(name)
-    patches = [
-        mock.patch.object(module, what, return_value="1")
-        for module, what in (
-            (audio_units, "package_version"),
-            (motion_keys, "package_version"),
-            (audio_units, "expected"),
-            (motion_keys, "expected"),
-        )
-    ]
+    patches = [mock.patch.object(module, what, return_value="1") for module, what in (
+        (audio_units, "package_version"), (motion_keys, "package_version"), (audio_units, "expected"),
+        (motion_keys, "expected"),
+    )]  # fmt: skip
     for patch in patches:
         patch.start()
     try:
         motion = MotionKeys(recipe, {"body_model/SMPL.npz": "b" * 64}).of(CLIP, "c" * 64)
         audio = {job.name: FeatureKeys(job) for job in recipe.audio}
         return {
-            "recipe": recipe.sha256,
-            "clip": motion.info,
-            "motion": motion.fields,
+            "recipe": recipe.sha256, "clip": motion.info, "motion": motion.fields,
             "tracks": {name: keys.track(80.0, SONG.sha256) for name, keys in audio.items()},
             "windows": {name: keys.window(80.0, SONG, 3) for name, keys in audio.items() if recipe.scope == "window"},
-        }
+        }  # fmt: skip
     finally:
         for patch in patches:
             patch.stop()
@@ -75,17 +62,8 @@ def keys_of(name: str) -> dict[str, Any]:
 def demo_shards(folder: Path) -> dict[str, str]:
     """Return the hashes of the demo's shards, built by the command line from nothing."""
     command = [
-        sys.executable,
-        "-m",
-        "dancedata",
-        "build",
-        "demo",
-        "--jobs",
-        "1",
-        "--quiet",
-        "--out",
-        str(folder / "demo"),
-    ]
+        sys.executable, "-m", "dancedata", "build", "demo", "--jobs", "1", "--quiet", "--out", str(folder / "demo"),
+    ]  # fmt: skip
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
     subprocess.run(command, check=True, capture_output=True, env=environment)
     return shards_in(folder / "demo")

@@ -66,11 +66,9 @@ def test_a_plan_gives_the_reasons_that_a_build_gives(source: Path, out: Path, sc
         names.write("gPO_sBM_cAll_d10_mPO0_ch01\n")
     plan = as_json("plan", RECIPES[scope], "--source", source, "--out", out)
     built = as_json("build", RECIPES[scope], "--source", source, "--out", out, "--jobs", 1)
-    assert (
-        plan["left_out"]
-        == built["rejects"]
-        == {"broken_audio": 1, "broken_file": 1, "short_audio": 2, "too_short": 1}
-    )
+    assert (plan["left_out"] == built["rejects"] == {
+        "broken_audio": 1, "broken_file": 1, "short_audio": 2, "too_short": 1,
+    })  # fmt: skip
 
 
 @pytest.mark.parametrize("scope", RECIPES)
@@ -116,22 +114,14 @@ def test_a_build_names_the_progress_on_stderr_only(corpus: Path, out: Path):
     assert quiet.stderr == ""
 
 
-@pytest.mark.parametrize(
-    ("code", "args", "named"),
-    [
-        (2, "build aist++", "--source"),
-        (2, "build aist++ --source . --set windows.strid_s=1", "stride_s"),
-        (2, "features song.wav --out x", "song.wav"),
-        (2, "plan demo --set windows.filter={movement:{}}", "windows.filter.movement.field"),
-        (2, "build aist++ --source . --jobs 0", "--jobs"),
-        (2, "dance", "dance"),
-        (1, "build aist++ --source nowhere --out x", "nowhere"),
-        (1, "plan aist++ --source nowhere", "nowhere"),
-        (1, "check nowhere", "nowhere"),
-        (1, "info nowhere", "nowhere"),
-        (1, "quality nowhere", "nowhere"),
-    ],
-)
+@pytest.mark.parametrize(("code", "args", "named"), [
+    (2, "build aist++", "--source"), (2, "build aist++ --source . --set windows.strid_s=1", "stride_s"),
+    (2, "features song.wav --out x", "song.wav"),
+    (2, "plan demo --set windows.filter={movement:{}}", "windows.filter.movement.field"),
+    (2, "build aist++ --source . --jobs 0", "--jobs"), (2, "dance", "dance"),
+    (1, "build aist++ --source nowhere --out x", "nowhere"), (1, "plan aist++ --source nowhere", "nowhere"),
+    (1, "check nowhere", "nowhere"), (1, "info nowhere", "nowhere"), (1, "quality nowhere", "nowhere"),
+])  # fmt: skip
 def test_wrong_usage_ends_with_2_and_a_problem_in_the_data_with_1(
     code: int, args: str, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -143,28 +133,12 @@ def test_wrong_usage_ends_with_2_and_a_problem_in_the_data_with_1(
 # check
 
 
-@pytest.mark.parametrize("scope", RECIPES)
-def test_a_sound_dataset_checks(built_in: dict[str, Path], scope: str):
-    found = as_json("check", built_in[scope])
-    assert found["ok"] is True
-    assert "0 errors" in run("check", built_in[scope]).stdout
-
-
-@pytest.mark.parametrize("name", ["train-00000-of-00001.h5", "dataset.json", "stats.json", "rejects.jsonl"])
-def test_a_flipped_bit_is_found(built_copy: Path, name: str):
-    path = built_copy / name
-    data = bytearray(path.read_bytes() or b" ")
-    data[len(data) // 2] ^= 1
-    path.write_bytes(data)
+def test_a_damaged_dataset_does_not_check(built_copy: Path):
+    assert "0 errors" in run("check", built_copy).stdout
+    (built_copy / "stats.json").write_text("{}")
     found = as_json("check", built_copy, code=1)
-    assert found["ok"] is False
-    assert name in " ".join(p["where"] for p in found["problems"] if p["severity"] == "error")
-    assert "1 error, " in run("check", built_copy, code=1).stdout
-
-
-def test_a_killed_builds_folder_does_not_check(built_copy: Path):
-    (built_copy / "dataset.json").unlink()
-    assert "no finished dataset" in run("check", built_copy, code=1).stdout
+    assert not found["ok"]
+    assert [p["where"] for p in found["problems"] if p["severity"] == "error"] == ["stats.json"]
 
 
 def test_a_clean_source_checks(corpus: Path):

@@ -76,13 +76,15 @@ def spare(source: Path) -> None:
     ],
 )
 def test_another_source_is_shown(
-    run_build: Any, source: Path, built_copy: Path, change: Callable[[Path], None], lines: list[str]
+    run_build: Any, source: Path, built_copy: Path, hashes: Any, change: Callable[[Path], None], lines: list[str]
 ):
+    before = hashes(built_copy)
     change(source)
     with raises_message(StoreError, "rebuild", where="outs/out") as caught:
         run_build(source, built_copy)
     found = [line.removeprefix("  - ") for line in str(caught.value).splitlines() if line.startswith("  - ")]
     assert found == lines
+    assert hashes(built_copy) == before
 
 
 def test_diff_shows_it_too(run_build: Any, source: Path, built: Path, out: Path):

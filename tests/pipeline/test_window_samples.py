@@ -15,11 +15,9 @@ RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
 
 
 @given(
-    st.sampled_from(RATES).map(FrameGrid.of),
-    st.builds(WindowGrid, st.integers(1, 40), st.integers(1, 20)),
-    st.sampled_from([7, 50, 997, 8000]),
-    st.integers(0, 9000),
-)
+    st.sampled_from(RATES).map(FrameGrid.of), st.builds(WindowGrid, st.integers(1, 40), st.integers(1, 20)),
+    st.sampled_from([7, 50, 997, 8000]), st.integers(0, 9000),
+)  # fmt: skip
 def test_windows_are_those_with_all_their_samples(grid: FrameGrid, windows: WindowGrid, rate: int, n: int) -> None:
     feature: Any = SimpleNamespace()
     job = FeatureJob("f", grid, feature, WindowSpec(windows.length, windows.stride, grid))

@@ -36,15 +36,10 @@ def test_json_has_every_number_and_writes_nothing_by_itself(demo: Path, tmp_path
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--clips", "some"], "not a number of clips"),
-        (["--audio", "embed"], "--source"),
-        (["--audio", "loud"], "unknown audio"),
-        (["--max-mb", "0.01"], "--clips none"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--clips", "some"], "not a number of clips"), (["--audio", "embed"], "--source"),
+    (["--audio", "loud"], "unknown audio"), (["--max-mb", "0.01"], "--clips none"),
+])  # fmt: skip
 def test_wrong_usage_ends_with_2(demo: Path, tmp_path: Path, arguments: list[str], words: str) -> None:
     done = RUN.invoke(app, ["report", str(demo), "--to", str(tmp_path / "x.html"), *arguments])
     assert (done.exit_code, words in done.stderr) == (2, True), done.output
@@ -66,25 +61,18 @@ def test_a_video_needs_a_clip_and_a_source(demo: Path, tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--compare", "nowhere", "--export", "v.html"], "nothing to compare with"),
-        (["--compare", "nowhere", "--video", "v.mp4"], "nothing to compare with"),
-        (["--fps", "17", "--export", "v.html"], "--fps would have no effect without --compare"),
-        (["--up", "z", "--unit", "cm", "--no-browser"], "--up and --unit would have no effect without --compare"),
-        (
-            ["--compare-as", "edge151", "--normalized", "--video", "v.mp4"],
-            "--compare-as and --normalized or --not-nor",
-        ),
-        (["--overlay", "--video", "v.mp4"], "--overlay would have no effect without --compare"),
-        (["--as", "edge151", "--export", "v.html"], "--as goes with motion files"),
-        (["--export", "v.mp4"], "--video FILE.mp4"),
-        (["--video", "v.html"], "written with --export"),
-        (["--video", "v.mp4", "--size", "big"], "WIDTHxHEIGHT"),
-        (["--export", "v.html", "--video", "v.mp4"], "two outputs"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    (["--compare", "nowhere", "--export", "v.html"], "nothing to compare with"),
+    (["--compare", "nowhere", "--video", "v.mp4"], "nothing to compare with"),
+    (["--fps", "17", "--export", "v.html"], "--fps would have no effect without --compare"),
+    (["--up", "z", "--unit", "cm", "--no-browser"], "--up and --unit would have no effect without --compare"),
+    (["--compare-as", "edge151", "--normalized", "--video", "v.mp4"], "--compare-as and --normalized or --not-nor"),
+    (["--overlay", "--video", "v.mp4"], "--overlay would have no effect without --compare"),
+    (["--as", "edge151", "--export", "v.html"], "--as goes with motion files"),
+    (["--export", "v.mp4"], "--video FILE.mp4"), (["--video", "v.html"], "written with --export"),
+    (["--video", "v.mp4", "--size", "big"], "WIDTHxHEIGHT"),
+    (["--export", "v.html", "--video", "v.mp4"], "two outputs"),
+])  # fmt: skip
 def test_options_that_a_file_would_drop(
     demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str
 ) -> None:

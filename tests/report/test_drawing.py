@@ -78,16 +78,10 @@ def test_every_histogram_names_the_unit_of_its_heights(demo: Path) -> None:
     assert {note[:5] for note in drawn.values()} == {"% of "}
 
 
-@pytest.mark.parametrize(
-    ("values", "distinct"),
-    [
-        ([13.5] * 4, ((13.5, 4),)),
-        ([-0.178, -0.176, -0.177], ((-0.177, 3),)),
-        ([9.6, 13.5, 13.5], ((9.6, 1), (13.5, 2))),
-        ([9.6, 13.5, 20.0], ()),
-        ([], ()),
-    ],
-)
+@pytest.mark.parametrize(("values", "distinct"), [
+    ([13.5] * 4, ((13.5, 4),)), ([-0.178, -0.176, -0.177], ((-0.177, 3),)),
+    ([9.6, 13.5, 13.5], ((9.6, 1), (13.5, 2))), ([9.6, 13.5, 20.0], ()), ([], ()),
+])  # fmt: skip
 def test_few_values_are_counted(values: list[float], distinct: tuple[tuple[float, int], ...]) -> None:
     edges = np.arange(-1, 41) * 0.5
     assert ClipHistogram.of_groups({"all": values}, edges.tolist()).distinct == distinct
@@ -142,10 +136,8 @@ def test_measured_numbers_have_two_digits(value: float | None, text: str) -> Non
 def test_a_partial_download_is_a_note(demo: Path) -> None:
     numbers = write_report(demo).numbers
     left_out = {
-        "missing_motion": LeftOut(988, (), ""),
-        "broken_file": LeftOut(2, (), ""),
-        "ignored": LeftOut(1, (), ""),
-    }
+        "missing_motion": LeftOut(988, (), ""), "broken_file": LeftOut(2, (), ""), "ignored": LeftOut(1, (), ""),
+    }  # fmt: skip
     found = [f for f in findings(replace(numbers, left_out=left_out, totals=replace(numbers.totals, left_out=991)))
              if f.figure == "left_out"]  # fmt: skip
     assert [f.kind for f in found] == ["look", "note"]

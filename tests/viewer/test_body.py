@@ -179,10 +179,8 @@ def test_cones_go_along_the_bones_and_beyond() -> None:
 
 def test_the_outline_of_a_cone_holds_both_circles() -> None:
     begin, end, radii = (
-        np.array([[0.0, 0.0], [5.0, 5.0]]),
-        np.array([[40.0, 30.0], [6.0, 5.0]]),
-        np.array([[9, 4], [8, 2.0]]),
-    )
+        np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([[40.0, 30.0], [6.0, 5.0]]), np.array([[9, 4], [8, 2.0]]),
+    )  # fmt: skip
     outline = cone_outlines(begin, end, radii, 1.0, 0.0)
     for centre, radius in ((begin[0], 9), (end[0], 4)):
         assert np.linalg.norm(outline[0] - centre, axis=1).min() > radius - 0.1

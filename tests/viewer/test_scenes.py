@@ -222,10 +222,10 @@ def test_other_music_is_used_with_a_note(scenes, dances: Path, tmp_path: Path) -
     assert "not the music that the dataset was built from" in ClipSource(dataset.store, other).sound(item).notes[0]
 
 
-def test_music_after_its_end_is_silence() -> None:
-    signal = AudioSignal(np.ones(100, np.float32), 100)
-    part = cut(signal, Fraction(1, 2), Fraction(1))
-    assert part.samples.tolist() == [1.0] * 50 + [0.0] * 50
+def test_music_before_its_begin_and_after_its_end_is_silence() -> None:
+    signal = AudioSignal(np.arange(1, 11, dtype=np.float32), 10)
+    assert cut(signal, Fraction(-1, 2), Fraction(1)).samples.tolist() == [0, 0, 0, 0, 0, 1, 2, 3, 4, 5]
+    assert cut(signal, Fraction(1, 2), Fraction(1)).samples.tolist() == [6, 7, 8, 9, 10, 0, 0, 0, 0, 0]
 
 
 def test_flac_gives_every_sample_back() -> None:

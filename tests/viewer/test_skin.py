@@ -48,12 +48,10 @@ def kinematics(turns: np.ndarray, rest: np.ndarray, parents: tuple[int, ...], ro
 
 
 CHANGES: dict[str, Callable[[Figure], Figure]] = {
-    "whole": lambda figure: figure,
-    "part": lambda figure: figure.part(1.0, 2.0),
-    "mirrored": Figure.mirrored,
+    "whole": lambda figure: figure, "part": lambda figure: figure.part(1.0, 2.0), "mirrored": Figure.mirrored,
     "resampled": lambda figure: figure.resampled(FrameGrid.of(30), 4.0),
     "without rotations": lambda figure: replace(figure, rotations=None),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("change", CHANGES)
@@ -104,11 +102,8 @@ def test_the_mesh_is_closed_and_moves_with_its_joints(webgl_browser: Browser, pa
         for part in webgl_browser.js(f"const m = {V}.skin(); return {names}.map(k => Array.from(m[k]))")
     )
     at, normal, bones, weights = (
-        at.reshape(-1, 3),
-        normal.reshape(-1, 3),
-        bones.reshape(-1, 4),
-        weights.reshape(-1, 4),
-    )
+        at.reshape(-1, 3), normal.reshape(-1, 3), bones.reshape(-1, 4), weights.reshape(-1, 4),
+    )  # fmt: skip
     faces, tint = faces.reshape(-1, 3), tint.reshape(-1, 4)
     assert 4_000 < len(at) < 20_000
     edges = Counter(tuple(edge) for face in faces for edge in np.stack([face, np.roll(face, -1)]).T.tolist())
