@@ -328,13 +328,6 @@ def test_bad_files(source: Path, case: str) -> None:
         feature.rows(path, feature.placed(feature.length(path), Fraction(0), feature.grid))
 
 
-def test_files_that_are_too_short_set_their_clip_aside(source: Path, build: Callable[..., Store]) -> None:
-    save(source, "a", ROWS - 5)
-    store = build({"tolerance_s": "1/2"})
-    assert [clip.id for clip in store.clips] == ["g_p0", "g_p1"]
-    assert [row["reason"] for row in store.rejects] == ["feature_length"]
-
-
 def test_padded_codes_stay(source: Path) -> None:
     path = source / "tokens" / "a.npy"
     np.save(path, np.array([4097, -1, 4112, -1, 4105, -1]))

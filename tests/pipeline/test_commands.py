@@ -1,8 +1,6 @@
 """dancedata.build, plan, check and diff do what the command line does, through the same functions."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -97,36 +95,11 @@ def test_overrides_are_values_or_texts() -> None:
         load_recipe("demo", {"windows..stride_s": 1})
 
 
-def test_check_reads_datasets_and_sources(demo: Any, source: Path) -> None:
-    assert {problem.severity for problem in dancedata.check(demo.path)} <= {"note"}
-    next((source / "motions").iterdir()).write_bytes(b"not a pickle")
-    ways: list[dict[str, Any]] = [{}, {"dataset": "aist++"}, {"recipe": "aist++", "overrides": ["audio={}"]}]
-    for chosen in ways:
-        (error,) = (p for p in dancedata.check(source, progress=False, **chosen) if p.severity == "error")
-        assert error.message.startswith("broken_file")
-
-
 def test_progress_is_printed_or_not(demo: Any, capsys: pytest.CaptureFixture[str]) -> None:
     dancedata.plan("demo", out=demo.path, overrides=CHANGED)
     assert "lengths of motion: 4/4" in capsys.readouterr().err
     dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_script_needs_no_guard(demo: Any, corpus: Path, tmp_path: Path) -> None:
-    """Worker processes do not run the script again."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import sys, dancedata\n"
-        "print('once')\n"
-        "built = dancedata.build('aist++', sys.argv[1], sys.argv[2], jobs=2, cache=sys.argv[3])\n"
-        "print(built.built, built.counts['train']['clips'])\n"
-    )
-    script_run = [sys.executable, script, corpus, tmp_path / "out", tmp_path / "cache"]
-    done = subprocess.run(script_run, capture_output=True, text=True, check=True)
-    with dancedata.open(tmp_path / "out") as ds:
-        train = sum(clip.split == "train" for clip in ds.clips)
-    assert done.stdout == f"once\nTrue {train}\n"
 
 
 @pytest.mark.parametrize("call", [

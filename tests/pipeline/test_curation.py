@@ -181,13 +181,6 @@ def test_mirrored_copies_are_mirrored_repairs(build: Any, plain: Store) -> None:
     assert rows == np.flatnonzero(of_clip.any(axis=1)).tolist() == [149, 150]
 
 
-def test_jobs_change_no_byte(build: Any) -> None:
-    keys: dict[str, Any] = {"repair": {"spikes": True, "gaps": True}, "curate": {"floor_drift": True, "jitter": True}}
-    one, two = build(**keys), build(jobs=2, **keys)
-    files = [{p.name: p.read_bytes() for p in sorted(s.path.iterdir()) if p.suffix != ".json"} for s in (one, two)]
-    assert files[0] == files[1]
-
-
 def test_keys_of_recipes_without_repairs_stay() -> None:
     clip = ClipRef("a", Path("a.npz"), None, "train", "")
     plain, curated, repaired = (

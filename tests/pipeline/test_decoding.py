@@ -20,7 +20,6 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.representations.edge151 import Edge151
 from dancedata.store import Store, open_store
 from dancedata.testing.examples import random_motion
-from tests.commands import as_json, run
 from tests.messages import raises_message
 
 DECODED = [name for name in REPRESENTATIONS.names() if REPRESENTATIONS.get(name).decodes]
@@ -211,18 +210,6 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
     with raises_message(StoreError, "space", where="full"):
         dancedata.decode_file(path, "edge151", to="npz", out=tmp_path / "full", fps=30)
     assert not list((tmp_path / "full").iterdir())
-
-
-def test_the_command(store: Store, tmp_path: Path) -> None:
-    window = store.windows("train")[0]
-    np.save(tmp_path / "x.npy", store.normalizer("edge151").normalize(store.read(window, "edge151")))
-    args = ["decode", tmp_path / "x.npy", "--as", "edge151", "--to", "bvh", "--like", store.path, "--normalized"]
-    args += ["--out", tmp_path / "out"]
-    assert run(*args).stdout == f"{tmp_path / 'out' / 'x.bvh'}\n"
-    assert as_json(*args, "--overwrite") == {"files": [str(tmp_path / "out" / "x.bvh")]}
-    np.save(tmp_path / "x.npy", np.zeros((5, 150)))
-    output = run(*args, code=2).stderr
-    assert f"{tmp_path / 'x.npy'}: these are not columns of edge151; found shape (5, 150)" in output
 
 
 def test_contacts_are_not_part_of_a_motion() -> None:

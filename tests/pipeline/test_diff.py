@@ -73,7 +73,9 @@ def test_other_files_clips_and_rejects_are_named(run_build: Any, built: Path, so
     assert of(diff(out, built), "clips")[0].message == "1 clip only in B"
 
 
-def test_windows_and_fields_are_named(run_build: Any, built: Path, corpus: Path, out: Path):
+def test_windows_and_fields_are_named_and_the_command_ends_with_1(
+    run_build: Any, built: Path, corpus: Path, out: Path
+):
     run_build(corpus, out, set=["windows.stride_s=1", "audio={}"])
     found = diff(built, out)
     assert kinds(found) >= {"recipe", "store", "fields", "windows"}
@@ -97,9 +99,6 @@ def test_a_clips_metadata_are_compared(run_build: Any, built: Path, source: Path
     assert clips.message == "split of 1 clip, as 'train', 'val'"
     assert clips.names == (TRAIN,)
 
-
-def test_the_command_ends_with_1_and_says_how_many(run_build: Any, built: Path, corpus: Path, out: Path):
-    run_build(corpus, out, set=["audio={}"])
     output = run("diff", built, out, code=1).stdout
     assert output.splitlines()[-1].endswith(" differences")
     about = json.loads(run("diff", built, out, "--json", code=1).stdout)

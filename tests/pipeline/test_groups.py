@@ -315,24 +315,6 @@ def test_segments_come_back_and_go_with_copies(tmp_path: Path, cache: Path) -> N
         store.segments("a_p0", "wrods")
 
 
-@pytest.mark.parametrize(("dataset", "field"), [("aioz-gdance", "gcd151"), ("dd100", "joints")])
-def test_the_published_datasets_of_groups_are_read_as_groups(
-    tmp_path: Path, cache: Path, dataset: str, field: str
-) -> None:
-    source = tmp_path / "source"
-    DATASETS.get(dataset)().make_example(source)
-    keys = {"windows": {"length_s": 2, "stride_s": 1}}
-    recipe = {"recipe": 1, "name": dataset, "dataset": {dataset: {}}, "motion": {field: {}}, "audio": {}, **keys}
-    store = dancedata.build(recipe, source, tmp_path / "out", jobs=1, cache=cache, progress=False).open()
-    assert {p.severity for p in verify_store(tmp_path / "out")} <= {"note"}
-    split = store.splits[0]
-    groups = GroupDataset(store, split, fields=(field,))
-    members = {clip.id for clip in store.clips if clip.split == split}
-    seen = {clip for k in range(len(groups)) for clip in groups[k]["clips"]} - {""}
-    assert seen == members
-    assert {clip.group for clip in store.clips} == {ref.group for ref in DATASETS.get(dataset)().scan(source).clips}
-
-
 @pytest.mark.parametrize("incomplete", ["set_aside", "keep"])
 def test_a_plan_counts_the_groups_of_a_build(tmp_path: Path, cache: Path, incomplete: str) -> None:
     source = tmp_path / "source"
