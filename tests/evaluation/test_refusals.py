@@ -241,10 +241,8 @@ def test_columns_take_precedence_over_positions(store: Store, tmp_path: Path) ->
     options: dict[str, Any] = {"representation": "edge151", "fps": 30, "metrics": ["pfc"], "bootstrap": 0}
     wanted = []
     for name, beside in (
-        ("alone", {}),
-        ("both", {"joints": dance()}),
-        ("named", {"joints": np.array(["hip", "knee"])}),
-    ):
+        ("alone", {}), ("both", {"joints": dance()}), ("named", {"joints": np.array(["hip", "knee"])}),
+    ):  # fmt: skip
         (tmp_path / name).mkdir()
         np.savez(tmp_path / name / "a.npz", columns=columns, **beside)  # type: ignore[arg-type]
         wanted.append(dancedata.evaluate(tmp_path / name, **options)["pfc"])

@@ -136,11 +136,9 @@ def test_clips_in_memory_that_are_not_dances() -> None:
 def test_only_the_requested_metrics(store: Store, tmp_path: Path) -> None:
     whole = dancedata.evaluate(store, split="test", bootstrap=0)
     for metrics, names in (
-        (["pfc"], ["pfc"]),
-        (["fid_k"], ["fid_k", "div_k"]),
-        (["skating", "kinetic"], ["fid_k", "div_k", "skating_left", "skating_right", "skating"]),
-        (["bas"], ["bas"]),
-    ):
+        (["pfc"], ["pfc"]), (["fid_k"], ["fid_k", "div_k"]),
+        (["skating", "kinetic"], ["fid_k", "div_k", "skating_left", "skating_right", "skating"]), (["bas"], ["bas"]),
+    ):  # fmt: skip
         found = dancedata.evaluate(store, split="test", metrics=metrics, bootstrap=0)
         assert {s.name: s.value for s in found.scores} == {name: whole[name] for name in names}
     found = dancedata.evaluate(store, metrics=["pfc"], save_pool=tmp_path / "pool.npz", bootstrap=0)

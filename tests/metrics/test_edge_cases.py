@@ -183,15 +183,8 @@ def test_metrics_never_return_nan(name: str) -> None:
         return np.stack([joints, joints[..., ::-1] + 1]) if metric.of_groups else joints
 
     for joints in (
-        still(1),
-        still(2),
-        still(),
-        walk(3),
-        walk(40),
-        np.zeros((40, 24, 3)),
-        1e-200 * walk(40),
-        1e6 * walk(40),
-    ):
+        still(1), still(2), still(), walk(3), walk(40), np.zeros((40, 24, 3)), 1e-200 * walk(40), 1e6 * walk(40),
+    ):  # fmt: skip
         for beats in ((), (3, 9), (10_000,)):
             try:
                 row = metric.measure(dance(taken(joints), beats))

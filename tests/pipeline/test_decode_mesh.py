@@ -87,12 +87,9 @@ def test_options_that_do_not_go_together(tmp_path: Path) -> None:
     np.save(tmp_path / "x.npy", columns("edge151"))
     model = body_model(tmp_path / "m.npz", SMPL24)
     for to, options in (
-        ("obj", {}),
-        ("bvh", {"body_model": model}),
-        ("glb", {"betas": [1.0]}),
-        ("glb", {"body_model": model, "frames": "3"}),
-        ("obj", {"body_model": tmp_path / "x.npy"}),
-    ):
+        ("obj", {}), ("bvh", {"body_model": model}), ("glb", {"betas": [1.0]}),
+        ("glb", {"body_model": model, "frames": "3"}), ("obj", {"body_model": tmp_path / "x.npy"}),
+    ):  # fmt: skip
         with raises_message(UsageError, "chosen|model"):
             dancedata.decode_file(
                 tmp_path / "x.npy",

@@ -87,12 +87,9 @@ def test_weights_go_to_a_field_by_name(tmp_path: Path) -> None:
     (tmp_path / "a=b").mkdir()
     assert own_songs._weights_of([tmp_path / "a=b"], three[:2]) == {"hf.mert": tmp_path / "a=b"}
     for fields, texts in (
-        (three, ["/mert"]),
-        (three[:1], ["/mert"]),
-        (three, ["hf.mret=/mert"]),
-        (three, ["librosa35=/mert"]),
+        (three, ["/mert"]), (three[:1], ["/mert"]), (three, ["hf.mret=/mert"]), (three, ["librosa35=/mert"]),
         (three, ["jukebox=a", "jukebox=b"]),
-    ):
+    ):  # fmt: skip
         with raises_message(UsageError, "weights"):
             own_songs._weights_of(texts, fields)
 

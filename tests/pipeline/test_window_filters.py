@@ -87,10 +87,7 @@ def test_filters_in_recipes() -> None:
     recipe = load_recipe("aist++", (*SMALL, "windows.filter=minima"))
     assert recipe.document["windows"]["filter"] == {"minima": {"least": 1, "field": "lodge"}}
     for wrong in (
-        "{minim: {}}",
-        "{minima: {}, movement: {}}",
-        "{minima: {field: lodg}}",
-        "{minima: {field: edge151}}",
-    ):
+        "{minim: {}}", "{minima: {}, movement: {}}", "{minima: {field: lodg}}", "{minima: {field: edge151}}",
+    ):  # fmt: skip
         with raises_message(RecipeError, "problem", where="aist++"):
             load_recipe("aist++", (*SMALL, f"windows.filter={wrong}"))
