@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
 from dancedata.evaluation.inputs.songs import read_songs
 from dancedata.evaluation.pool import MetricRows, load_pool
@@ -20,22 +18,9 @@ from dancedata.evaluation.scores import scores_of
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
 from dancedata.store import Store
+from tests.evaluation.test_command import run
+from tests.evaluation.test_refusals import dance, dances
 from tests.messages import raises_message
-
-
-def dance(seed: int = 0, n_frames: int = 200) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return rng.normal(0, 0.01, (n_frames, 24, 3)).cumsum(axis=0) + rng.normal(0, 0.4, (24, 3))
-
-
-def dances(n: int = 3) -> dict[str, np.ndarray]:
-    return {f"d{k}": dance(k) for k in range(n)}
-
-
-def run(*arguments: object, code: int = 0) -> str:
-    found = CliRunner().invoke(app, ["evaluate", *map(str, arguments)], catch_exceptions=False)
-    assert found.exit_code == code, found.output
-    return found.output
 
 
 def test_names_in_tables() -> None:
@@ -203,7 +188,7 @@ def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeyp
 
 
 def test_scores_do_not_depend_on_the_order_of_the_pool() -> None:
-    pool = {f"p{k}": dance(20 + k) for k in range(7)}
+    pool = {f"p{k}": dance(seed=20 + k) for k in range(7)}
     turned = dict(reversed(pool.items()))
     found = [dancedata.evaluate(dances(), fps=30, pool=p, metrics=["kinetic"], bootstrap=0) for p in (pool, turned)]
     assert found[0].to_json() == found[1].to_json()

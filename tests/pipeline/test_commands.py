@@ -23,7 +23,7 @@ SET = [f"{key}={value}" for key, value in CHANGED.items()]
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> dancedata.pipeline.commands.BuildResult:
+def demo(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Any:
     """A small demo, built from Python, with its source next to it."""
     out = tmp_path_factory.mktemp("api") / "demo"
     return dancedata.build("demo", out=out, overrides=CHANGED, jobs=1, cache=cache, progress=False)

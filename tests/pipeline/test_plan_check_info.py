@@ -130,7 +130,8 @@ def test_a_damaged_dataset_does_not_check(built_copy: Path):
     (built_copy / "stats.json").write_text("{}")
     found = as_json("check", built_copy, code=1)
     assert not found["ok"]
-    assert [p["where"] for p in found["problems"] if p["severity"] == "error"] == ["stats.json"]
+    (where,) = (p["where"] for p in found["problems"] if p["severity"] == "error")
+    assert Path(where).name == "stats.json"
 
 
 def test_a_source_with_broken_files_does_not_check(worn: Path):

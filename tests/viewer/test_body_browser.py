@@ -8,7 +8,6 @@ import pytest
 
 import dancedata
 from dancedata.viewer import Scenes
-from dancedata.viewer.page import clip_page
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
 from tests.report.test_colours import luminance
@@ -123,13 +122,3 @@ def test_copies_and_comparisons_have_bodies(browser: Browser, odd: Path, source:
     assert len(sides(three)[0]) > 1.3 * len(sides(sticks)[0])
     assert len(sides(three)[0]) > 0.4 * alone  # the camera is farther away
     assert browser.log() == []
-
-
-def test_an_exported_page_has_a_body(browser: Browser, odd: Path, tmp_path: Path) -> None:
-    scenes = Scenes(dancedata.open(odd))
-    page = tmp_path / "page.html"
-    page.write_text(clip_page(scenes, scenes.items[:1]))
-    browser.open(page.as_uri())
-    body = stage(browser)
-    browser.key("b")
-    assert len(sides(body)[0]) > 1.3 * len(sides(stage(browser))[0])

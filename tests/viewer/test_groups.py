@@ -20,6 +20,7 @@ from dancedata.viewer.server import Site
 from dancedata.viewer.source import ClipSource
 from dancedata.viewer.together import Together
 from dancedata.viewer.view import ViewRequest, export_page
+from tests.report.test_colours import contrast, luminance
 from tests.viewer.helpers import serving
 from tests.viewer.test_scenes import unpacked
 
@@ -210,14 +211,8 @@ def test_a_dancer_shows_himself_in_a_notebook(crowd: Path) -> None:
 
 @pytest.mark.parametrize(("theme", "background"), [("dark", "#14161a"), ("light", "#f6f7f8")])
 def test_colours_of_dancers_stand_out(theme: str, background: str) -> None:
-    def light(colour: str) -> float:
-        parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
     assert len({tones[0] for tones in DANCERS[theme]}) == 8
     for middle, left, right in DANCERS[theme]:
-        assert light(left) > light(middle) > light(right)
+        assert luminance(left) > luminance(middle) > luminance(right)
         for colour in (middle, left, right):
-            low, high = sorted((light(colour), light(background)))
-            assert (high + 0.05) / (low + 0.05) >= 3
+            assert contrast(colour, background) >= 3

@@ -16,6 +16,7 @@ import pytest
 from dancedata.viewer.notebook import html_of
 from dancedata.viewer.page import clip_page, page_parts, source_hash
 from dancedata.viewer.payload import page_json
+from tests.report.test_colours import contrast
 
 HOSTILE = '</script><img src=x onerror="window.PWN=1">\u2028\u202e&amp;'
 
@@ -128,12 +129,6 @@ def linear(colour: str) -> np.ndarray:
     """Linear RGB."""
     c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-
-
-def contrast(one: str, other: str) -> float:
-    """Contrast of WCAG 2."""
-    low, high = sorted(float(linear(c) @ (0.2126, 0.7152, 0.0722)) for c in (one, other))
-    return (high + 0.05) / (low + 0.05)
 
 
 def lab_deuteranopia(colour: str) -> np.ndarray:
