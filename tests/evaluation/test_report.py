@@ -138,7 +138,7 @@ def test_only_the_requested_metrics(store: Store, tmp_path: Path) -> None:
 def test_only_beats_without_music(store: Store) -> None:
     with raises_message(UsageError, "could", where="clips in memory"):
         dancedata.evaluate(dances(), fps=30, metrics=["bas"])
-    some = dancedata.evaluate(dances(), fps=30, metrics=["bas"], beats={"d0": _beats(store)}, bootstrap=0)
+    some = dancedata.evaluate(dances(n_frames=200), fps=30, metrics=["bas"], beats={"d0": _beats(store)}, bootstrap=0)
     assert [s.undefined for s in some.scores] == [{"no_music": ("d1", "d2")}]
     assert some.fps == "30"
 

@@ -76,15 +76,20 @@ def song(tmp_path: Path) -> np.ndarray:
     return np.asarray(soundfile.read(tmp_path / "source" / "a.wav", dtype="float32")[0])
 
 
-def build(tmp_path: Path, cache: Path, monkeypatch: Any, start: str, **keys: Any) -> Store:
+@pytest.fixture
+def build(tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray) -> Any:
     DATASETS.names()
     monkeypatch.setitem(DATASETS._classes, "late", Late)
-    document = {
-        "recipe": 1, "name": "late", "dataset": {"late": {"start": start}}, "fps": 30,
-        "windows": {"length_s": 2, "stride_s": "1/2"}, "motion": {"joints": {}}, "audio": {"librosa35": {}},
-    } | keys  # fmt: skip
-    out = tmp_path / "out"
-    return dancedata.build(document, tmp_path / "source", out, jobs=1, cache=cache, progress=False).open()
+
+    def run(start: str, folder: Path = tmp_path, **keys: Any) -> Store:
+        document = {
+            "recipe": 1, "name": "late", "dataset": {"late": {"start": start}}, "fps": 30,
+            "windows": {"length_s": 2, "stride_s": "1/2"}, "motion": {"joints": {}}, "audio": {"librosa35": {}},
+        } | keys  # fmt: skip
+        places = (folder / "source", folder / "out")
+        return dancedata.build(document, *places, jobs=1, cache=cache, progress=False).open()
+
+    return run
 
 
 def rows_of(samples: np.ndarray) -> np.ndarray:
@@ -94,9 +99,9 @@ def rows_of(samples: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("start", "skipped", "row"), [("1/2", 0, 15), ("3/5", 0, 18), ("51/100", 240, 15)])
 def test_the_song_begins_before_the_clip(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str, skipped: int, row: int
+    tmp_path: Path, build: Any, song: np.ndarray, start: str, skipped: int, row: int
 ) -> None:
-    store = build(tmp_path, cache, monkeypatch, start)
+    store = build(start)
     assert verify_store(tmp_path / "out") == []
     expected = rows_of(song[skipped:])
     np.testing.assert_array_equal(store.clip("a").read("librosa35"), expected[row:][: SECONDS * 30])
@@ -109,9 +114,9 @@ def test_the_song_begins_before_the_clip(
 
 @pytest.mark.parametrize(("start", "skipped", "offset"), [("-1/2", 0, -15), ("-0.51", 560, -16)])
 def test_the_song_begins_after_the_clip(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str, skipped: int, offset: int
+    tmp_path: Path, build: Any, song: np.ndarray, start: str, skipped: int, offset: int
 ) -> None:
-    store = build(tmp_path, cache, monkeypatch, start)
+    store = build(start)
     assert verify_store(tmp_path / "out") == []
     expected = rows_of(song[skipped:])
     first = -offset if offset % 15 == 0 else 30
@@ -134,10 +139,8 @@ def test_the_song_begins_after_the_clip(
 
 
 @pytest.mark.parametrize("start", ["-1/2", "-0.51"])
-def test_music_that_begins_later_is_drawn_and_reported(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str
-) -> None:
-    store = build(tmp_path, cache, monkeypatch, start)
+def test_music_that_begins_later_is_drawn_and_reported(tmp_path: Path, build: Any, start: str) -> None:
+    store = build(start)
     lead, rows = store.rows_within("a", "librosa35")
     beats = np.flatnonzero(rows[:, -1]) + lead
     scenes = Scenes(store)
@@ -155,18 +158,16 @@ def test_music_that_begins_later_is_drawn_and_reported(
     assert axes.images[0].get_extent()[:2] == [lead / 30, SECONDS]
 
 
-def test_copies_at_another_speed_keep_their_place(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray
-) -> None:
-    store = build(tmp_path, cache, monkeypatch, "1/2", augment={"tempo": {"speeds": [1.25]}})
+def test_copies_at_another_speed_keep_their_place(tmp_path: Path, build: Any) -> None:
+    store = build("1/2", augment={"tempo": {"speeds": [1.25]}})
     assert verify_store(tmp_path / "out") == []
     assert store.clip("a__tempo").audio_start == Fraction(2, 5)
     assert store.music_offset("a__tempo") == Fraction(12, 30)
 
 
-def test_windows_by_themselves_are_refused(tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray) -> None:
+def test_windows_by_themselves_are_refused(build: Any) -> None:
     with raises_message(UsageError, "begin", where="clip a"):
-        build(tmp_path, cache, monkeypatch, "1/2", scope="window")
+        build("1/2", scope="window")
 
 
 @pytest.fixture
@@ -187,25 +188,23 @@ def two_splits(tmp_path: Path, song: np.ndarray, monkeypatch: Any) -> Path:
 
 
 @pytest.mark.parametrize("start", ["1/2", "-1/2", "-0.51"])
-def test_what_reads_whole_songs_reads_them(
-    tmp_path: Path, cache: Path, monkeypatch: Any, two_splits: Path, start: str
-) -> None:
-    store = build(tmp_path, cache, monkeypatch, start)
+def test_what_reads_whole_songs_reads_them(tmp_path: Path, build: Any, two_splits: Path, start: str) -> None:
+    store = build(start)
     assert verify_store(tmp_path / "out") == []
     assert len(alike_songs(store, songs_of(store.clips)) or ()) == 0
     (two_splits / "a.wav").write_bytes((two_splits / "b.wav").read_bytes())
     shutil.copytree(tmp_path / "source", tmp_path / "other" / "source")
-    other = build(tmp_path / "other", cache, monkeypatch, start)
+    other = build(start, tmp_path / "other")
     [gap] = [d for d in dancedata.diff(store.path, other.path) if d.kind == "values"]
     assert gap.names == ("a",)
 
 
 @pytest.mark.parametrize("start", ["0", "1.2", "-1"])
 def test_beats_of_music_files_are_counted_from_frame_0(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str
+    tmp_path: Path, cache: Path, build: Any, song: np.ndarray, start: str
 ) -> None:
     """Beats from the source are those that the store has, and those of the song less its beginning."""
-    store = build(tmp_path, cache, monkeypatch, start)
+    store = build(start)
     found = {}
     resources = Resources(Cache(cache), 1, Progress(quiet=True))
     protocol = PROTOCOLS.get("dancedata")()
@@ -221,12 +220,8 @@ def test_beats_of_music_files_are_counted_from_frame_0(
 
 
 @pytest.mark.parametrize("start", ["3/2", "-1"])
-def test_edge_gets_the_sound_of_its_windows(
-    tmp_path: Path, cache: Path, monkeypatch: Any, two_splits: Path, start: str
-) -> None:
-    store = build(
-        tmp_path, cache, monkeypatch, start, motion={"edge151": {}}, windows={"length_s": 5, "stride_s": "1/2"}
-    )
+def test_edge_gets_the_sound_of_its_windows(tmp_path: Path, build: Any, two_splits: Path, start: str) -> None:
+    store = build(start, motion={"edge151": {}}, windows={"length_s": 5, "stride_s": "1/2"})
     dancedata.export(store.path, "edge", tmp_path / "edge", source=two_splits)
     song = soundfile.read(two_splits / "a.wav", dtype="float32")[0]
     for window in store.windows("train"):
@@ -236,11 +231,9 @@ def test_edge_gets_the_sound_of_its_windows(
 
 
 @pytest.mark.parametrize("start", ["1/2", "51/100", "-3/5", "5"])
-def test_a_plan_counts_the_windows_of_a_build(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, start: str
-) -> None:
+def test_a_plan_counts_the_windows_of_a_build(tmp_path: Path, cache: Path, build: Any, start: str) -> None:
     tempo = {"augment": {"tempo": {"speeds": [0.9, 1.1]}}}
-    store = build(tmp_path, cache, monkeypatch, start, **tempo)
+    store = build(start, **tempo)
     places = {"jobs": 1, "cache": cache, "progress": False}
     plan = dancedata.plan(store.meta["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
     counts = store.meta["counts"]["train"]
@@ -251,17 +244,15 @@ def test_a_plan_counts_the_windows_of_a_build(
 
 @pytest.mark.parametrize(("target", "options"), [("npz", {}), ("webdataset", {"samples": "clips"})])
 def test_exports_of_whole_clips_name_music_that_begins_later(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray, target: str, options: dict[str, Any]
+    tmp_path: Path, build: Any, target: str, options: dict[str, Any]
 ) -> None:
-    store = build(tmp_path, cache, monkeypatch, "-1")
+    store = build("-1")
     with raises_message(StoreError, "later", where="out"):
         dancedata.export(store.path, target, out=tmp_path / "x", **options)
 
 
-def test_a_scaler_over_all_rows_takes_music_that_begins_later(
-    tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray
-) -> None:
-    store = build(tmp_path, cache, monkeypatch, "-1")
+def test_a_scaler_over_all_rows_takes_music_that_begins_later(build: Any) -> None:
+    store = build("-1")
     scaler = WindowDataset(store, "train", normalize=("librosa35",), normalizer_over="all").normalizer("librosa35")
     _, rows = store.rows_within("a", "librosa35")
     np.testing.assert_array_equal(scaler.data_max, rows.max(axis=0).astype(np.float64))
