@@ -38,7 +38,7 @@ SHARE_HELP = "You state that you have the right to pass this music on."
 @errors_to_exit_codes
 def view(
     store: Annotated[Path, typer.Argument(metavar="X", help=VIEW_HELP)],
-    clip: Annotated[str, typer.Argument(metavar="[CLIP]", help="Id of the clip or group to begin with.")] = "",
+    clip: Annotated[str, typer.Argument(metavar="CLIP", help="Id of the clip or group to begin with.")] = "",
     columns: Annotated[str | None, typer.Option("--as", metavar="REPRESENTATION", help=COLUMNS_HELP)] = None,
     like: Annotated[Path | None, typer.Option(metavar="STORE", help="Dataset with their scaler and rate.")] = None,
     music: Annotated[Path | None, typer.Option(metavar="PATH", help=MUSIC_HELP)] = None,
