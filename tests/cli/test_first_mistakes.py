@@ -23,14 +23,16 @@ from dancedata.core.registry import DATASETS
 from dancedata.pipeline.rejects import BY_CHOICE, left_out_lines
 from dancedata.store import Store
 from tests.commands import run
+from tests.conftest import Once
 
 
 @pytest.fixture
-def larger(tmp_path: Path) -> Path:
+def larger(once: Once, tmp_path: Path) -> Path:
     """Eight clips to two songs, all in one split by the recipe of the tests below."""
     from dancedata.synthetic import write_synthetic
 
-    return write_synthetic(tmp_path / "larger", songs=2, clips_per_song=4, clip_s=6)
+    made = once("larger", lambda folder: write_synthetic(folder / "source", songs=2, clips_per_song=4, clip_s=6))
+    return shutil.copytree(made / "source", tmp_path / "larger")
 
 
 ALL = ("--set", "dataset.aist++.split=all")
