@@ -6,7 +6,6 @@ without a tempo, clipped): 2.5e-5, 4.3e-4, 0, equal.
 """
 
 import tracemalloc
-from collections.abc import Mapping
 from pathlib import Path
 
 import librosa
@@ -31,18 +30,14 @@ FAST, PLAIN = Librosa35(), Librosa35(method="librosa")
 GATES = {"onset_envelope": 1e-4, "mfcc": 1e-3, "chroma_cens": 1e-6, "onset_peak": 0.0, "beat": 0.0}
 
 
-def _assert_agree(
-    found: NDArray[np.float32], expected: NDArray[np.float32], gates: Mapping[str, float] = GATES
-) -> None:
+def _assert_agree(found, expected, gates=GATES):
     assert found.shape == expected.shape
     for name, gate in {**GATES, **gates}.items():
         part = FAST.columns.slice(name)
         np.testing.assert_allclose(found[..., part], expected[..., part], rtol=0, atol=gate, err_msg=name)
 
 
-def _assert_windows_agree(
-    signal: AudioSignal, starts: list[int], n_samples: int, start_bpm: float | None = 100.0
-) -> None:
+def _assert_windows_agree(signal, starts, n_samples, start_bpm=100.0):
     n_rows = FAST.n_rows(n_samples, signal.sample_rate, GRID)
     arguments = signal, np.array(starts), n_samples, GRID, n_rows
     _assert_agree(
@@ -242,9 +237,7 @@ VIBE_ACE, FISHIN = "Kevin_MacLeod_-_Vibe_Ace.hq.ogg", "Karissa_Hobbs_-_Lets_Go_F
         (VIBE_ACE, 44100, 2, 5, 112.0, 12),
     ],
 )
-def test_real_music(
-    shared: Path, tmp_path: Path, song: str, rate: int, n_channels: int, seconds: int, start_bpm: float, gain: float
-) -> None:
+def test_real_music(shared, tmp_path, song, rate, n_channels, seconds, start_bpm, gain):
     signal = _recording(shared / "realdata" / "music" / song, tmp_path, rate, n_channels, gain)
     starts = [int(k * 0.5 * rate) for k in (1, 45)]
     _assert_windows_agree(signal, starts, seconds * rate, start_bpm=start_bpm)

@@ -152,11 +152,7 @@ def test_a_model_is_fetched_without_code_and_pickles(hub: Hub, tmp_path: Path) -
     asked = [path.rpartition("/")[2] for path in hub.asked]
     assert asked.index("README.md") < asked.index("model.safetensors")
     assert set(found.left_out) == set(FILES) - kept
-    assert json.loads((out / PROVENANCE).read_text()) == {
-        "id": NAME,
-        "revision": COMMIT,
-        "licence": "cc-by-nc-4.0",
-    }
+    assert json.loads((out / PROVENANCE).read_text()) == {"id": NAME, "revision": COMMIT, "licence": "cc-by-nc-4.0"}
     # No other file is left in the folder.
     assert names(tmp_path / "models") == {"tiny", *(f"tiny/{name}" for name in names(out))}
     made = open_model(str(out))

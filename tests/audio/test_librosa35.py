@@ -210,9 +210,7 @@ def test_unknown_method() -> None:
         (64, 1.0, 0.3, ""),
     ],
 )
-def test_the_fallback_of_the_fast_version_is_logged_once(
-    caplog: pytest.LogCaptureFixture, fps: int, seconds: float, level: float, reason: str
-) -> None:
+def test_the_fallback_of_the_fast_version_is_logged_once(caplog, fps, seconds, level, reason):
     _log_once.cache_clear()
     samples = np.random.default_rng(5).uniform(-level, level, int(seconds * 15360))
     with caplog.at_level("WARNING"):

@@ -38,16 +38,7 @@ def _reason(error: pytest.ExceptionInfo[DataError]) -> str:
 
 @pytest.mark.parametrize(("name", "subtype", "rate", "tolerance"), FORMATS)
 @pytest.mark.parametrize("channels", [1, 2])
-def test_formats(
-    tmp_path: Path,
-    stereo_noise: NDArray[np.float32],
-    name: str,
-    subtype: str,
-    rate: int,
-    tolerance: float | None,
-    channels: int,
-    librosa_load: Callable[..., NDArray[np.float32]],
-) -> None:
+def test_formats(tmp_path, stereo_noise, name, subtype, rate, tolerance, channels, librosa_load):
     path = tmp_path / name
     source = stereo_noise[:, :channels]
     soundfile.write(path, source, rate, subtype=subtype)
@@ -61,9 +52,7 @@ def test_formats(
         np.testing.assert_allclose(signal.samples, np.mean(source.T, axis=0), rtol=0, atol=tolerance)
 
 
-def test_51_channels_are_averaged_as_librosa_does(
-    tmp_path: Path, librosa_load: Callable[..., NDArray[np.float32]]
-) -> None:
+def test_51_channels_are_averaged_as_librosa_does(tmp_path, librosa_load):
     source = np.random.default_rng(1).uniform(-1, 1, (5000, 6)).astype(np.float32)
     soundfile.write(tmp_path / "surround.wav", source, 48000, subtype="FLOAT")
     signal = load_audio(tmp_path / "surround.wav")
@@ -143,9 +132,7 @@ class TestBadFiles:
             read(tmp_path / "a.flac")
         assert _reason(error) == "broken_audio"
 
-    def test_music_that_is_too_long_once_resampled(
-        self, tmp_path: Path, read: Callable[[Path], object], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_music_that_is_too_long_once_resampled(self, tmp_path, read, monkeypatch):
         monkeypatch.setattr("dancedata.audio.signal.MAX_BYTES", 4 * 48_000)
         soundfile.write(tmp_path / "a.wav", np.zeros(8000), 8000)
         read(tmp_path / "a.wav")
@@ -262,11 +249,7 @@ def test_resampled_length(from_rate: int, to_rate: int) -> None:
         assert length == resampled_length(n_samples, from_rate, to_rate)
 
 
-def test_resample_is_librosa_load(
-    tmp_path: Path,
-    stereo_noise: NDArray[np.float32],
-    librosa_load: Callable[..., NDArray[np.float32]],
-) -> None:
+def test_resample_is_librosa_load(tmp_path, stereo_noise, librosa_load):
     soundfile.write(tmp_path / "a.wav", stereo_noise, 44100)
     signal = load_audio(tmp_path / "a.wav")
     for rate in (15360, 22050, 44100):

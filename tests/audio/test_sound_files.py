@@ -110,9 +110,7 @@ def length(path: Path, data: bytes) -> float:
         ("header-of-wav-within.flac", lambda: foreign(written("FLAC")), SECONDS),
     ],
 )
-def test_read_without_ffmpeg(
-    tmp_path: Path, name: str, make: Callable[[], bytes], seconds: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_read_without_ffmpeg(tmp_path, name, make, seconds, monkeypatch):
     monkeypatch.setattr("dancedata.audio.signal.decode", None)
     assert abs(length(tmp_path / name, make()) - seconds) < 0.05
 
@@ -217,9 +215,7 @@ def test_without_ffmpeg_the_command_is_named(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("what", [ValueError("odd"), RuntimeError("odd"), KeyError("odd")])
-def test_an_exception_of_soundfile_is_the_files(
-    tmp_path: Path, what: Exception, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_exception_of_soundfile_is_the_files(tmp_path, what, monkeypatch):
     def fail(*arguments: object, **options: object) -> None:
         raise what
 

@@ -5,11 +5,10 @@ python -m pytest -m nightly tests/docs/test_cluster_page.py      Dask, Ray and S
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -54,9 +53,7 @@ def test_the_page_has_every_way() -> None:
     assert [len(commands(kind)) for kind in ("", *MODULES)] == [3, 1, 1]
 
 
-def test_one_machine_and_an_array_build_the_same(
-    corpus: Path, built: Path, tmp_path: Path, environment: dict[str, str], hashes: Callable[[Path], Any]
-) -> None:
+def test_one_machine_and_an_array_build_the_same(corpus, built, tmp_path, environment, hashes):
     alone, part, collect = commands()
     assert hashes(run(alone, corpus, tmp_path / "alone", environment)) == hashes(built)
     environment["DANCEDATA_CACHE"] = str(tmp_path / "shared")
@@ -80,9 +77,7 @@ def cluster(kind: str, environment: dict[str, str]) -> Iterator[dict[str, str]]:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", MODULES)
-def test_a_cluster_builds_the_same(
-    corpus: Path, built: Path, tmp_path: Path, environment: dict[str, str], hashes: Callable[[Path], Any], kind: str
-) -> None:
+def test_a_cluster_builds_the_same(corpus, built, tmp_path, environment, hashes, kind):
     if not find_spec(MODULES[kind]):
         pytest.skip(f"{MODULES[kind]} is not installed")
     (line,) = commands(kind)

@@ -11,9 +11,7 @@ from dancedata.pipeline.decode_file import FORMATS
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "decoding.md").read_text(encoding="utf-8")
 
 
-def test_its_code_prints_the_output_shown(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_its_code_prints_the_output_shown(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     small = {"audio": {}, "dataset.synthetic.songs": 3, "dataset.synthetic.clips_per_song": 2}
     dancedata.build("demo", out="data/demo", overrides=small, cache="cache", jobs=1, progress=False)

@@ -51,9 +51,7 @@ def test_readme_snippets_print_the_output_shown(demo: Path, capsys: pytest.Captu
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 @pytest.mark.parametrize("page", ["audio-features", "evaluation", "exports", "metrics", "python", "representations"])
-def test_a_page_prints_the_output_shown(
-    demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, page: str
-) -> None:
+def test_a_page_prints_the_output_shown(demo, capsys, monkeypatch, page):
     if page == "python":
         pytest.importorskip("torch")
     monkeypatch.chdir(demo)

@@ -50,9 +50,7 @@ def numbers_hidden(text: str) -> str:
     return re.sub(r"\d[\d,]*", "#", text)
 
 
-def test_the_page_prints_the_output_shown(
-    demo: Demo, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_prints_the_output_shown(demo, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(demo.folder)
     blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", PAGE, flags=re.DOTALL | re.MULTILINE)

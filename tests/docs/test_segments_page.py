@@ -10,9 +10,7 @@ pytest.importorskip("torch")
 PAGE = Path(__file__).parents[2] / "docs" / "segments.md"
 
 
-def test_code_of_the_page_runs(
-    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_code_of_the_page_runs(tmp_path, cache, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DANCEDATA_CACHE", str(cache))
     names: dict[str, object] = {}

@@ -91,9 +91,7 @@ def test_the_page_on_video(tmp_path: Path, example: Path, run: Callable[[str], l
         assert [c.id for c in ds.clips] == ["res"]
 
 
-def test_a_manifest_of_people_and_a_file_without_vertices(
-    tmp_path: Path, example: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_manifest_of_people_and_a_file_without_vertices(tmp_path, example, monkeypatch):
     for song in (example / "music").iterdir():
         shutil.copy(song, tmp_path / f"anna{song.suffix}")
     (tmp_path / "wham_output.pkl").write_bytes(wham({0: wham_person(N, vertices=4), 1: wham_person(N, vertices=4)}))

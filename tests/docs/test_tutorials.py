@@ -79,9 +79,7 @@ def run(line: str, environment: dict[str, str], *, here: bool) -> None:
 
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.filterwarnings("ignore")  # Lightning's advice on loaders and loggers
-def test_the_tutorials_run_and_print_the_output_shown(
-    environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_tutorials_run_and_print_the_output_shown(environment, tmp_path, monkeypatch):
     pytest.importorskip("lightning")
     pytest.importorskip("pandas")
     folder = tmp_path / "desk"

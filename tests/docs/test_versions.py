@@ -88,9 +88,7 @@ def test_what_is_prepared_is_not_refused(script: ModuleType, prepared: Path) -> 
         ({"version": ("9.1.0", "9.1.0.dev0")}, "9.1.0.dev0 is a version in development"),
     ],
 )  # fmt: skip
-def test_a_mismatch_is_refused(
-    script: ModuleType, prepared: Path, changes: dict[str, tuple[str, str]], reason: str
-) -> None:
+def test_a_mismatch_is_refused(script, prepared, changes, reason):
     assert any(reason in text for text in refused(script, prepared, **changes))
 
 
@@ -129,9 +127,7 @@ def test_a_table_of_versions_keeps_other_rows(tmp_path: Path) -> None:
         ("(sleep 9; echo late) &", 600, True),
     ],
 )
-def test_commands_of_versions_end_with_their_children(
-    command: str, seconds: float, finishes: bool, tmp_path: Path
-) -> None:
+def test_commands_of_versions_end_with_their_children(command, seconds, finishes, tmp_path):
     versions = load(ROOT / ".ci" / "versions.py")
     reading, writing = os.pipe()
     with open(reading) as output, open(writing, "w") as log:

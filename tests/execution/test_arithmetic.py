@@ -119,9 +119,7 @@ STARTED = [f"{name}={value}" for name, value in arithmetic.variables().items()]
         (STARTED, {"internal_api": "mkl"}, False),
     ],
 )
-def test_only_a_process_that_was_started_so_computes_with_the_reference(
-    monkeypatch: pytest.MonkeyPatch, started: list[str], pool: dict[str, str], is_reference: bool
-) -> None:
+def test_only_a_process_that_was_started_so_computes_with_the_reference(monkeypatch, started, pool, is_reference):
     monkeypatch.setattr(arithmetic, "started_with", lambda: started)
     monkeypatch.setattr(arithmetic, "_is_adopted", False)
     pools = [{"internal_api": "openblas", "architecture": "Haswell", "version": "0.3.34", **pool}]
@@ -165,18 +163,14 @@ def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, s
         if name != "nothing"
     ],
 )
-def test_the_command_line_gives_the_same_bytes(
-    recipe: Path, expected: dict[str, str], tmp_path: Path, name: str
-) -> None:
+def test_the_command_line_gives_the_same_bytes(recipe, expected, tmp_path, name):
     assert build_by_command(recipe, tmp_path, **SETTINGS[name]) == expected
 
 
 @needs_reference
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", MORE_SETTINGS)
-def test_the_command_line_gives_the_same_bytes_under_any_settings(
-    recipe: Path, expected: dict[str, str], tmp_path: Path, name: str
-) -> None:
+def test_the_command_line_gives_the_same_bytes_under_any_settings(recipe, expected, tmp_path, name):
     assert build_by_command(recipe, tmp_path, **MORE_SETTINGS[name]) == expected
 
 
@@ -185,9 +179,7 @@ def test_the_command_line_gives_the_same_bytes_under_any_settings(
 @pytest.mark.parametrize(
     ("jobs", "name"), [(1, "older processor"), pytest.param(2, "nothing", marks=pytest.mark.nightly)]
 )
-def test_a_build_from_python_gives_the_same_bytes(
-    recipe: Path, expected: dict[str, str], tmp_path: Path, jobs: int, name: str
-) -> None:
+def test_a_build_from_python_gives_the_same_bytes(recipe, expected, tmp_path, jobs, name):
     """There numpy was loaded before; the source is made by it, too."""
     source, out, cache = (tmp_path / part for part in ("source", "out", "cache"))
     run("-c", BUILD, recipe, source, out, cache, jobs, **SETTINGS[name])
@@ -289,9 +281,7 @@ def _ask(queue: Any) -> None:
 
 @needs_reference
 @pytest.mark.usefixtures("notebook")
-def test_a_worker_of_a_loader_takes_what_builds_have_computed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_of_a_loader_takes_what_builds_have_computed(tmp_path, monkeypatch):
     """What is missing it computes under a key of its own."""
     song = tmp_path / "song.wav"
     made = synthesise_song("mPO1", length_s=6.0)
@@ -355,9 +345,7 @@ def test_machines_without_the_level_keep_results_of_their_own(monkeypatch: pytes
     ("version", "features"),
     [("2.0.2", "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"), ("2.4.6", "X86_V3"), ("3.0.0rc1", "X86_V3")],
 )
-def test_versions_of_numpy_name_features_in_their_own_way(
-    monkeypatch: pytest.MonkeyPatch, version: str, features: str
-) -> None:
+def test_versions_of_numpy_name_features_in_their_own_way(monkeypatch, version, features):
     monkeypatch.setattr(arithmetic, "version", lambda name: version)
     assert arithmetic.variables()["NPY_ENABLE_CPU_FEATURES"] == features
 

@@ -340,9 +340,7 @@ def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, t
 
 
 @pytest.mark.parametrize("how", ["at rest", "touched", "replaced"])
-def test_a_song_that_changes_during_a_build_is_set_aside(
-    corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
-):
+def test_a_song_that_changes_during_a_build_is_set_aside(corpus, own, tmp_path, monkeypatch, how):
     recipe = load_recipe("aist++")
     (job,) = recipe.audio
     songs = sorted((corpus / "wavs").glob("*.wav"))
@@ -406,9 +404,7 @@ def test_a_body_model_that_changes_during_a_build_is_not_used(corpus: Path, own:
     assert motion_units.cached_motion(own, recipe, keys) is None
 
 
-def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(
-    corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(corpus, own, tmp_path, monkeypatch):
     song = tmp_path / "song.wav"
     song.write_bytes(next((corpus / "wavs").glob("*.wav")).read_bytes())
     before = song.stat()

@@ -156,9 +156,7 @@ def test_no_command_touches_foreign_files_in_the_cache_or_next_to_out(
 
 
 @pytest.mark.parametrize(("name", "overwrite"), [(name, k % 2 == 1) for k, name in enumerate(IN_OUT)])
-def test_a_folder_with_foreign_files_is_refused(
-    run_build: Any, corpus: Path, out: Path, plant: Any, name: str, overwrite: bool
-):
+def test_a_folder_with_foreign_files_is_refused(run_build, corpus, out, plant, name, overwrite):
     # A shard and a card are what a killed build of the first release left, and what others may have as well.
     names = [name, "README.md"] if name.endswith(".h5") else [name]
     check = plant(out, names)
@@ -171,9 +169,7 @@ def test_a_folder_with_foreign_files_is_refused(
 
 
 @pytest.mark.parametrize("name", [n for n in IN_OUT if n not in DATASET_FILES])
-def test_a_dataset_with_foreign_files_is_not_replaced(
-    run_build: Any, corpus: Path, built_copy: Path, plant: Any, name: str
-):
+def test_a_dataset_with_foreign_files_is_not_replaced(run_build, corpus, built_copy, plant, name):
     check = plant(built_copy, [name])
     with raises_message(StoreError, "holds"):
         run_build(corpus, built_copy, set=["windows.stride_s=1", *QUICK], overwrite=True)
@@ -184,9 +180,7 @@ def test_a_dataset_with_foreign_files_is_not_replaced(
 @pytest.mark.parametrize(
     "text", ["{}", '{"name": "mine", "format": 1}', '{"format": 2}', "no JSON", "[]", '{"splits": {"train": 3}}']
 )
-def test_a_dataset_json_of_another_program_is_refused(
-    run_build: Any, corpus: Path, out: Path, text: str, overwrite: bool
-):
+def test_a_dataset_json_of_another_program_is_refused(run_build, corpus, out, text, overwrite):
     out.mkdir(parents=True)
     (out / "dataset.json").write_text(text)
     (out / "train-00000-of-00001.h5").write_text(MINE)
@@ -209,9 +203,7 @@ def test_a_card_that_somebody_wrote_into_is_not_removed(run_build: Any, corpus: 
 
 @pytest.mark.parametrize("name", ["notes.txt", "README.md"])
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_files_that_come_into_out_during_a_build(
-    run_build: Any, corpus: Path, out: Path, built: Path, monkeypatch: pytest.MonkeyPatch, name: str, overwrite: bool
-):
+def test_files_that_come_into_out_during_a_build(run_build, corpus, out, built, monkeypatch, name, overwrite):
     write = build_module.write_store
     if overwrite:
         shutil.copytree(built, out)
@@ -241,9 +233,7 @@ MOMENTS = [pytest.param(n, marks=() if n in (9, 12, 20) else pytest.mark.nightly
 
 @pytest.mark.parametrize("n", MOMENTS)
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_killed_at_any_rename_or_removal(
-    run_build: Any, corpus: Path, out: Path, cache: Path, hashes: Any, n: int, overwrite: bool
-):
+def test_killed_at_any_rename_or_removal(run_build, corpus, out, cache, hashes, n, overwrite):
     """OUT is whole, with nothing else in it, or has no dataset.json; and the next build makes it right."""
     run_build(corpus, out, set=QUICK)
     first = hashes(out)
@@ -263,9 +253,7 @@ def test_killed_at_any_rename_or_removal(
 
 
 @pytest.mark.parametrize("left", ["journal", "some moved", "all moved"])
-def test_a_build_killed_while_it_moves_files_is_finished(
-    run_build: Any, corpus: Path, built: Path, out: Path, hashes: Any, left: str
-):
+def test_a_build_killed_while_it_moves_files_is_finished(run_build, corpus, built, out, hashes, left):
     unfinished = out / publish.STAGING
     out.mkdir(parents=True)
     publish.claim(unfinished)
@@ -334,9 +322,7 @@ def test_links_in_the_cache_are_not_followed(tmp_path: Path):
     assert target.read_text() == MINE
 
 
-def test_a_folder_of_a_swap_that_is_a_link_is_not_followed(
-    run_build: Any, corpus: Path, built_copy: Path, built: Path, tmp_path: Path, hashes: Any
-):
+def test_a_folder_of_a_swap_that_is_a_link_is_not_followed(run_build, corpus, built_copy, built, tmp_path, hashes):
     precious = shutil.copytree(built, tmp_path / "precious")
     for which in ("new", "old"):
         (built_copy.parent / f".dancedata-out.{which}-0123abcd").symlink_to(precious)

@@ -85,12 +85,7 @@ def aist(sources: dict[str, Path], tmp_path: Path) -> Callable[..., Path]:
     of each split. `named` has a sequence of the source for each further id.
     """
 
-    def copy(
-        *,
-        songs: Callable[[str, bytes], dict[str, bytes]] | None = None,
-        splits: dict[str, list[str]] | None = None,
-        named: dict[str, str] | None = None,
-    ) -> Path:
+    def copy(*, songs=None, splits=None, named=None):
         source, out = sources["aist++"], tmp_path / "aist"
         shutil.copytree(source, out)
         for path in sorted((out / "wavs").iterdir()) if songs else ():

@@ -210,9 +210,7 @@ def hashes() -> Callable[[Path], dict[str, str]]:
 
 
 @pytest.fixture(scope="session")
-def undisturbed(
-    make_slow: Callable[[Path], Slow], corpus: Path, once: Callable[..., Path], hashes: Callable
-) -> dict[str, str]:
+def undisturbed(make_slow, corpus, once, hashes):
     """Hashes of a dataset that one process built without being disturbed."""
 
     def fill(folder: Path) -> None:

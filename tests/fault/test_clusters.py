@@ -30,9 +30,7 @@ def ray_two(slow: Any) -> Iterator[None]:
 
 @HAS_RAY
 @pytest.mark.usefixtures("ray_two")
-def test_ray_gives_the_same_bytes_and_survives_a_killed_worker(
-    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
-):
+def test_ray_gives_the_same_bytes_and_survives_a_killed_worker(slow, corpus, out, songs, undisturbed, hashes):
     slow.sleep(0.3)
     (slow.folder / f"kill-once-{songs[0]}").touch()
     printed = slow.build(corpus, out, "--scheduler", "ray://auto")
@@ -109,9 +107,7 @@ def cluster(request: pytest.FixtureRequest, slow: Any) -> Iterator[list[str]]:
 
 
 @pytest.mark.nightly
-def test_a_killed_worker_changes_nothing(
-    slow: Any, corpus: Path, out: Path, songs: list[str], cluster: list[str], undisturbed: dict[str, str], hashes: Any
-):
+def test_a_killed_worker_changes_nothing(slow, corpus, out, songs, cluster, undisturbed, hashes):
     for song in songs[1:3]:
         (slow.folder / f"kill-once-{song}").touch()
     slow.build(corpus, out, *cluster)
@@ -121,9 +117,7 @@ def test_a_killed_worker_changes_nothing(
 
 
 @pytest.mark.nightly
-def test_a_unit_that_always_kills_its_worker_is_named(
-    slow: Any, corpus: Path, out: Path, songs: list[str], cluster: list[str], undisturbed: dict[str, str], hashes: Any
-):
+def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, cluster, undisturbed, hashes):
     order = slow.folder / f"kill-{songs[2]}"
     order.touch()
     output = slow.build(corpus, out, *cluster, code=1)
@@ -137,9 +131,7 @@ def test_a_unit_that_always_kills_its_worker_is_named(
 
 
 @pytest.mark.nightly
-def test_ctrl_c_cancels(
-    slow: Any, corpus: Path, out: Path, cluster: list[str], undisturbed: dict[str, str], hashes: Any
-):
+def test_ctrl_c_cancels(slow, corpus, out, cluster, undisturbed, hashes):
     slow.sleep(5)
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     process = slow.start_cold(corpus, out, *cluster, start_new_session=True, **pipes)
@@ -164,9 +156,7 @@ def test_ctrl_c_cancels(
 
 @HAS_RAY
 @pytest.mark.nightly
-def test_a_build_resumes_after_a_lost_ray_cluster(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any
-):
+def test_a_build_resumes_after_a_lost_ray_cluster(slow, corpus, out, undisturbed, hashes):
     slow.sleep(30)
     with ray_cluster(slow.environment) as cluster:
         building = slow.start(corpus, out, "--scheduler", "ray://auto")
@@ -185,9 +175,7 @@ def test_a_build_resumes_after_a_lost_ray_cluster(
 
 @HAS_RAY
 @pytest.mark.nightly
-def test_ray_client_gives_the_same_bytes(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any
-):
+def test_ray_client_gives_the_same_bytes(slow, corpus, out, undisturbed, hashes):
     with ray_cluster(slow.environment), ray_client_server(slow.environment) as port:
         slow.build(corpus, out, "--scheduler", f"ray://127.0.0.1:{port}")
     assert hashes(out) == undisturbed

@@ -155,9 +155,7 @@ def test_a_small_disk_is_a_clear_error(run: Build, corpus: Path, small_disk: Pat
     assert list(small_disk.rglob("*.tmp")) == []
 
 
-def test_a_clock_that_goes_backwards_changes_nothing(
-    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_clock_that_goes_backwards_changes_nothing(run, out, tmp_path, whole, hashes, monkeypatch):
     now = time.time()
 
     def backwards() -> float:
@@ -180,9 +178,7 @@ def test_a_clock_that_goes_backwards_changes_nothing(
     assert hashes(out) == whole
 
 
-def test_pruning_while_a_build_runs_takes_nothing_from_it(
-    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
-):
+def test_pruning_while_a_build_runs_takes_nothing_from_it(run, out, tmp_path, whole, hashes, monkeypatch):
     compute = build_module.compute_clips
     pruned = []
 
@@ -201,15 +197,7 @@ def test_pruning_while_a_build_runs_takes_nothing_from_it(
 
 
 @pytest.mark.parametrize("how", ["removed", "damaged"])
-def test_an_entry_that_is_lost_during_a_build_is_computed_again(
-    run: Build,
-    out: Path,
-    tmp_path: Path,
-    whole: dict[str, str],
-    hashes: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    how: str,
-):
+def test_an_entry_that_is_lost_during_a_build_is_computed_again(run, out, tmp_path, whole, hashes, monkeypatch, how):
     """`dancedata cache prune` may run at any time, and disks have their moods."""
     compute = build_module.compute_clips
 
@@ -241,9 +229,7 @@ def damage(cache: Path) -> int:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_any_number_of_damaged_entries_cost_a_computation_each(
-    corpus: Path, out: Path, tmp_path: Path, hashes: Any, monkeypatch: pytest.MonkeyPatch, jobs: int
-):
+def test_any_number_of_damaged_entries_cost_a_computation_each(corpus, out, tmp_path, hashes, monkeypatch, jobs):
     fields = ("edge151", "lodge139", "finedance319", "joints", "fact219")
     recipe = parse_recipe({**DOCUMENT, "motion": {name: {} for name in fields}})
     cache = tmp_path / "cache"
@@ -287,9 +273,7 @@ def test_damaged_entries_that_a_filter_reads(corpus: Path, out: Path, tmp_path: 
     assert hashes(out) == whole
 
 
-def test_entries_that_are_lost_every_time_end_the_build(
-    run: Build, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_entries_that_are_lost_every_time_end_the_build(run, out, tmp_path, monkeypatch):
     compute = build_module.compute_clips
 
     def losing(*args: Any, **options: Any) -> Any:
@@ -303,9 +287,7 @@ def test_entries_that_are_lost_every_time_end_the_build(
     assert not (out / "dataset.json").exists()
 
 
-def test_a_full_cache_that_is_read_only_is_enough(
-    run: Build, corpus: Path, out: Path, tmp_path: Path, whole: Any, hashes: Any, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_full_cache_that_is_read_only_is_enough(run, corpus, out, tmp_path, whole, hashes, monkeypatch):
     run()
     shutil.rmtree(out)
 

@@ -62,16 +62,7 @@ class Hunter:
     orphans: set[tuple[int, str]] = field(default_factory=set)
     kills: Counter[tuple[str, str]] = field(default_factory=Counter)
 
-    def run(
-        self,
-        kind: str,
-        command: list[Any],
-        longest: float,
-        ways: tuple[str, ...],
-        *,
-        meanwhile: Any = None,
-        codes: tuple[int, ...] = (0,),
-    ) -> bool:
+    def run(self, kind, command, longest, ways, *, meanwhile=None, codes=(0,)):
         """Run a command and kill it in one of the ways, each in turn; tells whether it ended well all the same.
 
         Parameters

@@ -43,9 +43,7 @@ def when_it_runs(process: subprocess.Popen[Any]) -> None:
 
 
 @pytest.mark.parametrize("tries", [pytest.param(2), pytest.param(40, marks=pytest.mark.nightly)])
-def test_ctrl_c_while_workers_start(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, tries: int
-):
+def test_ctrl_c_while_workers_start(slow, corpus, out, undisturbed, hashes, tries):
     slow.sleep(2)  # no build comes to its end
     chance = random.Random(tries)
     for number in range(tries):

@@ -18,9 +18,7 @@ SONG_S = 0.2
 
 
 @pytest.mark.parametrize("kills", [pytest.param(2), pytest.param(50, marks=pytest.mark.nightly)])
-def test_a_build_killed_at_random_moments_gives_the_same_result(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, kills: int
-):
+def test_a_build_killed_at_random_moments_gives_the_same_result(slow, corpus, out, undisturbed, hashes, kills):
     slow.sleep(SONG_S)
     chance = random.Random(kills)
     longest = start_s = None
@@ -111,9 +109,7 @@ BOTH = [(when, n) for n in range(1, 10) for when in ("before", "after")]
     ],
     ids=["some", "all"],
 )
-def test_a_build_killed_while_publishing_resumes(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, moments: list[tuple[str, int]]
-):
+def test_a_build_killed_while_publishing_resumes(slow, corpus, out, undisturbed, hashes, moments):
     arguments = slow.command("--source", corpus, "--out", out, "--jobs", 1)[3:]
     kills = 0
     for when, n in moments:
@@ -132,9 +128,7 @@ def test_a_build_killed_while_publishing_resumes(
     assert slow.strays() == []
 
 
-def test_every_unit_is_computed_once_by_builds_that_run_together(
-    slow: Any, corpus: Path, tmp_path: Path, undisturbed: dict[str, str], hashes: Any
-):
+def test_every_unit_is_computed_once_by_builds_that_run_together(slow, corpus, tmp_path, undisturbed, hashes):
     slow.sleep(0.2)
     outs = [tmp_path / "outs" / str(i) for i in range(2)]
     processes = [slow.start(corpus, out, "--jobs", 1) for out in outs]

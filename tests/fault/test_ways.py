@@ -2,23 +2,18 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 
-def test_two_jobs_give_the_same_bytes(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, songs: list[str]
-):
+def test_two_jobs_give_the_same_bytes(slow, corpus, out, undisturbed, hashes, songs):
     slow.build(corpus, out, "--jobs", 2)
     assert hashes(out) == undisturbed
     assert sorted(slow.calls()) == sorted(songs)
     assert slow.strays() == []
 
 
-def test_parts_that_are_collected_give_the_same_bytes(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any, songs: list[str]
-):
+def test_parts_that_are_collected_give_the_same_bytes(slow, corpus, out, undisturbed, hashes, songs):
     clips = 0
     # In any order, and one of them twice.
     for part in ("2/2", "1/2", "2/2"):

@@ -37,9 +37,7 @@ def threads(slow: Any) -> Iterator[list[str]]:
         yield ["--scheduler", address]
 
 
-def test_a_worker_killed_under_loky_loses_only_its_unit(
-    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
-):
+def test_a_worker_killed_under_loky_loses_only_its_unit(slow, corpus, out, songs, undisturbed, hashes):
     for song in songs[1:3]:
         (slow.folder / f"kill-once-{song}").touch()
     slow.build(corpus, out, "--jobs", 2)
@@ -52,9 +50,7 @@ def test_a_worker_killed_under_loky_loses_only_its_unit(
     assert slow.strays() == []
 
 
-def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(
-    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
-):
+def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(slow, corpus, out, songs, undisturbed, hashes):
     (slow.folder / f"kill-writing-{songs[1]}").touch()
     slow.build(corpus, out, "--jobs", 2)
     assert hashes(out) == undisturbed
@@ -65,9 +61,7 @@ def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(
     assert slow.strays() == []
 
 
-def test_a_unit_that_always_kills_its_worker_is_named(
-    slow: Any, corpus: Path, out: Path, songs: list[str], undisturbed: dict[str, str], hashes: Any
-):
+def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, undisturbed, hashes):
     order = slow.folder / f"kill-{songs[2]}"
     order.touch()
     output = slow.build(corpus, out, "--jobs", 2, code=1)
@@ -81,13 +75,7 @@ def test_a_unit_that_always_kills_its_worker_is_named(
 
 
 def test_dask_gives_the_same_bytes_and_survives_a_killed_worker(
-    slow: Any,
-    corpus: Path,
-    out: Path,
-    songs: list[str],
-    cluster: list[str],
-    undisturbed: dict[str, str],
-    hashes: Any,
+    slow: Any, corpus: Path, out: Path, songs: list[str], cluster: list[str], undisturbed: dict[str, str], hashes: Any
 ):
     slow.sleep(0.3)
     (slow.folder / f"kill-once-{songs[0]}").touch()
@@ -98,9 +86,7 @@ def test_dask_gives_the_same_bytes_and_survives_a_killed_worker(
 
 
 @pytest.mark.nightly
-def test_a_unit_that_always_kills_its_dask_worker_is_named(
-    slow: Any, corpus: Path, out: Path, songs: list[str], cluster: list[str]
-):
+def test_a_unit_that_always_kills_its_dask_worker_is_named(slow, corpus, out, songs, cluster):
     (slow.folder / f"kill-{songs[2]}").touch()
     output = slow.build(corpus, out, *cluster, code=1)
     assert "this unit of work kills its worker process (slow)" in output
@@ -109,9 +95,7 @@ def test_a_unit_that_always_kills_its_dask_worker_is_named(
 
 
 @pytest.mark.nightly
-def test_a_build_resumes_after_a_lost_scheduler(
-    slow: Any, corpus: Path, out: Path, undisturbed: dict[str, str], hashes: Any
-):
+def test_a_build_resumes_after_a_lost_scheduler(slow, corpus, out, undisturbed, hashes):
     pytest.importorskip("distributed")
     command = [sys.executable, "-c", DASK, "2", "1"]
     slow.sleep(3)
@@ -150,9 +134,7 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
         ({"locked": False}, "locks on files in the cache do not reach"),
     ],
 )
-def test_a_worker_is_checked_for_its_requirements(
-    corpus: Path, tmp_path: Path, wrong: dict[str, Any], output: str | None
-):
+def test_a_worker_is_checked_for_its_requirements(corpus, tmp_path, wrong, output):
     from dancedata.core.errors import DanceDataError
     from dancedata.execution import arithmetic, requirements
     from dancedata.execution.cache_files import locked_file
@@ -384,9 +366,7 @@ print(*(os.environ.get(name) for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP
         ({"GLIBC_TUNABLES": "glibc.malloc.arena_max=1"}, "None None\nNone None\n"),
     ],
 )
-def test_workers_keep_memory_unless_the_user_chose(
-    user: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_keep_memory_unless_the_user_chose(user, expected, monkeypatch):
     """Otherwise encoding motion spends a fifth of its time in the system, clearing the same pages."""
     for name in [name for name in os.environ if name.startswith("MALLOC_")] + ["GLIBC_TUNABLES"]:
         monkeypatch.delenv(name, raising=False)

@@ -70,9 +70,7 @@ def _flip_a_byte_of(path: Path, tensor: str) -> None:
     path.write_bytes(data)
 
 
-def test_two_encoders_jukebox_and_librosa_in_one_dataset(
-    corpus: Path, model: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_encoders_jukebox_and_librosa_in_one_dataset(corpus, model, tmp_path, monkeypatch):
     computed = _watched(monkeypatch)
     random_checkpoint(tmp_path / "jukebox")
     mert, dac = tmp_path / "MERT-v1-tiny", tmp_path / "dac"

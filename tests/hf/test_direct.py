@@ -18,15 +18,7 @@ from dancedata.audio.hf import HuggingFaceEncoder
 
 from .conftest import noise
 
-SPEECH = (
-    "wav2vec2",
-    "wav2vec2-large",
-    "wav2vec2-conformer",
-    "hubert",
-    "hubert-large",
-    "wavlm",
-    "data2vec-audio",
-)
+SPEECH = ("wav2vec2", "wav2vec2-large", "wav2vec2-conformer", "hubert", "hubert-large", "wavlm", "data2vec-audio")
 
 
 def _extractor(folder: Path) -> dict[str, Any]:
@@ -61,9 +53,7 @@ def _check_layers(encoder: Callable[..., HuggingFaceEncoder], kind: str, samples
 
 
 @pytest.mark.parametrize("kind", SPEECH)
-def test_wav2vec2_and_similar_models(
-    kind: str, model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
+def test_wav2vec2_and_similar_models(kind, model, encoder):
     folder, samples = model(kind), noise(2, 16_000)
     extractor = transformers.Wav2Vec2FeatureExtractor(**_extractor(folder))
     wanted = _by_hand(folder, extractor, transformers.AutoModel.from_pretrained(folder), samples)
@@ -113,9 +103,7 @@ def test_clap(model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEn
 
 
 @pytest.mark.parametrize(("kind", "rate"), [("encodec24", 24_000), ("encodec32", 32_000)])
-def test_encodec(
-    kind: str, rate: int, model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
+def test_encodec(kind, rate, model, encoder):
     folder, samples = model(kind), noise(1.501, rate)
     network = transformers.EncodecModel.from_pretrained(folder).eval()
     inputs = torch.from_numpy(samples)[None, None]
@@ -126,9 +114,7 @@ def test_encodec(
     _same(encoder(kind, output="codes").frames(samples, rate).values, codes.float())
 
 
-def test_encodec_at_48_khz_divides_a_chunk_by_its_level(
-    model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
+def test_encodec_at_48_khz_divides_a_chunk_by_its_level(model, encoder):
     folder, samples = model("encodec48"), noise(1, 48_000)
     network = transformers.EncodecModel.from_pretrained(folder).eval()
     extractor = transformers.EncodecFeatureExtractor(feature_size=2, sampling_rate=48_000)
@@ -178,9 +164,7 @@ def test_pe_audio(model: Callable[[str], Path], encoder: Callable[..., HuggingFa
     _same(encoder("pe-audio", layers=2).frames(samples, 48_000).values, wanted.hidden_states[2][0, 1:])
 
 
-def test_muq_front_end_and_conformer(
-    model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
+def test_muq_front_end_and_conformer(model, encoder):
     """Log-mel by librosa, convolutions of torch and a conformer of transformers on the saved tensors."""
     import librosa
     from safetensors.torch import load_file
@@ -220,9 +204,7 @@ def test_muq_front_end_and_conformer(
     np.testing.assert_allclose(found.stamps_s, np.arange(len(wanted)) / 25, atol=1e-12)
 
 
-def test_mert_is_hubert_and_planted_code_does_not_run(
-    model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder], tmp_path: Path
-) -> None:
+def test_mert_is_hubert_and_planted_code_does_not_run(model, encoder, tmp_path):
     import shutil
 
     folder, samples = tmp_path / "MERT", noise(2, 24_000)

@@ -47,9 +47,7 @@ def _spied(own: HuggingFaceEncoder, monkeypatch: pytest.MonkeyPatch) -> list[tup
     return seen
 
 
-def test_batches_are_of_equal_length_and_have_no_mask(
-    encoder: Callable[..., HuggingFaceEncoder], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batches_are_of_equal_length_and_have_no_mask(encoder, monkeypatch):
     own = encoder("wav2vec2-large", chunk_s=1, overlap_s=0.2)
     seen = _spied(own, monkeypatch)
     signals = [noise(1.92, 16_000, seed) for seed in range(5)]
@@ -67,9 +65,7 @@ def test_batches_are_of_equal_length_and_have_no_mask(
     np.testing.assert_array_equal(alone[0], found[1][3])
 
 
-def test_batches_are_halved_when_memory_runs_out(
-    encoder: Callable[..., HuggingFaceEncoder], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batches_are_halved_when_memory_runs_out(encoder, monkeypatch):
     own = encoder("hubert")
     plain, seen = own._network.forward, []
 
@@ -104,9 +100,7 @@ def _seams(whole: HuggingFaceEncoder, cut: HuggingFaceEncoder) -> np.ndarray:
     [("wav2vec2-large", 0, 1e-5), ("encodec24", "last", 1e-5), ("dac", "last", 1e-5), ("encodec32", "last", 2e-4)],
 )
 @OFFSETS
-def test_seams(
-    kind: str, layers: Any, tolerance: float, offset_s: float, encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
+def test_seams(kind, layers, tolerance, offset_s, encoder):
     """Convolutions see the same in chunks as in the whole."""
     cut = encoder(kind, layers=layers, chunk_s=2 + offset_s, overlap_s=1.2)
     assert _seams(encoder(kind, layers=layers), cut).max() < tolerance
@@ -171,9 +165,7 @@ def test_values_beyond_float16_are_never_stored(feature: Callable[..., HuggingFa
     assert feature("hubert", store="float32")._stored(np.array([[7e4]], np.float32)).dtype == np.float32
 
 
-def test_keys_know_the_weights_and_not_where_they_are(
-    model: Callable[[str], Path], feature: Callable[..., HuggingFace], tmp_path: Path
-) -> None:
+def test_keys_know_the_weights_and_not_where_they_are(model, feature, tmp_path):
     def key(made: HuggingFace) -> str:
         return FeatureKeys(FeatureJob("hf.mert", FPS, made)).track(None, "signal")
 

@@ -82,9 +82,7 @@ def test_tensors_used_only_in_training_are_optional(copy: Callable[..., Path]) -
     assert _load(folder).frames(noise(0.2, 16_000), 16_000).values.shape[1] == 24
 
 
-def test_blocks_above_the_highest_layer_are_not_built(
-    model: Callable[[str], Path], copy: Callable[..., Path]
-) -> None:
+def test_blocks_above_the_highest_layer_are_not_built(model, copy):
     whole, cut = _load(model("hubert")), _load(model("hubert"), layers=1)
     assert (len(whole._network.encoder.layers), len(cut._network.encoder.layers)) == (3, 1)
     # A hole there is of no concern, one below is.
@@ -162,9 +160,7 @@ def test_a_config_whose_types_transformers_refuses(copy: Callable[..., Path]) ->
 
 
 @pytest.mark.parametrize("keys", [{"return_dict": False}, {"output_hidden_states": "yes"}, {"torchscript": True}])
-def test_keys_of_the_result_of_a_call_change_nothing(
-    copy: Callable[..., Path], model: Callable[[str], Path], keys: dict[str, Any]
-) -> None:
+def test_keys_of_the_result_of_a_call_change_nothing(copy, model, keys):
     samples = noise(0.3, 16_000)
     wanted = _load(model("hubert")).frames(samples, 16_000)
     found = _load(_edit(copy("hubert"), **keys)).frames(samples, 16_000)
@@ -234,9 +230,7 @@ def test_where_models_are(model: Callable[[str], Path], tmp_path: Path, monkeypa
         open_model(str(tmp_path)).weight_files()
 
 
-def test_hub_ids_come_from_the_cache_of_this_machine(
-    model: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hub_ids_come_from_the_cache_of_this_machine(model, tmp_path, monkeypatch):
     from huggingface_hub import constants
 
     commit = "0123456789abcdef0123456789abcdef01234567"

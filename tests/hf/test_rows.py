@@ -14,7 +14,7 @@ import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
+from dancedata.audio.hf import HuggingFaceEncoder
 from dancedata.audio.hf.families.base import Chunk, Timing, chunks_of
 from dancedata.audio.hf.rows import RowSum, area_overlaps, frames_of, method_of, row_map
 from dancedata.core.audio_signal import AudioSignal
@@ -70,9 +70,7 @@ def _all_frames(n_samples: int, timing: Timing, grid: FrameGrid, length: int, ov
 
 @given(st.integers(30_000, 3_000_000), GRIDS, TIMINGS, st.integers(2, 30))
 @settings(max_examples=60, deadline=None)
-def test_contributions_of_a_frame_add_up_to_its_stretch_exactly(
-    n: int, grid: FrameGrid, timing: Timing, seconds: int
-) -> None:
+def test_contributions_of_a_frame_add_up_to_its_stretch_exactly(n, grid, timing, seconds):
     """Weights of a frame sum to fps / rate, for every frame away from the ends and of a whole hop."""
     _, _, frames = _all_frames(n, timing, grid, seconds * timing.sample_rate, timing.sample_rate)
     n_rows = FrameGrid.of(timing.sample_rate).resampled_length(n, grid)
@@ -165,9 +163,7 @@ def test_one_frame_that_is_on_gives_the_same_sum_wherever_it_is() -> None:
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("hubert", "hubert-large", "wav2vec2-conformer")])
-def test_as_many_frames_as_the_network_gives(
-    kind: str, encoder: Callable[..., HuggingFaceEncoder], feature: Callable[..., HuggingFace]
-) -> None:
+def test_as_many_frames_as_the_network_gives(kind, encoder, feature):
     own = encoder(kind)
     family = own.settings.family
     rng = np.random.default_rng(1)
@@ -187,9 +183,7 @@ def test_as_many_frames_as_the_network_gives(
 
 @given(st.integers(400, 20_000))
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_as_many_frames_as_the_convolutions_give_for_any_length(
-    encoder: Callable[..., HuggingFaceEncoder], n: int
-) -> None:
+def test_as_many_frames_as_the_convolutions_give_for_any_length(encoder, n):
     own = encoder("wav2vec2")
     found = own._network.feature_extractor(torch.zeros(1, n))
     assert own.settings.family.n_frames(n) == found.shape[-1]
@@ -197,9 +191,7 @@ def test_as_many_frames_as_the_convolutions_give_for_any_length(
 
 @given(st.integers(8_000, 96_000), st.integers(40, 900), GRIDS)
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_as_many_rows_as_announced_at_any_rate(
-    feature: Callable[..., HuggingFace], rate: int, milliseconds: int, grid: FrameGrid
-) -> None:
+def test_as_many_rows_as_announced_at_any_rate(feature, rate, milliseconds, grid):
     made = feature("mert")
     signal = AudioSignal(noise(milliseconds / 1000, rate), rate)
     assert len(made.extract(signal, grid)) == made.n_rows(signal.n_samples, rate, grid)
@@ -230,9 +222,7 @@ SEE_BOTH_SIDES = (
 
 
 @pytest.mark.parametrize("kind", SEE_BOTH_SIDES)
-def test_a_click_is_in_the_middle_of_the_frames_that_see_it(
-    kind: str, encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
+def test_a_click_is_in_the_middle_of_the_frames_that_see_it(kind, encoder):
     """Within half a hop: as many frames respond before a click as after it."""
     own = encoder(kind, normalize="none", **({} if kind in ("clap", "dac") or "encodec" in kind else {"layers": 0}))
     family = own.settings.family
@@ -257,9 +247,7 @@ def _centre(kind: str, strength: np.ndarray, stamps: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("kind", ["encodec24", "mimi"])
-def test_a_causal_codec_answers_first_in_the_frame_of_the_click(
-    kind: str, encoder: Callable[..., HuggingFaceEncoder]
-) -> None:
+def test_a_causal_codec_answers_first_in_the_frame_of_the_click(kind, encoder):
     own = encoder(kind)
     hop = int(own.settings.family.timing.hop)
     frame = 40 if kind == "encodec24" else 6  # far from the start, where paddings mirror what follows

@@ -80,9 +80,7 @@ def test_both_scopes(corpus: Path, stores: dict[str, Store], scope: str) -> None
             np.testing.assert_array_equal(found, wanted)
 
 
-def test_other_weights_are_another_dataset(
-    corpus: Path, stores: dict[str, Store], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_weights_are_another_dataset(corpus, stores, tmp_path, monkeypatch):
     from dancedata.testing.jukebox import random_checkpoint
 
     shutil.copytree(stores["track"].path.parent, tmp_path, dirs_exist_ok=True)
@@ -92,9 +90,7 @@ def test_other_weights_are_another_dataset(
         _build(corpus, tmp_path, "track")
 
 
-def test_resumes_after_an_interrupt_at_any_window(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resumes_after_an_interrupt_at_any_window(corpus, tmp_path, monkeypatch):
     computed: list[tuple[str, int]] = []
     plain = Jukebox.extract_windows
 
@@ -119,9 +115,7 @@ def test_resumes_after_an_interrupt_at_any_window(
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_killed_from_outside_and_resumed_gives_the_same_bytes(
-    corpus: Path, tmp_path: Path, tiny: SimpleNamespace, scope: str
-) -> None:
+def test_killed_from_outside_and_resumed_gives_the_same_bytes(corpus, tmp_path, tiny, scope):
     whole = _build(corpus, tmp_path / "whole", scope)
     folder = tmp_path / "killed"
     command = [
@@ -154,14 +148,7 @@ def test_killed_from_outside_and_resumed_gives_the_same_bytes(
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_an_own_song_like_a_dataset(
-    corpus: Path,
-    stores: dict[str, Store],
-    tmp_path: Path,
-    tiny: SimpleNamespace,
-    scope: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_own_song_like_a_dataset(corpus, stores, tmp_path, tiny, scope, monkeypatch):
     store = stores[scope]
     song = next((corpus / "wavs").glob("*.wav"))
     command = ["features", str(song), "--feature", "jukebox", "--out", str(tmp_path), "--like", str(store.path)]

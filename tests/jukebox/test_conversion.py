@@ -125,9 +125,7 @@ def test_second_time_does_nothing(tiny: SimpleNamespace, copy: Path) -> None:
         convert(tiny.folder, copy, 7, config=tiny.config)
 
 
-def test_interrupted_conversion_does_not_load_and_can_be_repeated(
-    tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interrupted_conversion_does_not_load_and_can_be_repeated(tiny, tmp_path, monkeypatch):
     original = conversion._write
 
     def stops(path: Path, *rest: object) -> None:
@@ -208,9 +206,7 @@ def test_damaged_description(copy: Path, change: dict[str, object], message: str
         JukeboxEncoder.from_converted(copy, device="cpu")
 
 
-def test_full_disk_leaves_nothing_half(
-    tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_leaves_nothing_half(tiny, tmp_path, monkeypatch):
     def full(tensors: object, path: Path, metadata: object) -> None:
         Path(path).write_bytes(b"half")
         raise OSError(28, "No space left on device")

@@ -36,9 +36,7 @@ def one_by_one(tiny_encoder: Any, clips: list[np.ndarray]) -> list[dict[int, np.
 
 
 @pytest.mark.parametrize("sizes", [(2, 5, 1, 3), (7,), (1, 1)])
-def test_batch_size_may_change_and_lengths_may_differ(
-    tiny_encoder: Any, clips: list[np.ndarray], one_by_one: list[dict[int, np.ndarray]], sizes: tuple[int, ...]
-) -> None:
+def test_batch_size_may_change_and_lengths_may_differ(tiny_encoder, clips, one_by_one, sizes):
     # jukemirlib keeps the conditioning of the first batch and fails with the next size, and for unequal lengths.
     for size in sizes:
         together = tiny_encoder.embed_batch(clips, 44100, batch_size=size)
@@ -48,9 +46,7 @@ def test_batch_size_may_change_and_lengths_may_differ(
                 np.testing.assert_allclose(found[layer], expected[layer], rtol=0, atol=TOLERANCE)
 
 
-def test_on_a_cpu_neighbours_do_not_matter_to_the_bit(
-    tiny_encoder: Any, clips: list[np.ndarray], one_by_one: list[dict[int, np.ndarray]]
-) -> None:
+def test_on_a_cpu_neighbours_do_not_matter_to_the_bit(tiny_encoder, clips, one_by_one):
     for found, expected in zip(tiny_encoder.embed_batch(clips[::-1], 44100), one_by_one[::-1], strict=True):
         np.testing.assert_array_equal(found[6], expected[6])
 
@@ -171,10 +167,7 @@ def test_bad_samples(tiny_encoder: Any, samples: np.ndarray, rate: int, error: t
         tiny_encoder(samples, rate)
 
 
-@pytest.mark.parametrize(
-    "codes",
-    [[0, 64], [-1], [0.5], [[1]]],
-)
+@pytest.mark.parametrize("codes", [[0, 64], [-1], [0.5], [[1]]])
 def test_bad_codes(tiny_encoder: Any, codes: list[Any]) -> None:
     with raises_message(UsageError, "codes"):
         tiny_encoder.activations(codes)

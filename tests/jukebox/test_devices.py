@@ -97,9 +97,7 @@ def test_impossible_settings_are_reported_before_a_build(tiny: SimpleNamespace, 
             Jukebox(**{"weights": tiny.folder, "layer": 6, **wrong}).resolved(sha256_file)  # type: ignore[arg-type]
 
 
-def test_one_network_a_process_and_the_one_before_goes_first(
-    tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_network_a_process_and_the_one_before_goes_first(tiny, monkeypatch):
     networks: dict[str, Any] = {"hf": (None, None)}
     monkeypatch.setattr("dancedata.audio.networks.feature._networks", networks)
     feature = Jukebox(weights=tiny.folder, layer=3, device="cpu").resolved(sha256_file)

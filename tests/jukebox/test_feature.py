@@ -54,18 +54,14 @@ def test_windows_are_clips_by_themselves(feature: Jukebox, song: AudioSignal, ti
         _same(own, wanted)
 
 
-def test_a_song_within_one_context_is_one_clip(
-    feature: Jukebox, song: AudioSignal, tiny_encoder: JukeboxEncoder
-) -> None:
+def test_a_song_within_one_context_is_one_clip(feature, song, tiny_encoder):
     short = song.part(0, 20 * 22050)
     rows = feature.extract(short, FPS)
     assert len(rows) == feature.n_rows(short.n_samples, 22050, FPS) == 600
     _same(rows, tiny_encoder(short.samples, 22050)[LAYER])
 
 
-def test_a_longer_song_joins_contexts_without_a_gap(
-    feature: Jukebox, song: AudioSignal, tiny_encoder: JukeboxEncoder
-) -> None:
+def test_a_longer_song_joins_contexts_without_a_gap(feature, song, tiny_encoder):
     rows = feature.extract(song, FPS)
     assert len(rows) == feature.n_rows(song.n_samples, 22050, FPS) == 930
     # Contexts of 704 rows overlap by 128, of which the last 16 of the first and 112 of the second are dropped.
@@ -131,9 +127,7 @@ def test_invalid_audio_is_refused(feature: Jukebox, song: AudioSignal) -> None:
         Jukebox(layer=0)
 
 
-def test_weights_that_change_during_a_build_are_an_error(
-    tiny: SimpleNamespace, song: AudioSignal, tmp_path: Path
-) -> None:
+def test_weights_that_change_during_a_build_are_an_error(tiny, song, tmp_path):
     folder = tmp_path / "weights"
     shutil.copytree(tiny.folder, folder)
     resolved = Jukebox(weights=folder, layer=LAYER, device="cpu").resolved(sha256_file)

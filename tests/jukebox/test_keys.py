@@ -56,10 +56,7 @@ def _shape(row: dict[str, str]) -> tuple[int, ...]:
 
 
 def test_specs_are_the_keys_of_the_files(rows: list[dict[str, str]]) -> None:
-    for file, specs in (
-        (VQVAE_FILE, tensors.vqvae_tensors(REAL)),
-        (PRIOR_FILE, tensors.prior_tensors(REAL, 66)),
-    ):
+    for file, specs in ((VQVAE_FILE, tensors.vqvae_tensors(REAL)), (PRIOR_FILE, tensors.prior_tensors(REAL, 66))):
         needed = {
             row["openai_key"]: (_shape(row), row["dtype_in_file"])
             for row in rows

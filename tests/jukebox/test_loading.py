@@ -190,9 +190,7 @@ def test_unneeded_tensors_may_be_missing(tiny: SimpleNamespace, broken: Callable
         (VQVAE_FILE, "encoders.2.level_blocks.3.model.0.0.weight", torch.zeros(2, 2), "belongs"),
     ],
 )
-def test_tensors_that_do_not_fit(
-    tiny: SimpleNamespace, broken: Callable[..., Path], file: str, name: str, tensor: torch.Tensor | None, word: str
-) -> None:
+def test_tensors_that_do_not_fit(tiny, broken, file, name, tensor, word):
     with raises_message(SourceError, f"{re.escape(name)} {word}" if word != "belongs" else word):
         _load(broken(file, {name: tensor}), tiny)
 
@@ -214,9 +212,7 @@ def test_other_config_than_the_files(tiny: SimpleNamespace) -> None:
         lambda data: b"PK\x03\x04nonsense",
     ],
 )
-def test_files_that_are_damaged(
-    tiny: SimpleNamespace, broken: Callable[..., Path], damaged: Callable[[bytes], bytes]
-) -> None:
+def test_files_that_are_damaged(tiny, broken, damaged):
     path = broken("none", {}) / PRIOR_FILE
     path.write_bytes(damaged(path.read_bytes()))
     with raises_message(SourceError, "complete file", where=PRIOR_FILE):
@@ -257,9 +253,7 @@ class _Runs:
         lambda runs: b"\x80\x02ctorch\nFloatStorage\n}X\x01\x00\x00\x00aK\x01sb.",  # sets the state of a class
     ],
 )
-def test_foreign_code_is_not_run(
-    tiny: SimpleNamespace, broken: Callable[..., Path], tmp_path: Path, pickled: Callable[[object], bytes]
-) -> None:
+def test_foreign_code_is_not_run(tiny, broken, tmp_path, pickled):
     folder = broken("none", {})
     head = [pickle.dumps(part, 2) for part in (0x1950A86A20F9469CFC6C, 1001, {"little_endian": True})]
     content = b"".join([*head, pickled(_Runs(tmp_path / "made")), pickle.dumps([], 2)])

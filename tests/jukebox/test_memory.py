@@ -130,9 +130,7 @@ def test_encoder_survives_running_out_of_memory(tiny_encoder: Any, noise: np.nda
         (80, 8192, torch.float32, 66, 0, 32),
     ],
 )
-def test_the_table_of_the_documentation(
-    gib: int, n_codes: int, precision: torch.dtype, blocks: int, host_gb: float, clips: int
-) -> None:
+def test_the_table_of_the_documentation(gib, n_codes, precision, blocks, host_gb, clips):
     free = (gib - 1) << 30
     placement = memory.place(REAL, 66, precision, n_codes, free)
     away = len(placement.resident) - sum(placement.resident)
