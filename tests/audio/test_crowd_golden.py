@@ -51,11 +51,14 @@ def test_tcdiffs_columns_of_a_slice(shared: Path) -> None:
     np.testing.assert_allclose(rows[:, golden["tempogram_cols"]], golden["tempogram"], rtol=0, atol=1e-3)
 
 
+def dd100(shared: Path, name: str) -> AudioSignal:
+    return load_audio(shared / "golden" / "crowd" / "inputs" / "dd100" / "music" / "mp3" / "all" / f"{name}.wav")
+
+
 @pytest.mark.parametrize("name", ["Waltz_5_0", "Waltz_6_0"])
 def test_duolandos_columns(shared: Path, name: str) -> None:
-    crowd = shared / "golden" / "crowd"
-    expected = np.load(crowd / "duolando" / "dd100.npz")[f"{name}.music54"]
-    song = load_audio(crowd / "inputs" / "dd100" / "music" / "mp3" / "all" / f"{name}.wav")
+    expected = np.load(shared / "golden" / "crowd" / "duolando" / "dd100.npz")[f"{name}.music54"]
+    song = dd100(shared, name)
     rows = Bailando54().extract(song, FrameGrid.of(30))
     assert rows.shape == expected.shape == (song.n_samples // 512 + 1, 54)
     assert_within_gates(Bailando54(), rows, expected)
@@ -84,9 +87,8 @@ def test_the_columns_are_the_first_of_bailando438(clicks: AudioSignal) -> None:
 def test_duolandos_first_row_of_other_songs(shared: Path, split: str, name: str) -> None:
     crowd = shared / "golden" / "crowd"
     expected = np.load(crowd / "duolando" / "dd100.npz")[f"window.{split}.music_row0"]
-    song = load_audio(crowd / "inputs" / "dd100" / "music" / "mp3" / "all" / f"{name}.wav")
     facts = json.loads((crowd / "duolando" / "facts.json").read_text())
-    rows = Bailando54().extract(song, FrameGrid.of(30))
+    rows = Bailando54().extract(dd100(shared, name), FrameGrid.of(30))
     assert len(rows) == facts["music_rows"][name]
     assert_within_gates(Bailando54(), rows[:1], expected[None])
 
@@ -101,11 +103,9 @@ BEATS = [3, 21, 40, 58, 77]
 
 def test_infinitedances_columns(shared: Path) -> None:
     """They are Duolando's but for the octaves of chroma, and the tempogram at lag 0."""
-    crowd = shared / "golden" / "crowd"
-    duolandos = np.load(crowd / "duolando" / "dd100.npz")["Waltz_6_0.music54"]
+    duolandos = np.load(shared / "golden" / "crowd" / "duolando" / "dd100.npz")["Waltz_6_0.music54"]
     feature = Bailando55()
-    song = load_audio(crowd / "inputs" / "dd100" / "music" / "mp3" / "all" / "Waltz_6_0.wav")
-    rows = feature.extract(song, FrameGrid.of(30))
+    rows = feature.extract(dd100(shared, "Waltz_6_0"), FrameGrid.of(30))
     assert rows.shape == (81, 55)
     for name in ("mfcc", "mfcc_delta", "onset_envelope", "beat"):
         part = feature.columns.slice(name)
@@ -131,8 +131,7 @@ MAGNITUDE_40 = (0.351186, 0.352196, 1.699371, 4.870341, 8.218758, 5.979174)
 
 @pytest.mark.parametrize(("part", "expected"), [("real", REAL_40), ("magnitude", MAGNITUDE_40)])
 def test_gcdances_columns(shared: Path, part: Any, expected: tuple[float, ...]) -> None:
-    music = shared / "golden" / "crowd" / "inputs" / "dd100" / "music" / "mp3" / "all"
-    rows = Stft193(part).extract(load_audio(music / "Waltz_6_0.wav"), FrameGrid.of(30))
+    rows = Stft193(part).extract(dd100(shared, "Waltz_6_0"), FrameGrid.of(30))
     assert rows.shape == (81, 193)
     np.testing.assert_allclose(rows[40, :6], expected, rtol=0, atol=1e-4)
 

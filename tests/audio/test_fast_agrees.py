@@ -52,56 +52,39 @@ def _song(rate: int, seconds: float = 8.0, music: str = "mPO1") -> NDArray[np.fl
 NIGHTLY = pytest.mark.nightly
 
 
+def nightly(values):
+    return [pytest.param(value, marks=NIGHTLY) for value in values]
+
+
+# At 11,025 Hz every second start is between frames, at 44,056 Hz nearly all do.
 @pytest.mark.parametrize(
-    "rate",
-    [
-        48000,
-        44100,
-        22050,
-        16000,
-        15360,
-        8000,
-        11025,
-        44056,
-        *(pytest.param(r, marks=NIGHTLY) for r in (24000, 32000, 96000)),
-    ],
+    "rate", [48000, 22050, 15360, 8000, 11025, 44056, *nightly((44100, 16000, 24000, 32000, 96000))]
 )
-def test_sample_rates(rate: int) -> None:
-    # At 11,025 Hz every second start is between frames, at 44,056 Hz nearly all do.
+def test_sample_rates(rate):
     starts = [int(k * 0.5 * rate) for k in (1, 6)]
     _assert_windows_agree(AudioSignal(_song(rate), rate), starts, 5 * rate)
 
 
-@pytest.mark.parametrize(
-    "seconds", [0.3, 1.0, 1.9, 3.21, *(pytest.param(length, marks=NIGHTLY) for length in (0.6, 2.5, 10.0))]
-)
-def test_window_lengths(seconds: float) -> None:
-    rate = 44100
-    signal = AudioSignal(_song(rate, 11.0), rate)
-    _assert_windows_agree(signal, [0, 22050], int(seconds * rate))
+@pytest.mark.parametrize("seconds", [0.3, 1.9, 3.21, *nightly((0.6, 1.0, 2.5, 10.0))])
+def test_window_lengths(seconds):
+    _assert_windows_agree(AudioSignal(_song(44100, 11.0), 44100), [0, 22050], int(seconds * 44100))
 
 
-def test_starts_between_frames_and_out_of_order() -> None:
-    signal = AudioSignal(_song(48000), 48000)
-    _assert_windows_agree(signal, [96000, 1, 24000, 24000], 5 * 48000)
-
-
-def test_one_window_requested_twice() -> None:
-    signal = AudioSignal(_song(15360, 5.0), 15360)
-    _assert_windows_agree(signal, [0, 0], 5 * 15360)
+def test_starts_between_frames_twice_and_out_of_order():
+    _assert_windows_agree(AudioSignal(_song(48000), 48000), [96000, 1, 24000, 24000], 5 * 48000)
 
 
 def test_without_a_tempo() -> None:
     _assert_windows_agree(AudioSignal(_song(44100), 44100), [0, 22050], 5 * 44100, start_bpm=None)
 
 
-@pytest.mark.parametrize("fps", [60, 24, 17, *(pytest.param(f, marks=NIGHTLY) for f in (25, 50))])
+@pytest.mark.parametrize("fps", [60, 24, 17, *nightly((25, 50))])
 def test_frame_rates(fps: int) -> None:
     signal, grid = AudioSignal(_song(44100), 44100), FrameGrid.of(fps)
     _assert_agree(FAST.extract(signal, grid, start_bpm=90.0), PLAIN.extract(signal, grid, start_bpm=90.0))
 
 
-@pytest.mark.parametrize("fps", [20, pytest.param(40, marks=NIGHTLY)])
+@pytest.mark.parametrize("fps", [20, *nightly([40])])
 def test_frame_rates_at_which_filters_are_half_as_long_for_some_tunings(fps: int) -> None:
     rate, n_samples, grid = 16000, 120_000, FrameGrid.of(fps)
     starts = np.arange(0, 9, 2) * rate
@@ -119,37 +102,28 @@ def test_frame_rates_at_which_filters_are_half_as_long_for_some_tunings(fps: int
         np.testing.assert_array_equal(alone[0], found[k])
 
 
-def _trouble(kind: str, n: int, rate: int) -> NDArray[np.float32]:
-    rng = np.random.default_rng(4)
-    song = _song(rate, n / rate)
-    time_s = np.arange(n) / rate
-    made = {
-        "silence": np.zeros(n, dtype=np.float32),
-        "click": np.eye(1, n, n // 2)[0].astype(np.float32),
-        "clicks": (np.arange(n) % (rate // 2) == 100).astype(np.float32),
-        "clipped": np.clip(20 * song, -1, 1),
-        "faint": song * np.float32(1e-4),
-        "noise": rng.uniform(-1, 1, n).astype(np.float32),
-        "sine": (0.5 * np.sin(2 * np.pi * 440 * time_s)).astype(np.float32),
-        "constant": np.full(n, 0.25, dtype=np.float32),
-        "silence in between": song * ((time_s < 2) | (time_s > 5)),
-        "silence first": song * (time_s > 4.2),
-        "faded in": song * np.minimum(1, np.exp(3 * (time_s - 5))).astype(np.float32),
-        "loud after faint": song * np.where(time_s > 4, 1, 1e-3).astype(np.float32),
-    }
-    return np.asarray(made[kind], dtype=np.float32)
+TIME, NOISE = np.arange(8 * 44100) / 44100, np.random.default_rng(4).uniform(-1, 1, 8 * 44100)
+#: Of a song: what becomes of it, or other sounds of its length.
+TROUBLE = {
+    "silence": lambda song: 0 * song,
+    "click": lambda song: np.eye(1, len(song), len(song) // 2)[0],
+    "clicks": lambda song: np.arange(len(song)) % 22050 == 100,
+    "clipped": lambda song: np.clip(20 * song, -1, 1),
+    "faint": lambda song: song * np.float32(1e-4),
+    "noise": lambda song: NOISE,
+    "sine": lambda song: 0.5 * np.sin(2 * np.pi * 440 * TIME),
+    "constant": lambda song: np.full(len(song), 0.25),
+    "silence in between": lambda song: song * ((TIME < 2) | (TIME > 5)),
+    "silence first": lambda song: song * (TIME > 4.2),
+    "faded in": lambda song: song * np.minimum(1, np.exp(3 * (TIME - 5))).astype(np.float32),
+    "loud after faint": lambda song: song * np.where(TIME > 4, 1, 1e-3).astype(np.float32),
+}
 
 
-KINDS = [
-    "silence", "click", "clicks", "clipped", "faint", "noise", "sine", "constant",
-    "silence in between", "silence first", "faded in", "loud after faint",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_trouble(kind: str) -> None:
+@pytest.mark.parametrize("kind", TROUBLE)
+def test_trouble(kind):
     rate = 44100
-    signal = AudioSignal(_trouble(kind, 8 * rate, rate), rate)
+    signal = AudioSignal(np.asarray(TROUBLE[kind](_song(rate)), dtype=np.float32), rate)
     _assert_windows_agree(signal, [22050, 3 * rate], 5 * rate)
     _assert_agree(FAST.extract(signal, GRID, start_bpm=90.0), PLAIN.extract(signal, GRID, start_bpm=90.0))
 
@@ -170,19 +144,15 @@ def _offset(kind: str, rate: int) -> NDArray[np.float32]:
     return made[kind].astype(np.float32)
 
 
-NEAR_TIES = ("sine", 47952)
 OFFSETS = ["constant", "noise", "faint noise", "hardly any noise", "song", "sine", "subsonic"]
+#: By default all kinds at one rate, the faintest at the others, and a tone whose peaks are near ties at 47,952 Hz.
+QUICK = {*((kind, 16000) for kind in OFFSETS), *(("hardly any noise", r) for r in (37800, 47952)), ("sine", 47952)}
 
 
-# By default all kinds at one rate, the faintest at the others, and a tone whose peaks are near ties at 47,952 Hz.
 @pytest.mark.parametrize(
     ("kind", "rate"),
     [
-        pytest.param(
-            kind,
-            rate,
-            marks=() if rate == 16000 or kind == "hardly any noise" or (kind, rate) == NEAR_TIES else NIGHTLY,
-        )
+        pytest.param(kind, rate, marks=() if (kind, rate) in QUICK else NIGHTLY)
         for kind in OFFSETS
         for rate in (16000, 37800, 47952)
     ],
@@ -199,7 +169,7 @@ def test_offsets(kind: str, rate: int) -> None:
     _assert_agree(FAST.extract(signal, GRID, start_bpm=90.0), PLAIN.extract(signal, GRID, start_bpm=90.0), gates)
 
 
-@pytest.mark.parametrize("rate", [44101, pytest.param(47999, marks=NIGHTLY)])
+@pytest.mark.parametrize("rate", [44101, *nightly([47999])])
 def test_rates_that_hardly_ever_coincide(rate: int, caplog: pytest.LogCaptureFixture) -> None:
     """Tables of responses would take 26 GB: windows are computed one by one instead, in little memory."""
     _log_once.cache_clear()

@@ -81,38 +81,34 @@ def length(path: Path, data: bytes) -> float:
 
 
 @pytest.mark.parametrize(
-    ("name", "make", "seconds"),
+    ("name", "make"),
     [
-        ("gsm.wav", lambda: written("WAV", "GSM610", 8000), SECONDS),
-        ("g721.wav", lambda: written("WAV", "G721_32", 8000), SECONDS),
-        ("piped.wav", lambda: sized(0xFFFFFFFF), SECONDS),
-        ("too-long.wav", lambda: sized(2 * 44_100 * SECONDS + 16), SECONDS),
-        ("zeros-behind.wav", lambda: written("WAV") + bytes(5000), SECONDS),
-        (
-            "chunk-behind.wav",
-            lambda: written("WAV") + b"LIST" + struct.pack("<I", 200) + b"INFO" + bytes(196),
-            SECONDS,
-        ),
-        ("xmp-behind.wav", lambda: written("WAV") + b"<?xpacket?>" + 900 * b"text\n", SECONDS),
-        ("id3-behind.wav", lambda: written("WAV") + id3(900), SECONDS),
-        ("zeros-before.wav", lambda: bytes(512) + written("WAV"), SECONDS),
-        ("mark-before.flac", lambda: b"\xef\xbb\xbf" + written("FLAC"), SECONDS),
-        ("page-before.ogg", lambda: b"HTTP/1.1 200 OK\r\n\r\n" + written("OGG", "VORBIS"), SECONDS),
-        ("rf64.wav", lambda: written("RF64"), SECONDS),
-        ("tags.flac", lambda: id3(200) + written("FLAC"), SECONDS),
-        ("zeros-behind.flac", lambda: written("FLAC") + bytes(5000), SECONDS),
-        ("zeros-before.mp3", lambda: bytes(3000) + written("MP3"), SECONDS),
-        ("page-before.mp3", lambda: b"<html>" * 99 + written("MP3"), SECONDS),
-        ("cover-behind.mp3", lambda: written("MP3") + ape(90_000), SECONDS),
-        ("tags.mp3", lambda: id3(50_000) + id3(99) + written("MP3") + b"TAG" + bytes(125), SECONDS),
-        ("mp3-in.wav", lambda: written("MP3"), SECONDS),
-        ("zeros-behind.ogg", lambda: written("OGG", "VORBIS") + bytes(9000), SECONDS),
-        ("header-of-wav-within.flac", lambda: foreign(written("FLAC")), SECONDS),
+        ("gsm.wav", lambda: written("WAV", "GSM610", 8000)),
+        ("g721.wav", lambda: written("WAV", "G721_32", 8000)),
+        ("piped.wav", lambda: sized(0xFFFFFFFF)),
+        ("too-long.wav", lambda: sized(2 * 44_100 * SECONDS + 16)),
+        ("zeros-behind.wav", lambda: written("WAV") + bytes(5000)),
+        ("chunk-behind.wav", lambda: written("WAV") + b"LIST" + struct.pack("<I", 200) + b"INFO" + bytes(196)),
+        ("xmp-behind.wav", lambda: written("WAV") + b"<?xpacket?>" + 900 * b"text\n"),
+        ("id3-behind.wav", lambda: written("WAV") + id3(900)),
+        ("zeros-before.wav", lambda: bytes(512) + written("WAV")),
+        ("mark-before.flac", lambda: b"\xef\xbb\xbf" + written("FLAC")),
+        ("page-before.ogg", lambda: b"HTTP/1.1 200 OK\r\n\r\n" + written("OGG", "VORBIS")),
+        ("rf64.wav", lambda: written("RF64")),
+        ("tags.flac", lambda: id3(200) + written("FLAC")),
+        ("zeros-behind.flac", lambda: written("FLAC") + bytes(5000)),
+        ("zeros-before.mp3", lambda: bytes(3000) + written("MP3")),
+        ("page-before.mp3", lambda: b"<html>" * 99 + written("MP3")),
+        ("cover-behind.mp3", lambda: written("MP3") + ape(90_000)),
+        ("tags.mp3", lambda: id3(50_000) + id3(99) + written("MP3") + b"TAG" + bytes(125)),
+        ("mp3-in.wav", lambda: written("MP3")),
+        ("zeros-behind.ogg", lambda: written("OGG", "VORBIS") + bytes(9000)),
+        ("header-of-wav-within.flac", lambda: foreign(written("FLAC"))),
     ],
 )
-def test_read_without_ffmpeg(tmp_path, name, make, seconds, monkeypatch):
+def test_read_without_ffmpeg(tmp_path, name, make, monkeypatch):
     monkeypatch.setattr("dancedata.audio.signal.decode", None)
-    assert abs(length(tmp_path / name, make()) - seconds) < 0.05
+    assert abs(length(tmp_path / name, make()) - SECONDS) < 0.05
 
 
 @needs_ffmpeg
