@@ -1,11 +1,13 @@
-"""Fast stand-ins for audio features."""
+"""Fast stand-ins for audio features, and how columns are compared."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from dancedata.audio.bailando438.feature import Bailando438
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 
 
@@ -22,3 +24,11 @@ def bailando438_rows(
     period = 20 + int(signal.samples.argmax()) % 20
     rows[:, self.columns.slice("beat")] = (np.arange(n_rows) % period == 5)[:, None]
     return rows
+
+
+def assert_within(gates: Mapping[str, float], columns: Columns, rows: np.ndarray, expected: np.ndarray) -> None:
+    """Compare groups of columns, each within its own tolerance."""
+    assert rows.shape == expected.shape
+    for name, gate in gates.items():
+        part = columns.slice(name)
+        np.testing.assert_allclose(rows[..., part], expected[..., part], rtol=0, atol=gate, err_msg=name)

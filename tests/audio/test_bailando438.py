@@ -14,26 +14,19 @@ import pytest
 from numpy.typing import NDArray
 
 import dancedata
-from dancedata.audio import kernels
 from dancedata.audio.bailando438 import Bailando438, feature
 from dancedata.audio.signal import pcm16, resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.files.locks import file_lock
 from dancedata.recipes.parse import parse_recipe
 from tests.conftest import DATA, HAS_SHARED, Arrays, unpack
+from tests.features import assert_within
 from tests.messages import raises_message
 
 GATES = {"mfcc": 1e-3, "mfcc_delta": 1e-3, "chroma_cqt": 1e-6, "onset_envelope": 1e-4, "beat": 0.0, "tempogram": 1e-4}
 FEATURE = Bailando438()
 RHYTHM = slice(FEATURE.columns.slice("onset_envelope").start, 438)
-
-
-def _assert_within_gates(rows: NDArray[np.float32], expected: NDArray[np.float32]) -> None:
-    for name, gate in GATES.items():
-        part = FEATURE.columns.slice(name)
-        np.testing.assert_allclose(rows[:, part], expected[:, part], rtol=0, atol=gate, err_msg=name)
 
 
 def _assert_all_within_gates(arrays: Arrays, feature: Bailando438) -> None:
@@ -43,7 +36,7 @@ def _assert_all_within_gates(arrays: Arrays, feature: Bailando438) -> None:
         fps = "60" if name.endswith(".60fps") else "7.5"
         grid = FrameGrid.of(fps)
         signal = AudioSignal(arrays[f"{name}.audio"], int(512 * grid.rate))
-        _assert_within_gates(*arrays.pair(name, feature.extract(signal, grid)))
+        assert_within(GATES, FEATURE.columns, *arrays.pair(name, feature.extract(signal, grid)))
 
 
 @pytest.mark.skipif(HAS_SHARED, reason="a part of the whole set, which is next")
@@ -145,14 +138,9 @@ def test_unsupported_rates(clicks: AudioSignal, fps: str) -> None:
 
 def test_a_window_of_5_s_is_not_a_whole_number_of_rows_at_7_5() -> None:
     document = {
-        "recipe": 1,
-        "name": "gpt",
-        "dataset": {"synthetic": {}},
-        "fps": 60,
-        "windows": {"length_s": 5, "stride_s": 0.5},
-        "motion": {"bailando72": {}},
-        "audio": {"bailando438": {"fps": 7.5}},
-    }
+        "recipe": 1, "name": "gpt", "dataset": {"synthetic": {}}, "fps": 60, "motion": {"bailando72": {}},
+        "windows": {"length_s": 5, "stride_s": 0.5}, "audio": {"bailando438": {"fps": 7.5}},
+    }  # fmt: skip
     with raises_message(RecipeError, "multiples", where="recipe"):
         parse_recipe(document)
 
@@ -165,21 +153,3 @@ def test_extract_from_python_and_an_unknown_limit(clicks: AudioSignal) -> None:
     assert alive[:, RHYTHM].any()
     with pytest.raises(UsageError, match="onset_fmax"):
         dancedata.extract("bailando438", clicks, fps=60, onset_fmax="sr")
-
-
-def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    held, made = [], feature.compute
-    # A lock of this test alone: another process of the test run may hold the user's while it compiles.
-    monkeypatch.setattr("dancedata.execution.cache.user_cache", lambda: tmp_path)
-
-    def watched(*args: Any) -> Any:
-        with file_lock(kernels._lock_file(), wait=False) as free:
-            held.append(not free)
-        return made(*args)
-
-    monkeypatch.setattr(feature, "compute", watched)
-    feature.compile_kernels.cache_clear()
-    noise = AudioSignal(np.random.default_rng(1).standard_normal(15360).astype(np.float32), 15360)
-    for _ in range(2):
-        FEATURE.extract(noise, FrameGrid.of(30))
-    assert held == [True, False, False]

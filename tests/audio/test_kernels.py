@@ -2,13 +2,14 @@
 
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dancedata.audio import kernels
+from dancedata.audio.bailando438 import Bailando438
+from dancedata.audio.bailando438 import feature as b438
 from dancedata.audio.librosa35 import reference as plain
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
@@ -16,9 +17,12 @@ from dancedata.core.grid import FrameGrid
 from dancedata.files.locks import file_lock
 
 
-def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    compute = plain._compute
-    held = []
+@pytest.mark.parametrize(
+    ("module", "name", "made"),
+    [(plain, "_compute", Librosa35(method="librosa")), (b438, "compute", Bailando438())],
+)
+def test_the_first_run_in_a_process_holds_the_lock(module, name, made, monkeypatch, tmp_path):
+    compute, held = getattr(module, name), []
     # A lock of this test alone: another process of the test run may hold the user's while it compiles.
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
@@ -28,11 +32,11 @@ def test_the_first_run_in_a_process_holds_the_lock(monkeypatch: pytest.MonkeyPat
             held.append(not free)
         return compute(*args)
 
-    monkeypatch.setattr(plain, "_compute", watched)
-    plain.compile_kernels.cache_clear()
-    noise = np.random.default_rng(1).standard_normal(15360).astype(np.float32)
+    monkeypatch.setattr(module, name, watched)
+    module.compile_kernels.cache_clear()
+    noise = AudioSignal(np.random.default_rng(1).standard_normal(15360).astype(np.float32), 15360)
     for _ in range(2):
-        Librosa35(method="librosa").extract(AudioSignal(noise, 15360), FrameGrid.of(30), start_bpm=120)
+        made.extract(noise, FrameGrid.of(30), start_bpm=120)
     # All kernels are loaded under the lock, once; after that nothing waits for it.
     assert held == [True, False, False]
 

@@ -102,7 +102,7 @@ def test_n_rows(rate: int, n_samples: int, fps: int) -> None:
     assert np.isfinite(features).all()
 
 
-@pytest.mark.parametrize("n_samples", [1, 2000, 20000])
+@pytest.mark.parametrize("n_samples", [1, 20000])
 @pytest.mark.parametrize("kind", ["silence", "constant", "click", "sine", "whisper"])
 @pytest.mark.parametrize("start_bpm", [100.0, None])
 def test_odd_sounds(kind: str, n_samples: int, start_bpm: float | None) -> None:
@@ -121,22 +121,17 @@ def test_odd_sounds(kind: str, n_samples: int, start_bpm: float | None) -> None:
         assert not features[:, 21:].any()  # no pitch, peak or beat
 
 
-def test_empty_signal() -> None:
-    with raises_message(DataError, "signal", reason="empty_audio"):
-        FEATURE.extract(_signal(np.zeros(0)), GRID)
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
 def test_samples_that_are_not_numbers(value: float) -> None:
     samples = np.zeros(16000)
     samples[77] = value
     with raises_message(DataError, "infinite|infinity", reason="nan"):
         FEATURE.extract(_signal(samples), GRID, start_bpm=120.0)
-
-
-def test_largest_allowed_samples_do_not_overflow() -> None:
-    samples = 1e12 * np.sign(np.sin(np.arange(48000) * 2 * np.pi * 440 / 48000))
-    assert np.isfinite(FEATURE.extract(_signal(samples, 48000), GRID)).all()
+    with raises_message(DataError, "signal", reason="empty_audio"):
+        FEATURE.extract(_signal(np.zeros(0)), GRID)
+    # The largest allowed do not overflow.
+    loud = 1e12 * np.sign(np.sin(np.arange(48000) * 2 * np.pi * 440 / 48000))
+    assert np.isfinite(FEATURE.extract(_signal(loud, 48000), GRID)).all()
 
 
 @pytest.mark.parametrize(
@@ -162,12 +157,6 @@ def test_unsupported_frame_rates(clicks: AudioSignal, rate: Fraction) -> None:
         FEATURE.extract(clicks, grid)
 
 
-@pytest.mark.parametrize("fps", [17, 24, 50, 120])
-def test_other_frame_rates(clicks: AudioSignal, fps: int) -> None:
-    features = FEATURE.extract(clicks, FrameGrid.of(fps), start_bpm=120.0)
-    assert features.shape == (8 * fps + 1, 35)
-
-
 @pytest.mark.parametrize("start_bpm", [0.0, -120.0, float("nan"), float("inf")])
 def test_bad_tempo(clicks: AudioSignal, start_bpm: float) -> None:
     with raises_message(UsageError, "start_bpm"):
@@ -182,14 +171,9 @@ def test_bad_settings(given):
 
 @pytest.mark.parametrize(
     ("fps", "seconds", "level", "reason"),
-    [
-        (30, 0.4, 0.3, "more than 16 rows"),
-        (65, 2.0, 0.3, "at 65 frames per second"),
-        (30, 1.0, 1e-7, "the largest sample"),
-        (30, 1.0, 0.3, ""),
-        (64, 1.0, 0.3, ""),
-    ],
-)
+    [(30, 0.4, 0.3, "more than 16 rows"), (65, 2.0, 0.3, "at 65 frames per second"),
+     (30, 1.0, 1e-7, "the largest sample"), (30, 1.0, 0.3, ""), (64, 1.0, 0.3, "")],
+)  # fmt: skip
 def test_the_fallback_of_the_fast_version_is_logged_once(caplog, fps, seconds, level, reason):
     _log_once.cache_clear()
     samples = np.random.default_rng(5).uniform(-level, level, int(seconds * 15360))

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.grid import FrameGrid
+from tests.features import assert_within
 
 FEATURE = Librosa35()
 GATES = {"onset_envelope": 1e-4, "mfcc": 1e-3, "chroma_cens": 1e-6, "onset_peak": 0.0, "beat": 0.0}
@@ -37,13 +37,6 @@ def _bpm(clip: str) -> float:
     return 110 + 5 * int(music[-1]) if music.startswith("mHO") else 80 + 10 * int(music[-1])
 
 
-def _assert_within_gates(features: NDArray[np.float32], expected: NDArray[np.float32]) -> None:
-    assert features.shape == expected.shape
-    for name, gate in GATES.items():
-        part = FEATURE.columns.slice(name)
-        np.testing.assert_allclose(features[..., part], expected[..., part], rtol=0, atol=gate, err_msg=name)
-
-
 @pytest.mark.parametrize(("split", "n_windows"), [("train", 47), ("test", 15)])
 def test_edge_windows(peers: Any, split: str, n_windows: int) -> None:
     names = _json(peers / f"edge_windows_{split}.json")
@@ -62,7 +55,7 @@ def test_edge_windows(peers: Any, split: str, n_windows: int) -> None:
         features = FEATURE.extract_windows(
             signal, starts, 5 * signal.sample_rate, FrameGrid.of(30), 150, start_bpm=_bpm(clip)
         )
-        _assert_within_gates(features, expected[[row for row, _ in windows]])
+        assert_within(GATES, FEATURE.columns, features, expected[[row for row, _ in windows]])
 
 
 def test_edge_slice_samples(peers: Any) -> None:
@@ -82,7 +75,7 @@ def test_fact_tracks_at_60_fps(peers: Any) -> None:
     for music, clip in sources.items():
         signal = load_audio(_song(peers, clip))
         features = FEATURE.extract(signal, FrameGrid.of(60), start_bpm=_bpm(clip))
-        _assert_within_gates(features, expected[music])
+        assert_within(GATES, FEATURE.columns, features, expected[music])
 
 
 def test_lodge_tracks_without_a_known_tempo(peers: Any) -> None:
@@ -90,4 +83,4 @@ def test_lodge_tracks_without_a_known_tempo(peers: Any) -> None:
     assert len(expected)
     for track, rows in expected.items():
         (path,) = (peers / "inputs" / "finedance" / "music_wav").glob(f"{track}.*")
-        _assert_within_gates(FEATURE.extract(load_audio(path), FrameGrid.of(30)), rows)
+        assert_within(GATES, FEATURE.columns, FEATURE.extract(load_audio(path), FrameGrid.of(30)), rows)

@@ -245,17 +245,12 @@ CLICKS = np.exp(-20 * (SECOND % 0.5)) * np.sin(2000 * SECOND)
 
 @pytest.mark.parametrize(
     ("music", "kind"),
-    [
-        (np.zeros(RATE), "silent_music"),
-        (np.full(RATE, 0.5), "silent_music"),
-        (1e-7 * np.random.default_rng(0).standard_normal(RATE), "silent_music"),
-        (np.sin(2 * np.pi * 50 * SECOND), "steady_music"),
-        (0.1 * np.random.default_rng(0).standard_normal(RATE), None),
-        (CLICKS, None),
-        (1e-3 * CLICKS, None),
-        (0.5 + CLICKS / 4, None),
-    ],
-)
+    [(np.zeros(RATE), "silent_music"), (np.full(RATE, 0.5), "silent_music"),
+     (1e-7 * np.random.default_rng(0).standard_normal(RATE), "silent_music"),
+     (np.sin(2 * np.pi * 50 * SECOND), "steady_music"),
+     (0.1 * np.random.default_rng(0).standard_normal(RATE), None), (CLICKS, None), (1e-3 * CLICKS, None),
+     (0.5 + CLICKS / 4, None)],
+)  # fmt: skip
 @pytest.mark.parametrize("start", ["4", "4.6", "-0.5", "4.9"])
 def test_music_without_sound(music: np.ndarray, kind: str | None, start: str) -> None:
     """Judged in the clip's part alone: the song sounds before and after it."""

@@ -29,11 +29,9 @@ def commands(scheduler: str = "") -> list[str]:
 def run(line: str, corpus: Path, out: Path, environment: Mapping[str, str], **names: str) -> Path:
     """Run a command of the page with the names of this machine; returns OUT."""
     names |= {
-        "/scratch/finedance": str(corpus),
-        "/scratch/data/finedance": str(out),
-        "build finedance": "build aist++",
+        "/scratch/finedance": str(corpus), "/scratch/data/finedance": str(out), "build finedance": "build aist++",
         "--jobs 8": "--jobs 2",
-    }
+    }  # fmt: skip
     for name, here in names.items():
         assert line.count(name) <= 1
         line = line.replace(name, here)

@@ -19,14 +19,9 @@ from dancedata.pipeline.describe import describe_built
 from dancedata.readers.presets import PRESETS
 from dancedata.store import open_store, verify_store
 from tests import warm
+from tests.docs.pages import ROOT, blocks, text_of, with_output
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
-
-
-def _blocks(page: str, language: str) -> list[str]:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +34,7 @@ def demo(run_build: Callable[..., object], tmp_path_factory: pytest.TempPathFact
 
 def test_readme_snippets_print_the_output_shown(demo: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
     monkeypatch.chdir(demo)
-    snippets, outputs = _blocks("README.md", "python"), _blocks("README.md", "text")
+    snippets, outputs = blocks("README.md", "python"), blocks("README.md", "text")
     assert len(snippets) >= 2
     names: dict[str, object] = {}
     for snippet in snippets:
@@ -55,22 +50,21 @@ def test_a_page_prints_the_output_shown(demo, capsys, monkeypatch, page):
     if page == "python":
         pytest.importorskip("torch")
     monkeypatch.chdir(demo)
-    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, flags=re.DOTALL | re.MULTILINE)
-    assert len(blocks) == len(_blocks(f"docs/{page}.md", "python")) > 0
+    shown = with_output(f"docs/{page}.md")
+    assert len(shown) == len(blocks(f"docs/{page}.md", "python")) > 0
     names: dict[str, object] = {}
-    for code, output in blocks:
+    for code, output in shown:
         exec(compile(code, f"{page}.md", "exec"), names)
         assert capsys.readouterr().out == output
 
 
 def test_readme_shows_how_a_build_ends(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(demo)
-    assert f"{describe_built(Path('data/demo'))}\n" in _blocks("README.md", "console")
+    assert f"{describe_built(Path('data/demo'))}\n" in blocks("README.md", "console")
 
 
 def test_ci_runs_the_readmes_commands() -> None:
-    commands = _blocks("README.md", "sh")
+    commands = blocks("README.md", "sh")
     # .ci/run takes the first two blocks from the page; each is one line to paste.
     assert [c.count("\n") for c in commands[:2]] == [1, 1]
     assert commands[0].startswith("python3.11 -m venv .venv && ")
@@ -185,7 +179,7 @@ def test_a_plug_in_is_one_file_of_the_tree(tmp_path: Path) -> None:
 
 
 def test_the_page_of_exports_names_every_target_and_option() -> None:
-    text = (ROOT / "docs" / "exports.md").read_text(encoding="utf-8")
+    text = text_of("docs/exports.md")
     table = text.split("## Targets")[1].split("## Options")[0]
     assert [name for name in EXPORTS.names() if f"\n| `{name}` |" not in table] == []
     for name in EXPORTS.names():
@@ -195,35 +189,29 @@ def test_the_page_of_exports_names_every_target_and_option() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_lines_are_short(page: str) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8")
+def test_lines_are_short_and_links_lead_somewhere(page: str) -> None:
+    text = text_of(page)
     assert [line for line in text.splitlines() if len(line) > 120 and not line.startswith("|")] == []
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_links_lead_somewhere(page: str) -> None:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):
-        if "://" not in target:
-            assert (ROOT / page).parent.joinpath(target).exists(), target
+    targets = [target for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text) if "://" not in target]
+    assert [target for target in targets if not (ROOT / page).parent.joinpath(target).exists()] == []
 
 
 def test_the_index_has_every_page() -> None:
-    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    index = text_of("docs/README.md")
     pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
     assert pages <= set(re.findall(r"\]\(([^)]+)\)", index))
 
 
 def test_readme_names_every_preset() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = text_of("README.md")
     assert [name for name in PRESETS if f'"{name}"' not in text] == []
 
 
 def test_the_protocol_of_the_page_evaluates(distribution, demo: Path, cache: Path) -> None:
-    (code,) = _blocks("docs/plug-ins.md", "python")
+    (code,) = blocks("docs/plug-ins.md", "python")
     environment = distribution({"ten_seconds": ("evaluation.protocols", code)})
     environment["DANCEDATA_CACHE"] = str(cache)
-    _, command = _blocks("docs/plug-ins.md", "sh")
+    _, command = blocks("docs/plug-ins.md", "sh")
     printed = _dancedata(environment, demo, *command.split()[1:])
     assert printed.splitlines()[0] == f"ten-seconds, version 1: {demo}/data/demo as truth"
     assert "pieces, 30 frames per second, 10.00 s" in printed

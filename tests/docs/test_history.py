@@ -1,26 +1,21 @@
 """The measurements as data and as a page."""
 
-import importlib.util
 import json
 import re
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
+from tests.docs.pages import ROOT, load
+
+FOLDER = ROOT / "benchmarks"
 PAGE = (FOLDER / "history.md").read_text(encoding="utf-8")
 DATA = json.loads((FOLDER / "history.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture
 def history() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("history", FOLDER / "history.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load(FOLDER / "history.py")
 
 
 def test_the_page_and_the_data_are_equal(history: ModuleType) -> None:

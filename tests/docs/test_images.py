@@ -1,6 +1,5 @@
 """The drawings: as docs/images/draw.py makes them, readable in both colour schemes, complete in themselves."""
 
-import importlib.util
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -9,18 +8,15 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-IMAGES = Path(__file__).resolve().parents[2] / "docs" / "images"
+from tests.docs.pages import ROOT, load
+
+IMAGES = ROOT / "docs" / "images"
 DRAWN = ("build", "scope", "layers")
 
 
 @pytest.fixture(scope="module")
 def draw() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("dancedata_docs_draw", IMAGES / "draw.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load(IMAGES / "draw.py")
 
 
 def _contrast(first: str, second: str) -> float:
@@ -33,11 +29,6 @@ def _contrast(first: str, second: str) -> float:
 
     low, high = sorted((luminance(first), luminance(second)))
     return (high + 0.05) / (low + 0.05)
-
-
-def test_contrast_is_measured() -> None:
-    assert _contrast("#000000", "#ffffff") == pytest.approx(21)
-    assert _contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)
 
 
 @pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
@@ -76,7 +67,6 @@ def test_pictures_are_complete_in_themselves(path: Path) -> None:
     assert "<script" not in text
 
 
-ROOT = IMAGES.parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 

@@ -10,17 +10,13 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
-
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "report.md").read_text(encoding="utf-8")
-
+from tests.docs.pages import blocks, text_of, with_output
 
 CLIP = "gBR_sBM_cAll_d04_mBR4_ch03"
 #: Clips of two seconds instead of thirteen; a video takes 20 ms a frame.
 SMALL = {
-    "dataset.synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 2},
-    "windows": {"length_s": 1, "stride_s": 0.5},
-}
+    "dataset.synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 2}, "windows": {"length_s": 1, "stride_s": 0.5},
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -53,9 +49,9 @@ def numbers_hidden(text: str) -> str:
 def test_the_page_prints_the_output_shown(demo, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(demo.folder)
-    blocks = re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", PAGE, flags=re.DOTALL | re.MULTILINE)
-    assert len(blocks) == 2
-    for code, output in blocks:
+    shown = with_output("docs/report.md")
+    assert len(shown) == 2
+    for code, output in shown:
         exec(compile(code.replace(CLIP, demo.clip), "report.md", "exec"), {})
         printed = capsys.readouterr().out
         assert numbers_hidden(printed) == numbers_hidden(output)
@@ -66,8 +62,9 @@ def test_the_page_prints_the_output_shown(demo, capsys, monkeypatch):
 def test_the_commands_run(demo: Demo, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.chdir(demo.folder)
-    commands = re.findall(r"^```sh\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
-    for command, file in zip(commands, ("demo-report.html", "README.md", "dance.mp4"), strict=True):
+    for command, file in zip(
+        blocks("docs/report.md", "sh"), ("demo-report.html", "README.md", "dance.mp4"), strict=True
+    ):
         name, *words = shlex.split(command.replace(CLIP, demo.clip))
         assert name == "dancedata"
         done = CliRunner().invoke(app, words)
@@ -81,4 +78,4 @@ def test_every_option_is_on_the_page() -> None:
 
     command = typer.main.get_command(app).commands["report"]  # type: ignore[attr-defined]
     options = {o for p in command.params for o in p.opts if o.startswith("--")} - {"--help"}
-    assert [o for o in options if o not in PAGE] == []
+    assert [o for o in options if o not in text_of("docs/report.md")] == []

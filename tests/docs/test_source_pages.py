@@ -1,7 +1,6 @@
 """The pages on video, FBX and what goes wrong: their commands run on files as the pages describe them."""
 
 import ast
-import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,20 +15,15 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.datasets.folder import Folder
 from dancedata.synthetic import write_synthetic
+from tests.docs.pages import blocks
 from tests.video_files import dance, gvhmr, in_camera, joblib_bytes, phalp, torch_file, wham, wham_person
 
-ROOT = Path(__file__).resolve().parents[2]
 N = 170
-
-
-def blocks(page: str, language: str) -> list[str]:
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
 
 
 def commands(page: str) -> list[tuple[list[str], int]]:
     """Return the arguments of a page's commands, and the exit code that its comment gives."""
-    lines = "".join(blocks(page, "sh")).splitlines()
+    lines = "".join(blocks(f"docs/{page}", "sh")).splitlines()
     assert all(line.startswith("dancedata ") for line in lines)
     return [(line.partition("#")[0].split()[1:], 1 if "exit code 1" in line else 0) for line in lines]
 
@@ -78,11 +72,11 @@ def test_the_page_on_video(tmp_path: Path, example: Path, run: Callable[[str], l
     rotations[:, 0] = (half_turn * Rotation.from_rotvec(rotations[:, 0])).as_rotvec()
     hybrik = {"pred_thetas": rotations.reshape(N, 72), "transl": in_camera(transl)}
     pair(tmp_path / "hybrik-videos", example, res_pk=joblib_bytes(hybrik))
-    recipes = blocks("from-video.md", "yaml")
+    recipes = blocks("docs/from-video.md", "yaml")
     for name, recipe in zip(("recipe.yaml", "hybrik.yaml"), recipes, strict=True):
         (tmp_path / name).write_text(recipe)
     output = run("from-video.md")
-    notes = next(block for block in blocks("from-video.md", "text") if block.startswith("note:"))
+    notes = next(block for block in blocks("docs/from-video.md", "text") if block.startswith("note:"))
     # Wrapped on the page.
     assert set(notes.replace("\n  ", " ").splitlines()) <= set(output[0].splitlines())
     with dancedata.open(tmp_path / "data" / "videos") as ds:
@@ -96,31 +90,29 @@ def test_a_manifest_of_people_and_a_file_without_vertices(tmp_path, example, mon
         shutil.copy(song, tmp_path / f"anna{song.suffix}")
     (tmp_path / "wham_output.pkl").write_bytes(wham({0: wham_person(N, vertices=4), 1: wham_person(N, vertices=4)}))
     monkeypatch.chdir(tmp_path)
-    for block in blocks("from-video.md", "python"):
+    for block in blocks("docs/from-video.md", "python"):
         exec(compile(block, "from-video.md", "exec"), {})
     assert b"verts" not in (tmp_path / "anna.pkl").read_bytes()
-    (manifest,) = (block for block in blocks("from-video.md", "text") if block.startswith("motion,"))
+    (manifest,) = (block for block in blocks("docs/from-video.md", "text") if block.startswith("motion,"))
     head, *lines = manifest.splitlines()
     rows = [f"{line},{k}" for k, line in enumerate(lines)]
     (tmp_path / "manifest.csv").write_text("\n".join([f"{head},id", *rows]))
     clips = Folder().scan(tmp_path).clips
-    assert [(clip.id, clip.dancer, dict(clip.declared)["person"]) for clip in clips] == [
-        ("0", "anna", "0"),
-        ("1", "lea", "1"),
-    ]
+    found = [(clip.id, clip.dancer, dict(clip.declared)["person"]) for clip in clips]
+    assert found == [("0", "anna", "0"), ("1", "lea", "1")]
     assert [Folder().load(clip).n_frames for clip in clips] == [N, N]
 
 
 def test_the_page_on_fbx(tmp_path: Path, example: Path, run: Callable[[str], list[str]]) -> None:
     (bvh,) = (example / "motions").glob("*.bvh")
     pair(tmp_path / "my-captures", example, anna_bvh=bvh.read_bytes())
-    (recipe,) = blocks("from-fbx.md", "yaml")
+    (recipe,) = blocks("docs/from-fbx.md", "yaml")
     (tmp_path / "recipe.yaml").write_text(recipe)
     run("from-fbx.md")
     with dancedata.open(tmp_path / "data" / "captures") as ds:
         assert [c.id for c in ds.clips] == ["anna"]
     # Blender has its own Python: its script is only parsed.
-    for block in blocks("from-fbx.md", "python"):
+    for block in blocks("docs/from-fbx.md", "python"):
         ast.parse(block)
 
 
@@ -128,5 +120,5 @@ def test_the_page_on_what_is_wrong(tmp_path: Path, run: Callable[[str], list[str
     source = write_synthetic(tmp_path / "SOURCE", songs=2, clips_per_song=4, clip_s=6)
     (source / "wavs" / "mBR0.wav").rename(source / "wavs" / "mbr0.wav")
     output = run("when-something-is-wrong.md")
-    (message,) = (b for b in blocks("when-something-is-wrong.md", "text") if b.startswith("error:"))
+    (message,) = (b for b in blocks("docs/when-something-is-wrong.md", "text") if b.startswith("error:"))
     assert message.strip().replace("\n  ", " ") in output[0].splitlines()

@@ -75,8 +75,3 @@ def test_lodge(tmp_path: Path) -> None:
     assert [line for line in lines if line.replace("~", str(tmp_path)) not in guide] == []
     (link,) = (line for line in LODGE.splitlines() if line.startswith("mkdir"))
     assert link in guide
-
-
-@pytest.mark.parametrize("image", sorted(set(re.findall(r"\]\((images/[^)]+)\)", TEXT))))
-def test_images_exist(image: str) -> None:
-    assert (ROOT / "docs" / image).is_file()

@@ -1,29 +1,17 @@
 """Versions: what states them agrees, and the release script refuses what does not."""
 
-import importlib.util
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from dancedata.core.version import __version__
+from tests.docs.pages import ROOT, load
 
-ROOT = Path(__file__).resolve().parents[2]
 FILES = ("CHANGELOG.md", "CITATION.cff", "conda/recipe.yaml", "dancedata/core/version.py")
-
-
-def load(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module  # dataclasses look there for annotations
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture
@@ -82,7 +70,6 @@ def test_what_is_prepared_is_not_refused(script: ModuleType, prepared: Path) -> 
         ({"recipe": ('"9.1.0"', '"9.0.0"')}, "conda/recipe.yaml states 9.0.0, dancedata/core/version.py 9.1.0"),
         ({"changelog": ("[9.1.0]", "[9.2.0]")}, "the first headings of CHANGELOG.md are Unreleased, 9.2.0; expected"),
         ({"changelog": ("[Unreleased]\n", "[Unreleased]\n\n- New.\n")}, "CHANGELOG.md has entries under Unreleased"),
-        ({"changelog": ("[Unreleased]\n", "[Unreleased]\n\n* New.\n")}, "CHANGELOG.md has entries under Unreleased"),
         ({"changelog": ("## [0.2.0]", "## [9.10.0]")}, "9.1.0 is not above the release before, 9.10.0"),
         ({"citation": ("2027-01-31", "2027-02-01")}, "dates of the release differ: CHANGELOG.md 2027-01-31"),
         ({"version": ("9.1.0", "9.1.0.dev0")}, "9.1.0.dev0 is a version in development"),
@@ -104,9 +91,7 @@ def test_a_dirty_tree_and_an_old_tag_are_refused(script: ModuleType, prepared: P
 def test_every_extra_has_a_row_of_the_versions() -> None:
     versions = load(ROOT / ".ci" / "versions.py")
     names = [row.name for row in versions.rows()]
-    assert {"3.11 lowest", "3.13 newest", "3.14 pinned", "extra remote", "extra docs lowest", "wheel alone"} <= set(
-        names
-    )
+    assert {"3.11 lowest", "3.14 pinned", "extra remote", "extra docs lowest", "wheel alone"} <= set(names)
     assert len(names) == len(set(names))
 
 

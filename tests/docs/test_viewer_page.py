@@ -16,15 +16,10 @@ from dancedata.cli.app import app
 from dancedata.formats.motion_files import motion_file
 from dancedata.synthetic import synthesise_motion, write_synthetic
 from dancedata.viewer.notebook import html_of
+from tests.docs.pages import blocks, text_of
 
-ROOT = Path(__file__).parent.parent.parent
-PAGE = (ROOT / "docs" / "viewer.md").read_text(encoding="utf-8")
+PAGE = text_of("docs/viewer.md")
 CLIP = "gPO_sFM_cAll_d10_mPO4_ch02"
-
-
-def blocks(language: str) -> list[str]:
-    """Code of the page."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, flags=re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +53,7 @@ def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
     over.set()
     monkeypatch.setattr("dancedata.viewer.view._interrupt", lambda: over)
     known = dancedata.open(folder / "data" / "demo").clips[0].id
-    commands = [line for block in blocks("sh") for line in block.splitlines()]
+    commands = [line for block in blocks("docs/viewer.md", "sh") for line in block.splitlines()]
     assert len(commands) == 9
     for command in commands:
         words = shlex.split(command.replace(CLIP, known))
@@ -72,7 +67,7 @@ def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_its_notebook_cell_shows_the_clip(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-    (cell,) = blocks("python")
+    (cell,) = blocks("docs/viewer.md", "python")
     known = dancedata.open(folder / "data" / "demo").clips[0].id
     *before, last = cell.replace(CLIP, known).strip().splitlines()
     names: dict[str, object] = {}

@@ -37,8 +37,6 @@ augment: {mirror: true}
 """
 BUILD = """
 import sys
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 from dancedata.pipeline.build import build
 from dancedata.recipes.parse import load_recipe
@@ -54,16 +52,13 @@ SETTINGS = {
     "no AVX-512 in numpy": {"NPY_DISABLE_CPU_FEATURES": "X86_V4"},
     "no AVX2 in numpy": {"NPY_DISABLE_CPU_FEATURES": "X86_V3"},
     "older processor": {
-        "OPENBLAS_CORETYPE": "Sandybridge",
-        "NPY_DISABLE_CPU_FEATURES": "X86_V3",
-        "OPENBLAS_L2_SIZE": "1024",
+        "OPENBLAS_CORETYPE": "Sandybridge", "NPY_DISABLE_CPU_FEATURES": "X86_V3", "OPENBLAS_L2_SIZE": "1024",
     },
-}
-MORE_SETTINGS = {
     **{kernel: {"OPENBLAS_CORETYPE": kernel} for kernel in ("Haswell", "Zen", "Nehalem", "SkylakeX", "Prescott")},
     "no AVX2 in the C library": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2_Usable,-AVX2,-FMA"},
     "blocks": {"OPENBLAS_BLOCK_FACTOR": "2"},
-}
+}  # fmt: skip
+QUICK = ("nothing", "older processor")
 needs_reference = pytest.mark.skipif(
     not arithmetic.has_reference(), reason="this processor has no AVX2: nothing is promised beyond this machine"
 )
@@ -156,22 +151,10 @@ def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, s
 @needs_reference
 @pytest.mark.parametrize("recipe", ["track", pytest.param("window", marks=pytest.mark.nightly)], indirect=True)
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[] if name == "older processor" else pytest.mark.nightly)
-        for name in SETTINGS
-        if name != "nothing"
-    ],
+    "name", ["older processor", *(pytest.param(n, marks=pytest.mark.nightly) for n in SETTINGS if n not in QUICK)]
 )
 def test_the_command_line_gives_the_same_bytes(recipe, expected, tmp_path, name):
     assert build_by_command(recipe, tmp_path, **SETTINGS[name]) == expected
-
-
-@needs_reference
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", MORE_SETTINGS)
-def test_the_command_line_gives_the_same_bytes_under_any_settings(recipe, expected, tmp_path, name):
-    assert build_by_command(recipe, tmp_path, **MORE_SETTINGS[name]) == expected
 
 
 @needs_reference
@@ -202,10 +185,7 @@ np.savez(out, track=track, windows=windows)
 
 @needs_reference
 def test_features_from_python_are_those_of_the_command_line(tmp_path: Path) -> None:
-    song = tmp_path / "song.wav"
-    made = synthesise_song("mPO1", length_s=6.0)
-    soundfile.write(song, made.pcm, made.signal.sample_rate)
-    found = []
+    song, found = write_song(tmp_path / "song.wav"), []
     for name in ("nothing", "older processor"):
         run("-c", EXTRACT, song, tmp_path / name, tmp_path / f"{name}.npz", **SETTINGS[name])
         found.append(dict(np.load(tmp_path / f"{name}.npz")))
@@ -214,6 +194,12 @@ def test_features_from_python_are_those_of_the_command_line(tmp_path: Path) -> N
     for one in found:
         assert np.array_equal(one["track"], command)
         assert np.array_equal(one["windows"], found[0]["windows"])
+
+
+def write_song(path: Path) -> Path:
+    made = synthesise_song("mPO1", length_s=6.0)
+    soundfile.write(path, made.pcm, made.signal.sample_rate)
+    return path
 
 
 @pytest.fixture
@@ -283,9 +269,7 @@ def _ask(queue: Any) -> None:
 @pytest.mark.usefixtures("notebook")
 def test_a_worker_of_a_loader_takes_what_builds_have_computed(tmp_path, monkeypatch):
     """What is missing it computes under a key of its own."""
-    song = tmp_path / "song.wav"
-    made = synthesise_song("mPO1", length_s=6.0)
-    soundfile.write(song, made.pcm, made.signal.sample_rate)
+    song = write_song(tmp_path / "song.wav")
     features = FeatureCache(tmp_path / "cache")
     built = features.get("librosa35", song, start_bpm=100), features.get_windows("librosa35", song, start_bpm=100)
     entries = len(list((tmp_path / "cache" / "features").rglob("*.npy")))

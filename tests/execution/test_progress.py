@@ -50,6 +50,9 @@ def test_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch):
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
     monkeypatch.setattr(progress_module, "LINE_INTERVAL_S", 0.0)
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream))
+    with Progress(stream=stream).stage("writing the video", None):
+        pass
+    assert stream.getvalue().endswith("writing the video: done in 0.0 s\n")
     assert "squaring: 1/3, about 0 s left\nsquaring: 2/3, about 0 s left\nsquaring: 3/3 in" in stream.getvalue()
 
 
@@ -92,14 +95,6 @@ def test_a_terminal_without_a_cursor_or_colour_gets_neither(monkeypatch: pytest.
     assert re.fullmatch(r"squaring: 3/3 in \d\.\d s\n", stream.getvalue())
 
 
-@pytest.mark.usefixtures("no_time_passes")
-def test_work_without_steps_is_one_line():
-    stream = io.StringIO()
-    with Progress(stream=stream).stage("writing the video", None):
-        pass
-    assert stream.getvalue() == "writing the video: done in 0.0 s\n"
-
-
 @pytest.mark.parametrize("is_notebook", [True, False])
 def test_a_bar_in_a_notebook(is_notebook: bool, monkeypatch: pytest.MonkeyPatch):
     # A notebook's stderr is not a terminal.
@@ -114,7 +109,9 @@ def test_a_bar_in_a_notebook(is_notebook: bool, monkeypatch: pytest.MonkeyPatch)
     assert stream.getvalue().startswith("squaring: 3/3 in")
 
 
-def test_nothing_if_quiet():
+def test_nothing_if_quiet_or_without_units():
+    assert run_units(square, [], jobs=2, label="squaring", progress=Progress(stream=(none := io.StringIO()))) == []
+    assert none.getvalue() == ""
     for stream in (io.StringIO(), Terminal()):
         progress = Progress(quiet=True, stream=stream)
         progress.write("hello")
@@ -127,21 +124,12 @@ def test_cached_results_are_not_recomputed(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     calls = [(1,), (-2,), (3,)]
     cached = [None, "cached", None]
-    assert run_units(square, calls, cached=cached, jobs=1, label="squaring", progress=Progress(stream=stream)) == [
-        1,
-        "cached",
-        9,
-    ]
+    found = run_units(square, calls, cached=cached, jobs=1, label="squaring", progress=Progress(stream=stream))
+    assert found == [1, "cached", 9]
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
     monkeypatch.setattr(units, "_run", None)  # worker processes
     cached = ["a", "b", "c"]
     assert run_units(square, calls, cached=cached, jobs=2, label="", progress=Progress(quiet=True)) == cached
-
-
-def test_no_unit_prints_nothing():
-    stream = io.StringIO()
-    assert run_units(square, [], jobs=2, label="squaring", progress=Progress(stream=stream)) == []
-    assert stream.getvalue() == ""
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -19,21 +19,16 @@ AIST = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 5, "stri
 RECIPES: dict[str, dict[str, Any]] = {
     "edge": {**AIST, "motion": {"edge151": {}}, "audio": {"librosa35": {}}},
     "edge-exact": {
-        **AIST,
-        "scope": "window",
-        "windows": {"length_s": 5, "stride_s": 0.5, "order": "name"},
-        "motion": {"edge151": {}},
-        "audio": {"librosa35": {}},
+        **AIST, "scope": "window", "windows": {"length_s": 5, "stride_s": 0.5, "order": "name"},
+        "motion": {"edge151": {}}, "audio": {"librosa35": {}},
     },
     "sixty": {**AIST, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}, "audio": {"librosa35": {}}},
     "bailando": {**AIST, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}, "audio": {"bailando438": {}}},
     "finedance": {
-        **AIST,
-        "dataset": {"finedance": {}},
-        "motion": {"lodge139": {}, "lodge319": {}, "finedance319": {}},
+        **AIST, "dataset": {"finedance": {}}, "motion": {"lodge139": {}, "lodge319": {}, "finedance319": {}},
         "audio": {"librosa35": {}},
     },
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

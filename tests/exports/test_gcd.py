@@ -18,7 +18,8 @@ from tests.messages import raises_message
 
 def build(tmp_path: Path, cache: Path, dataset: str, motion: str) -> Path:
     source = tmp_path / "source"
-    DATASETS.get(dataset)().make_example(source)
+    if not source.exists():
+        DATASETS.get(dataset)().make_example(source)
     recipe: dict[str, Any] = {
         "recipe": 1, "name": dataset, "dataset": {dataset: {}}, "windows": {"length_s": 2, "stride_s": 1},
         "motion": {motion: {}}, "audio": {"librosa35": {}},
@@ -81,12 +82,7 @@ def test_motion_ends_with_its_music(tmp_path: Path, cache: Path) -> None:
     wav = source / "musics" / "-Ab_cdEf123_01_0_180.wav"
     samples, rate = soundfile.read(wav)
     soundfile.write(wav, samples[: 4 * rate], rate)
-    recipe: dict[str, Any] = {
-        "recipe": 1, "name": "short", "dataset": {"aioz-gdance": {}}, "windows": {"length_s": 2, "stride_s": 1},
-        "motion": {"edge151": {}}, "audio": {"librosa35": {}},
-    }  # fmt: skip
-    dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=cache, progress=False)
-    dancedata.export(tmp_path / "store", "gcd", out=tmp_path / "out")
+    dancedata.export(build(tmp_path, cache, "aioz-gdance", "edge151"), "gcd", out=tmp_path / "out")
     for path in (tmp_path / "out" / "motions_smpl").iterdir():
         rows = np.load(tmp_path / "out" / "jukebox_features" / f"{path.stem}.npy")
         start, end = map(int, path.stem.rsplit("_", 2)[1:])

@@ -60,12 +60,8 @@ def test_the_normaliser_is_of_lodges_classes(export, built, over: str, tmp_path,
     clips = [c for c in store.clips if over == "all" or c.split == "train"]
     rows = np.concatenate([c.read("lodge139")[c.trim_start :] for c in clips])
     scaler = made.scaler
-    assert (scaler.feature_range, scaler.clip, scaler.copy, scaler.n_samples_seen_) == (
-        (-1, 1),
-        True,
-        True,
-        len(rows),
-    )
+    facts = (scaler.feature_range, scaler.clip, scaler.copy, scaler.n_samples_seen_)
+    assert facts == ((-1, 1), True, True, len(rows))
     np.testing.assert_array_equal(scaler.data_min_.numpy(), rows.min(axis=0))
     np.testing.assert_array_equal(scaler.data_max_.numpy(), rows.max(axis=0))
     normal = rows * scaler.scale_.numpy() + scaler.min_.numpy()

@@ -103,23 +103,13 @@ def test_json_gives_back_every_float32(value: float) -> None:
     np.testing.assert_array_equal(found.astype(np.float32), rows)
 
 
-# The check value of CRC-32C, and the examples of RFC 3720, B.4.
-@pytest.mark.parametrize(
-    ("data", "crc"),
-    [
-        (b"", 0),
-        (b"123456789", 0xE3069283),
-        (bytes(32), 0x8A9136AA),
-        (b"\xff" * 32, 0x62A8AB43),
-        (bytes(range(32)), 0x46DD794E),
-        (bytes(range(31, -1, -1)), 0x113FDB5C),
-    ],
-)
-def test_crc32c(data: bytes, crc: int) -> None:
-    assert crc32c(data) == crc
-
-
-def test_crc32c_of_long_data_is_that_of_its_bytes_one_by_one() -> None:
+def test_crc32c() -> None:
+    """The check value of CRC-32C, the examples of RFC 3720, B.4, and long data byte by byte."""
+    given = {
+        b"": 0, b"123456789": 0xE3069283, bytes(32): 0x8A9136AA, b"\xff" * 32: 0x62A8AB43,
+        bytes(range(32)): 0x46DD794E, bytes(range(31, -1, -1)): 0x113FDB5C,
+    }  # fmt: skip
+    assert {data: crc32c(data) for data in given} == given
     table = []
     for n in range(256):
         for _ in range(8):
@@ -206,11 +196,8 @@ def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
         songs=lambda name, sound: {name: cut(sound, 5 if name == "mBR0" else 3.5)},
         splits={"train": [BREAK[0], *HOUSE], "val": [], "test": [BREAK[1]]},
     )
-    keys = {
-        "windows": {"length_s": 2, "stride_s": 0.5},
-        "audio": {"librosa35": {}, "bailando438": {"onset_fmax": "nyquist"}},
-    }
-    dataset = built("sixty", source, **keys)
+    audio = {"librosa35": {}, "bailando438": {"onset_fmax": "nyquist"}}
+    dataset = built("sixty", source, windows={"length_s": 2, "stride_s": 0.5}, audio=audio)
     store = dataset.store
     done = dancedata.export(dataset.path, "fact", tmp_path / "fact", progress=False)
     n_rows = {clip.id: len(clip.read_song("librosa35")) for clip in store.clips}

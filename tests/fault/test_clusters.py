@@ -107,16 +107,6 @@ def cluster(request: pytest.FixtureRequest, slow: Any) -> Iterator[list[str]]:
 
 
 @pytest.mark.nightly
-def test_a_killed_worker_changes_nothing(slow, corpus, out, songs, cluster, undisturbed, hashes):
-    for song in songs[1:3]:
-        (slow.folder / f"kill-once-{song}").touch()
-    slow.build(corpus, out, *cluster)
-    assert hashes(out) == undisturbed
-    assert {song for song in songs if slow.calls().count(song) > 1} >= set(songs[1:3])
-    assert slow.strays() == []
-
-
-@pytest.mark.nightly
 def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, cluster, undisturbed, hashes):
     order = slow.folder / f"kill-{songs[2]}"
     order.touch()

@@ -118,20 +118,9 @@ def test_resumes_after_an_interrupt_at_any_window(corpus, tmp_path, monkeypatch)
 def test_killed_from_outside_and_resumed_gives_the_same_bytes(corpus, tmp_path, tiny, scope):
     whole = _build(corpus, tmp_path / "whole", scope)
     folder = tmp_path / "killed"
-    command = [
-        sys.executable,
-        "-m",
-        "dancedata",
-        "build",
-        "aist++",
-        "--source",
-        str(corpus),
-        "--out",
-        str(folder / "out"),
-    ]
-    for setting in (*SET, f"scope={scope}"):
-        command += ["--set", setting]
-    command += ["--cache", str(folder / "cache"), "--jobs", "1", "--quiet"]
+    command = [sys.executable, "-m", "dancedata", "build", "aist++", "--source", str(corpus)]
+    command += ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--jobs", "1", "--quiet"]
+    command += [part for setting in (*SET, f"scope={scope}") for part in ("--set", setting)]
     environment = {**os.environ, ENVIRONMENT: str(tiny.folder)}
     running = subprocess.Popen(command, env=environment, start_new_session=True)
     features = folder / "cache" / "features"

@@ -12,35 +12,15 @@ from tests.messages import raises_message
 # The 5b model in OpenAI's names.
 HPARAMS = {
     "vqvae": {
-        "downs_t": [3, 2, 2],
-        "strides_t": [2, 2, 2],
-        "emb_width": 64,
-        "l_bins": 2048,
-        "hvqvae_multipliers": [2, 1, 1],
-        "width": 32,
-        "depth": 4,
-        "m_conv": 1.0,
-        "dilation_growth_rate": 3,
-        "dilation_cycle": None,
+        "downs_t": [3, 2, 2], "strides_t": [2, 2, 2], "emb_width": 64, "l_bins": 2048, "width": 32, "depth": 4,
+        "hvqvae_multipliers": [2, 1, 1], "m_conv": 1.0, "dilation_growth_rate": 3, "dilation_cycle": None,
     },
     "prior": {
-        "level": 2,
-        "n_ctx": 8192,
-        "prior_width": 4800,
-        "prior_depth": 72,
-        "heads": 8,
-        "attn_order": 2,
-        "blocks": 128,
-        "m_attn": 0.25,
-        "m_mlp": 1.0,
-        "y_bins": [120, 4111],
-        "t_bins": 128,
-        "min_duration": 60.0,
-        "max_duration": 600.0,
-        "sr": 44100,
-        "use_tokens": False,
+        "level": 2, "n_ctx": 8192, "prior_width": 4800, "prior_depth": 72, "heads": 8, "attn_order": 2, "blocks": 128,
+        "m_attn": 0.25, "m_mlp": 1.0, "y_bins": [120, 4111], "t_bins": 128, "min_duration": 60.0,
+        "max_duration": 600.0, "sr": 44100, "use_tokens": False,
     },
-}
+}  # fmt: skip
 
 
 def test_default_is_the_real_model() -> None:
@@ -62,17 +42,10 @@ def test_round_trips() -> None:
 
 @pytest.mark.parametrize(
     ("part", "key", "value"),
-    [
-        ("prior", "attn_order", 12),
-        ("prior", "use_tokens", True),
-        ("prior", "n_tokens", 384),
-        ("vqvae", "strides_t", [2, 2, 4]),
-        ("vqvae", "dilation_cycle", 2),
-        ("prior", "heads", 7),
-        ("prior", "prior_depth", 0),
-        ("prior", "min_duration", 100.0),
-    ],
-)
+    [("prior", "attn_order", 12), ("prior", "use_tokens", True), ("prior", "n_tokens", 384),
+     ("vqvae", "strides_t", [2, 2, 4]), ("vqvae", "dilation_cycle", 2), ("prior", "heads", 7),
+     ("prior", "prior_depth", 0), ("prior", "min_duration", 100.0)],
+)  # fmt: skip
 def test_other_networks_are_refused(part: str, key: str, value: object) -> None:
     hparams = copy.deepcopy(HPARAMS)
     hparams[part][key] = value

@@ -62,23 +62,10 @@ def test_batches_of_codes(tiny_encoder: Any, clips: list[np.ndarray]) -> None:
         tiny_encoder.embed_batch(clips, 44100, batch_size=0)
 
 
-@pytest.mark.parametrize("layers", [(3, 1), (1, 3), (6,), (5, 6, 2)])
-def test_layers_in_any_order(tiny: SimpleNamespace, layers: tuple[int, ...]) -> None:
-    # jukemirlib returns only the first of layers that do not ascend.
-    everything = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=range(1, 7), device="cpu")
-    encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=layers, device="cpu")
-    codes = np.arange(100) % 64
-    found, expected = encoder.activations(codes), everything.activations(codes)
-    assert tuple(found) == layers
-    for layer in layers:
-        np.testing.assert_array_equal(found[layer], expected[layer])
-
-
-@pytest.mark.parametrize("n", [1, 64, 127])
-def test_under_one_code(tiny_encoder: Any, n: int) -> None:
+def test_under_one_code(tiny_encoder: Any) -> None:
     for call in (tiny_encoder, tiny_encoder.encode):
         with raises_message(DataError, "short", reason="short_audio"):
-            call(np.ones(n, dtype=np.float32), 44100)
+            call(np.ones(127, dtype=np.float32), 44100)
     with raises_message(DataError, "codes", reason="short_audio"):
         tiny_encoder.activations(np.zeros(0, dtype=np.int64))
 
@@ -140,15 +127,11 @@ def test_silence_stays_silence(tiny_encoder: Any) -> None:
     assert np.isfinite(tiny_encoder(np.full(22050, 1e-42, dtype=np.float32), 44100)[6]).all()
 
 
-def test_gain_of_the_clip_does_not_matter(tiny_encoder: Any, noise: np.ndarray) -> None:
-    # A power of two, so that the division by the largest sample gives the same bits.
-    np.testing.assert_array_equal(tiny_encoder.encode(noise, 44100), tiny_encoder.encode(noise / 4, 44100))
-
-
-def test_channels_are_averaged(tiny_encoder: Any, noise: np.ndarray) -> None:
-    stereo = np.stack([noise, np.zeros_like(noise)])
-    np.testing.assert_array_equal(tiny_encoder.encode(stereo, 44100), tiny_encoder.encode(noise, 44100))
-    np.testing.assert_array_equal(tiny_encoder.encode(noise[None], 44100), tiny_encoder.encode(noise, 44100))
+def test_gain_does_not_matter_and_channels_are_averaged(tiny_encoder: Any, noise: np.ndarray) -> None:
+    wanted = tiny_encoder.encode(noise, 44100)
+    # A quarter: a power of two, so that the division by the largest sample gives the same bits.
+    for same in (noise / 4, np.stack([noise, np.zeros_like(noise)]), noise[None]):
+        np.testing.assert_array_equal(tiny_encoder.encode(same, 44100), wanted)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +168,7 @@ def test_a_prefix_has_the_activations_of_the_whole(tiny_encoder: Any) -> None:
     assert np.abs(tiny_encoder.activations(changed)[6][200:] - whole[200:]).max() > 0.1
 
 
-@pytest.mark.parametrize("fps", [30, 60, 29.97, 344.53125])
+@pytest.mark.parametrize("fps", [60, 29.97, 344.53125])
 def test_frame_rates(tiny_encoder: Any, noise: np.ndarray, fps: float) -> None:
     activations = tiny_encoder.activations(tiny_encoder.encode(noise, 44100))[6]
     found = tiny_encoder(noise, 44100, fps=fps)[6]

@@ -107,6 +107,9 @@ def test_whole_file_with_progress(server: _Server, tmp_path: Path) -> None:
     assert seen[-1] == ("a.bin", len(DATA), len(DATA))
     # The second time the file is checked and nothing is requested.
     _fetch(tmp_path / "new", server.url)
+    path.write_bytes(b"x")
+    with raises_message(SourceError, "differs", where="a.bin"):
+        _fetch(tmp_path / "new", server.url)
     assert len(server.asked) == 1
 
 
@@ -150,18 +153,18 @@ def test_faults_that_pass(server: _Server, tmp_path: Path, faults: dict[str, Any
     assert _left(tmp_path) == ["a.bin"]
 
 
-def test_missing_on_the_server(server: _Server, tmp_path: Path) -> None:
-    server.status = [404]
-    with pytest.raises(SourceError, match=r"models/a\.bin: .* found 404"):
-        _fetch(tmp_path, server.url)
-    assert len(server.asked) == 1
-
-
-def test_server_that_resumes_elsewhere(server: _Server, tmp_path: Path) -> None:
-    server.shift = 5
-    server.cut_after = [1_000_000]
-    with pytest.raises(SourceError, match=r"asked for bytes from .*, got 'bytes "):
+@pytest.mark.parametrize(
+    ("faults", "word", "asked"),
+    [
+        ({"status": [404]}, r"models/a\.bin: .* found 404", 1),
+        ({"shift": 5, "cut_after": [1_000_000]}, r"asked for bytes from .*, got 'bytes ", 2),
+    ],
+)
+def test_faults_that_stay(server, tmp_path, faults, word, asked):
+    vars(server).update(faults)
+    with raises_message(SourceError, word):
         _fetch(tmp_path, server.url, attempts=2)
+    assert len(server.asked) == asked
 
 
 def test_file_that_changes_in_between_is_taken_from_its_start(server: _Server, tmp_path: Path) -> None:
@@ -179,24 +182,21 @@ def test_complete_part_is_only_checked(server: _Server, tmp_path: Path) -> None:
     assert _fetch(tmp_path, server.url).read_bytes() == DATA
 
 
-def test_other_size_on_the_server(server: _Server, tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"another file; found 3000000 bytes; allowed: 7 bytes"):
-        _fetch(tmp_path, server.url, RemoteFile("a.bin", 7, None))
-    assert _left(tmp_path) == []
-
-
-def test_a_whole_file_of_another_hash_is_set_aside(server: _Server, tmp_path: Path) -> None:
-    with raises_message(SourceError, "renamed", where=".dancedata-a.bin.part"):
-        _fetch(tmp_path, server.url, RemoteFile("a.bin", len(DATA), "0" * 64))
-    assert _left(tmp_path) == [".dancedata-a.bin.mismatch"]
-    assert (tmp_path / ".dancedata-a.bin.mismatch").read_bytes() == DATA
-
-
-def test_without_a_stated_length_and_size_the_hash_tells(server: _Server, tmp_path: Path) -> None:
-    server.length, server.cut_after = False, [1000]
-    with raises_message(SourceError, "differs", where=".dancedata-a.bin.part"):
-        _fetch(tmp_path, server.url, RemoteFile("a.bin", None, _remote().sha256))
-    assert _left(tmp_path) == []
+@pytest.mark.parametrize(
+    ("size", "sha256", "faults", "word", "left"),
+    [
+        (7, None, {}, "another file; found 3000000 bytes; allowed: 7 bytes", []),
+        (len(DATA), "0" * 64, {}, "renamed", [".dancedata-a.bin.mismatch"]),
+        # Without a stated length and size the hash tells.
+        (None, _remote().sha256, {"length": False, "cut_after": [1000]}, "differs", []),
+    ],
+)
+def test_another_file_is_set_aside(server, tmp_path, size, sha256, faults, word, left):
+    vars(server).update(faults)
+    with raises_message(SourceError, word):
+        _fetch(tmp_path, server.url, RemoteFile("a.bin", size, sha256))
+    assert _left(tmp_path) == left
+    assert all((tmp_path / name).read_bytes() == DATA for name in left)
 
 
 def test_no_server_listens(tmp_path: Path) -> None:
@@ -214,12 +214,6 @@ def test_from_a_folder(tmp_path: Path) -> None:
     assert (tmp_path / "from" / "a.bin").exists()
     with raises_message(SourceError, r"a\.bin", where="from/b.bin"):
         _fetch(tmp_path / "to2", tmp_path / "from", _remote("b.bin"))
-
-
-def test_existing_damaged_file(server: _Server, tmp_path: Path) -> None:
-    (tmp_path / "a.bin").write_bytes(b"x")
-    with raises_message(SourceError, "differs", where="a.bin"):
-        _fetch(tmp_path, server.url)
 
 
 @pytest.mark.parametrize("source", ["ftp://example.org/x", "/no/such/folder", "file:///etc"])

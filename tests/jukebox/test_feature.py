@@ -15,7 +15,7 @@ import dancedata
 from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE
-from dancedata.audio.signal import pcm16
+from dancedata.audio.signal import pcm16, resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -36,6 +36,11 @@ def song() -> AudioSignal:
     time_s = np.arange(31 * 22050) / 22050
     noise = np.random.default_rng(0).normal(0, 0.2, len(time_s)) * np.exp(-8 * (time_s % 0.5))
     return AudioSignal((noise + 0.1 * np.sin(2 * np.pi * 220 * time_s * (1 + time_s / 60))).astype(np.float32), 22050)
+
+
+@pytest.fixture(scope="module")
+def rows(feature: Jukebox, song: AudioSignal) -> np.ndarray:
+    return feature.extract(song, FPS)
 
 
 def _same(rows: np.ndarray, wanted: np.ndarray) -> None:
@@ -61,30 +66,27 @@ def test_a_song_within_one_context_is_one_clip(feature, song, tiny_encoder):
     _same(rows, tiny_encoder(short.samples, 22050)[LAYER])
 
 
-def test_a_longer_song_joins_contexts_without_a_gap(feature, song, tiny_encoder):
-    rows = feature.extract(song, FPS)
+def test_a_longer_song_joins_contexts_without_a_gap(feature, song, rows, tiny_encoder):
     assert len(rows) == feature.n_rows(song.n_samples, 22050, FPS) == 930
     # Contexts of 704 rows overlap by 128, of which the last 16 of the first and 112 of the second are dropped.
-    audio = song.samples
-    first = tiny_encoder(audio[: 704 * 735], 22050)[LAYER]
-    assert first.shape[0] == 704
-    gain = np.abs(dancedata.audio.signal.resample(audio, 22050, 44100)).max()
-    own = np.abs(dancedata.audio.signal.resample(audio[: 704 * 735], 22050, 44100)).max()
-    if np.isclose(gain, own, rtol=1e-3):
+    first = tiny_encoder(song.samples[: 704 * 735], 22050)[LAYER]
+    assert len(first) == 704
+    peaks = [np.abs(resample(part, 22050, 44100)).max() for part in (song.samples, song.samples[: 704 * 735])]
+    if np.isclose(*peaks, rtol=1e-3):
         # One gain for the song: a context alone differs where its own peak is another.
         assert np.corrcoef(rows[:600].ravel().astype(float), first[:600].ravel())[0, 1] > 0.9
     assert np.isfinite(rows).all()
 
 
-def test_rows_before_a_context_ends_do_not_depend_on_later_music(feature: Jukebox, song: AudioSignal) -> None:
+def test_rows_before_a_context_ends_do_not_depend_on_later_music(feature, song, rows):
     # The transformer is causal; what follows a context is heard by neither its codes nor its rows.
     loud = song.samples.copy()
     loud[28 * 22050 :] *= 0.5
-    one, two = feature.extract(song, FPS), feature.extract(AudioSignal(loud, 22050), FPS)
+    two = feature.extract(AudioSignal(loud, 22050), FPS)
     peak = np.abs(song.samples).argmax() / 22050
     assert peak < 28
-    np.testing.assert_array_equal(one[: 704 - 16], two[: 704 - 16])
-    assert not np.array_equal(one, two)
+    np.testing.assert_array_equal(rows[: 704 - 16], two[: 704 - 16])
+    assert not np.array_equal(rows, two)
 
 
 def test_a_build_fixes_precision_and_weights(tiny: SimpleNamespace, feature: Jukebox, tmp_path: Path) -> None:

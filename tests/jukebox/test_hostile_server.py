@@ -124,23 +124,16 @@ def test_the_small_file_of_unknown_size_is_bounded() -> None:
 
 @pytest.mark.parametrize(
     "answer",
-    [
-        b"",
-        b"HTTP/9.9 abc\r\n\r\n",
-        b"HTTP/1.1 99999999999 x\r\n\r\n",
-        b"HTTP/1.1 404 \x1b[2J\x9b" + b"x" * 60_000 + b"\r\n\r\n",
-        OK + b"x" * 70_000 + b"\r\n\r\n",
-        OK + b"Transfer-Encoding: chunked\r\n\r\nzzz\r\n",
-        b"HTTP/1.1 302 x\r\nLocation: file:///etc/passwd\r\n\r\n",
-        b"HTTP/1.1 302 x\r\nLocation: ftp://127.0.0.1/x\r\n\r\n",
-        b"HTTP/1.1 302 x\r\nLocation: http://127.0.0.1:abc/\r\n\r\n",
-        b"HTTP/1.1 302 x\r\nLocation: http://[/\r\n\r\n",
-        b"HTTP/1.1 302 x\r\nLocation: http://\xff\xfe\x01/\r\n\r\n",
-        b"HTTP/1.1 302 x\r\nLocation: /\xe9 \x0b\r\n\r\n",
-        b"HTTP/1.1 206 x\r\nContent-Range: \x1b[2J\r\n\r\n",
-        b"HTTP/1.1 416 x\r\n\r\n",
-    ],
-)
+    [b"", b"HTTP/9.9 abc\r\n\r\n", b"HTTP/1.1 99999999999 x\r\n\r\n",
+     b"HTTP/1.1 404 \x1b[2J\x9b" + b"x" * 60_000 + b"\r\n\r\n", OK + b"x" * 70_000 + b"\r\n\r\n",
+     OK + b"Transfer-Encoding: chunked\r\n\r\nzzz\r\n", b"HTTP/1.1 302 x\r\nLocation: file:///etc/passwd\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: ftp://127.0.0.1/x\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: http://127.0.0.1:abc/\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: http://[/\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: http://\xff\xfe\x01/\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: /\xe9 \x0b\r\n\r\n", b"HTTP/1.1 206 x\r\nContent-Range: \x1b[2J\r\n\r\n",
+     b"HTTP/1.1 416 x\r\n\r\n"],
+)  # fmt: skip
 def test_invalid_answers(server: Server, tmp_path: Path, answer: bytes) -> None:
     server.answers = [answer_of(answer)]
     with pytest.raises(SourceError) as error:

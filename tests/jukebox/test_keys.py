@@ -71,13 +71,8 @@ def test_specs_are_the_keys_of_the_files(rows: list[dict[str, str]]) -> None:
 @pytest.mark.parametrize("precision", [torch.float16, torch.float32])
 def test_loading_asks_for_the_needed_keys_once(rows: list[dict[str, str]], precision: torch.dtype) -> None:
     def source(file: str) -> MetaSource:
-        return MetaSource(
-            {
-                row["openai_key"]: (_shape(row), getattr(torch, row["dtype_in_file"]))
-                for row in rows
-                if row["file"] == file
-            }
-        )
+        own = [row for row in rows if row["file"] == file]
+        return MetaSource({row["openai_key"]: (_shape(row), getattr(torch, row["dtype_in_file"])) for row in own})
 
     checkpoint = Checkpoint(source(VQVAE_FILE), source(PRIOR_FILE))
     device = torch.device("meta")

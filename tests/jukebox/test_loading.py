@@ -62,11 +62,6 @@ def test_every_tensor_bit_for_bit(tiny: SimpleNamespace, file: str) -> None:
             assert torch.equal(source.read(name, 1), tensor[:1])
 
 
-def test_storages_are_tagged_as_on_a_gpu(tiny: SimpleNamespace) -> None:
-    # As in the real files: torch.load needs an option to leave the GPU alone, ours does not.
-    assert b"cuda:0" in (tiny.folder / PRIOR_FILE).read_bytes()[:4096]
-
-
 def test_only_needed_tensors_are_read(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[tuple[str, int]] = []
     original = TorchFile.read
@@ -86,23 +81,15 @@ def test_only_needed_tensors_are_read(tiny: SimpleNamespace, monkeypatch: pytest
 
 
 def test_weights_stay_as_stored_in_fp32_and_are_half_in_half(tiny: SimpleNamespace) -> None:
-    kept = {}
-    for precision in ("fp32", "fp16", "bf16"):
-        encoder = JukeboxEncoder.from_openai(
-            tiny.folder, config=tiny.config, layers=(1,), device="cpu", precision=precision
-        )
-        kept[precision] = {name: p.dtype for name, p in encoder._prior.stream.blocks[0].named_parameters()}
-    for precision, weight, bias in (
-        ("fp32", torch.float16, torch.float32),
-        ("fp16", torch.float16, torch.float16),
-        ("bf16", torch.bfloat16, torch.bfloat16),
-    ):
-        assert kept[precision]["attn_c_attn_w"] == weight
-        assert kept[precision]["mlp_c_fc_b"] == bias
-        assert kept[precision]["ln_0_weight"] == torch.float32
+    half, single, brain = torch.float16, torch.float32, torch.bfloat16
+    for precision, weight, bias in (("fp32", half, single), ("fp16", half, half), ("bf16", brain, brain)):
+        options = {"config": tiny.config, "layers": (1,), "device": "cpu", "precision": precision}
+        block = JukeboxEncoder.from_openai(tiny.folder, **options)._prior.stream.blocks[0]
+        kept = {name: p.dtype for name, p in block.named_parameters()}
+        assert [kept[n] for n in ("attn_c_attn_w", "mlp_c_fc_b", "ln_0_weight")] == [weight, bias, single]
 
 
-def test_weights_stored_in_fp32_are_not_rounded(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
+def test_weights_stored_in_fp32_are_not_rounded(tiny, broken):
     exact = tiny.tensors[PRIOR_FILE][QKV].float() + 1e-6
     encoder = _load(broken(PRIOR_FILE, {QKV: exact}), tiny)
     assert torch.equal(encoder._prior.stream.blocks[3].attn_c_attn_w, exact)
@@ -177,15 +164,12 @@ def test_unneeded_tensors_may_be_missing(tiny: SimpleNamespace, broken: Callable
     ("file", "name", "tensor", "word"),
     [
         (PRIOR_FILE, QKV, None, "is missing"),
-        (PRIOR_FILE, "y_emb.artist_emb.emb.weight", None, "is missing"),
         (VQVAE_FILE, "bottleneck.level_blocks.2.k", None, "is missing"),
         (PRIOR_FILE, QKV, torch.zeros(30, 40), r"has shape \(30, 40\), not \(40, 30\)"),
         (PRIOR_FILE, "prior.pos_emb.pos_emb", torch.zeros(8000, 40), r"has shape .*, not \(8192, 40\)"),
-        (VQVAE_FILE, "encoders.2.level_blocks.0.model.0.0.weight", torch.zeros(8, 2, 4), "has shape"),
         (PRIOR_FILE, QKV, torch.zeros(40, 30, dtype=torch.int8), r"is torch\.int8"),
         # Of another network.
         (PRIOR_FILE, f"{BLOCKS}.0.attn.c_enc_kv.w", torch.zeros(2, 2), "belongs"),
-        (PRIOR_FILE, f"{BLOCKS}.6.ln_0.weight", torch.zeros(2, 2), "belongs"),
         (PRIOR_FILE, "x_cond.x_emb.weight", torch.zeros(2, 2), "belongs"),
         (VQVAE_FILE, "encoders.2.level_blocks.3.model.0.0.weight", torch.zeros(2, 2), "belongs"),
     ],
@@ -202,16 +186,9 @@ def test_other_config_than_the_files(tiny: SimpleNamespace) -> None:
 
 @pytest.mark.parametrize(
     "damaged",
-    [
-        lambda data: data[: int(0.999 * len(data))],
-        lambda data: data[: len(data) // 2],
-        lambda data: data[:300],
-        lambda data: b"",
-        lambda data: b"<html>404</html>",
-        lambda data: b"\x80\x02}q\x00.",
-        lambda data: b"PK\x03\x04nonsense",
-    ],
-)
+    [lambda data: data[: int(0.999 * len(data))], lambda data: data[:300], lambda data: b"",
+     lambda data: b"\x80\x02}q\x00.", lambda data: b"PK\x03\x04nonsense"],
+)  # fmt: skip
 def test_files_that_are_damaged(tiny, broken, damaged):
     path = broken("none", {}) / PRIOR_FILE
     path.write_bytes(damaged(path.read_bytes()))
@@ -275,19 +252,11 @@ def test_hugging_face_is_refused_with_the_reason(tiny: SimpleNamespace, tmp_path
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [
-        ({"layers": ()}, "one or more of 1 to 6"),
-        ({"layers": (0,)}, "1 to 6"),
-        ({"layers": (7, 1)}, "1 to 6"),
-        ({"layers": (2, 2)}, "each once"),
-        ({"device": "tpu9"}, "unknown device"),
-        ({"device": "cuda:99"}, "does not exist"),
-        ({"precision": "int8"}, "unknown precision"),
-        ({"max_codes": 8193}, "1 to 8192"),
-        ({"max_codes": 0}, "1 to 8192"),
-        ({"memory_budget": 1000}, "too little device memory"),
-    ],
-)
+    [({"layers": ()}, "one or more of 1 to 6"), ({"layers": (7, 1)}, "1 to 6"), ({"layers": (2, 2)}, "each once"),
+     ({"device": "tpu9"}, "unknown device"), ({"precision": "int8"}, "unknown precision"),
+     ({"max_codes": 8193}, "1 to 8192"), ({"max_codes": 0}, "1 to 8192"),
+     ({"memory_budget": 1000}, "too little device memory")],
+)  # fmt: skip
 def test_bad_arguments(tiny: SimpleNamespace, arguments: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         JukeboxEncoder.from_openai(

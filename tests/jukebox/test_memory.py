@@ -121,15 +121,10 @@ def test_encoder_survives_running_out_of_memory(tiny_encoder: Any, noise: np.nda
 
 @pytest.mark.parametrize(
     ("gib", "n_codes", "precision", "blocks", "host_gb", "clips"),
-    [
-        (6, 1722, torch.float16, 35, 4.3, 2),
-        (8, 8192, torch.float16, 48, 2.5, 1),
-        (10, 1722, torch.float16, 66, 0, 5),
-        (10, 8192, torch.float32, 62, 0.6, 1),
-        (16, 8192, torch.float16, 66, 0, 17),
-        (80, 8192, torch.float32, 66, 0, 32),
-    ],
-)
+    [(6, 1722, torch.float16, 35, 4.3, 2), (8, 8192, torch.float16, 48, 2.5, 1),
+     (10, 1722, torch.float16, 66, 0, 5), (10, 8192, torch.float32, 62, 0.6, 1),
+     (16, 8192, torch.float16, 66, 0, 17), (80, 8192, torch.float32, 66, 0, 32)],
+)  # fmt: skip
 def test_the_table_of_the_documentation(gib, n_codes, precision, blocks, host_gb, clips):
     free = (gib - 1) << 30
     placement = memory.place(REAL, 66, precision, n_codes, free)

@@ -61,8 +61,7 @@ def test_block_is_the_formula() -> None:
     block = empty_block(TINY, 0, torch.float32)
     generator = torch.Generator().manual_seed(0)
     weights = {n: 0.3 * torch.randn(p.shape, generator=generator).double() for n, p in block.named_parameters()}
-    h = torch.randn(64, TINY.width, generator=generator)
-    w = dict(weights)
+    h, w = torch.randn(64, TINY.width, generator=generator), dict(weights)
 
     def norm(x: torch.Tensor, name: str) -> torch.Tensor:
         return torch.nn.functional.layer_norm(x, (TINY.width,), w[f"{name}_weight"], w[f"{name}_bias"], 1e-5)
@@ -160,9 +159,8 @@ def test_overflow_in_fp16_is_an_error_with_a_fix(tiny: Any, place: str) -> None:
     from dancedata.audio.jukebox import JukeboxEncoder
 
     def encoder(precision: str) -> Any:
-        made = JukeboxEncoder.from_openai(
-            tiny.folder, config=tiny.config, layers=(2, 6), device="cpu", precision=precision
-        )
+        options = {"config": tiny.config, "layers": (2, 6), "device": "cpu", "precision": precision}
+        made = JukeboxEncoder.from_openai(tiny.folder, **options)
         bias = getattr(made._prior.stream.blocks[3], place.split(" ")[0])
         if "keys" in place:
             # An infinite key at which all queries look from the far side has no weight: it would go unseen.

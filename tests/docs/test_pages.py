@@ -1,0 +1,128 @@
+"""Pages on single subjects: their code prints what they show, and their lists are whole."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+import dancedata
+from dancedata.core.registry import FEATURES
+from dancedata.core.resources import resource
+from dancedata.pipeline.decode_file import FORMATS
+from dancedata.recipes.parse import load_recipe, parse_recipe
+from tests.docs.pages import blocks, text_of, with_output
+
+
+def test_the_recipe_of_audio_features_has_both_rates() -> None:
+    block, *_ = blocks("docs/audio-features.md", "yaml")
+    recipe = parse_recipe(yaml.safe_load(block))
+    rates = {field.name: int(field.grid.rate) for field in (*recipe.motion, *recipe.audio)}
+    assert rates == {"edge151": 30, "fact219": 60, "librosa35": 30, "librosa35.60": 60, "bailando438": 60}
+
+
+def test_everything_in_the_60_recipe_has_60_rows() -> None:
+    recipe = load_recipe("aist++-60")
+    fields = (*recipe.motion, *recipe.audio)
+    assert sorted(f.name for f in fields) == ["bailando438", "bailando72", "fact219", "joints", "librosa35"]
+    assert {int(field.grid.rate) for field in fields} == {60}
+
+
+def test_every_feature_is_on_the_page() -> None:
+    assert all(f"| `{name}` | " in text_of("docs/audio-features.md") for name in FEATURES.names())
+
+
+def test_the_code_of_decoding_prints_the_output_shown(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = {"audio": {}, "dataset.synthetic.songs": 3, "dataset.synthetic.clips_per_song": 2}
+    dancedata.build("demo", out="data/demo", overrides=small, cache="cache", jobs=1, progress=False)
+    (code, output), (scaler, _) = with_output("docs/decoding.md")
+    names: dict[str, object] = {}
+    exec(compile(code, "decoding.md", "exec"), names)
+    assert capsys.readouterr().out == output
+    pytest.importorskip("torch")
+    exec(compile(scaler, "decoding.md", "exec"), names)
+    assert (tmp_path / "scaler.json").is_file()
+
+
+def test_every_format_is_on_the_page() -> None:
+    row = next(line for line in text_of("docs/decoding.md").splitlines() if line.startswith("| `--to`"))
+    assert set(re.findall(r"`([a-z]+)`", row)) == set(FORMATS)
+
+
+def test_the_code_of_segments_runs(tmp_path, cache, monkeypatch, capsys):
+    pytest.importorskip("torch")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(cache))
+    names: dict[str, object] = {}
+    for block in blocks("docs/segments.md", "python"):
+        exec(compile(block, "segments.md", "exec"), names)
+    words, placed, mask, text = capsys.readouterr().out.splitlines()
+    assert words == "('steps to the left, then turns',) ('steps to the right, then turns',)"
+    assert placed == "[(('steps to the left, then turns',), 0, 60, 1.0)]"
+    assert mask == "True"
+    assert text in ("steps to the left, then turns", "steps to the right, then turns", "")
+
+
+@pytest.fixture(scope="module")
+def encoders(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a random model of MERT's layout, depth and width, whose other sizes are tiny."""
+    pytest.importorskip("transformers")
+    from dancedata.testing.encoders import write_random_model
+
+    made = tmp_path_factory.mktemp("encoders")
+    sizes = {"hidden_size": 768, "num_hidden_layers": 12, "num_attention_heads": 2, "intermediate_size": 8}
+    sizes |= {"num_conv_pos_embeddings": 4}
+    write_random_model("mert", made / "mert-95m", **sizes)
+    return made
+
+
+def test_the_code_of_encoders_prints_the_output_shown(encoders, capsys, monkeypatch):
+    monkeypatch.chdir(encoders)
+    ((code,), (output,)) = (blocks("docs/encoders.md", kind) for kind in ("python", "text"))
+    exec(compile(code, "encoders.md", "exec"), {})
+    assert capsys.readouterr().out == output
+
+
+def test_the_ways_to_reproduce_are_recipes() -> None:
+    """Every mapping of the page's table and YAML is one that a recipe may have."""
+    table = text_of("docs/encoders.md").split("## Reproducing them")[1].split("## Licences")[0]
+    mappings = re.findall(r"`((?:hf\.\w+|bailando438): \{.*?\})`", table)
+    assert len(mappings) >= 6
+    written = [code.removeprefix("audio:\n") for code in blocks("docs/encoders.md", "yaml") if "audio:\n" in code[:7]]
+    for audio in (*mappings, *written):
+        document = yaml.safe_load(resource("pipelines", "finedance-mert.yaml").read_text(encoding="utf-8"))
+        # At 60 and 75 rows per second windows have to be whole numbers of rows.
+        windows = {"length_s": 4, "stride_s": 2}
+        parse_recipe({**document, "audio": yaml.safe_load(audio), "windows": windows})
+
+
+def test_the_recipe_is_finedance_with_mert() -> None:
+    with_mert, plain = (load_recipe(name).document for name in ("finedance-mert", "finedance"))
+    assert {key: value for key, value in with_mert["audio"].items() if key != "hf.mert"} == plain["audio"]
+    assert with_mert["audio"]["hf.mert"]["layers"] == [7]
+    for document in (with_mert, plain):
+        del document["audio"], document["name"]
+        document.pop("description", None)
+    assert with_mert == plain
+
+
+def test_the_page_of_encoders_names_every_model_type() -> None:
+    pytest.importorskip("torch")
+    from dancedata.audio.hf.families import FAMILIES
+
+    paragraph = text_of("docs/encoders.md").split("**Models that can be read**")[1].split("\n\n")[0]
+    known = {kind for family in FAMILIES for kind in family.model_types}
+    assert set(re.findall(r"`([\w-]+)`", paragraph.split("`config.json`:")[1])) == known
+
+
+def test_the_defaults_that_the_page_names(tmp_path: Path) -> None:
+    """Of a random model, whose kinds the page names, too."""
+    pytest.importorskip("transformers")
+    from dancedata.audio.hf import HuggingFace
+    from dancedata.testing.encoders import write_random_model
+
+    for kind in ("mert", "encodec24", "muq"):
+        write_random_model(kind, tmp_path / kind)
+    feature = HuggingFace(model=str(tmp_path / "mert"))
+    assert (feature.layers, feature.store, feature.precision) == ("last", "float16", "auto")
