@@ -34,7 +34,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         }  # fmt: skip
         dancedata.build(recipe, source, here / "data" / name, jobs=1, cache=here / "cache", progress=False)
     (here / "samples").mkdir()
-    np.save(here / "samples" / "sample.npy", np.zeros((30, 151), np.float32))
+    clip = dancedata.open(here / "data" / "demo").clips[0].id
+    np.save(here / "samples" / f"{clip}.npy", np.zeros((30, 151), np.float32))
     np.save(here / "samples.npy", np.zeros((2, 30, 151), np.float32))
     for name in ("captures", "songs", "edge", "mine"):
         (here / name).mkdir()
@@ -42,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (here / "captures" / "solo.bvh").write_bytes(motion_file(motion, "bvh"))
     soundfile.write(here / "songs" / "solo.wav", np.zeros(44_100), 22_050)
     for name in ("edge", "mine"):
-        np.save(here / name / f"{dancedata.open(here / 'data' / 'demo').clips[0].id}.npy", motion.joints())
+        np.save(here / name / f"{clip}.npy", motion.joints())
     return here
 
 
