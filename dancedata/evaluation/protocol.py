@@ -228,6 +228,8 @@ class Protocol(Plugin):
         Joints, rate and axes.
     truth, generated
         Pieces of ground truth and of the clips of a model.
+    pool_split
+        Split of a dataset that is the pool, where none is chosen; "all", or one that it lacks: the whole dataset.
     measures
         The metrics, in the order of the table.
     music
@@ -246,6 +248,7 @@ class Protocol(Plugin):
     motion: ClassVar[MotionRule]
     truth: ClassVar[Pieces] = Pieces()
     generated: ClassVar[Pieces] = Pieces()
+    pool_split: ClassVar[str] = "train"
     measures: ClassVar[tuple[Measure, ...]]
     music: ClassVar[MusicRule | None] = None
     published: ClassVar[tuple[Published, ...]] = ()

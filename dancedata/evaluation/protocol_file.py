@@ -14,10 +14,10 @@ from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicR
 from dancedata.recipes.plugins import make_dataclass, make_plugin
 from dancedata.recipes.yaml import read_yaml
 
-_TEXTS = ("name", "citation", "source", "licence_note")
+_TEXTS = ("name", "citation", "source", "licence_note", "pool_split")
 _REQUIRED = ("protocol", "name", "version", "citation", "source", "motion", "measures")
 _PARTS: dict[str, type[Any]] = {"motion": MotionRule, "truth": Pieces, "generated": Pieces, "music": MusicRule}
-_KEYS = (*_REQUIRED, "licence_note", "truth", "generated", "music", "published", "notes")
+_KEYS = (*_REQUIRED, "licence_note", "pool_split", "truth", "generated", "music", "published", "notes")
 
 
 class FileProtocol(Protocol):

@@ -143,7 +143,12 @@ class Request:
         if not numbers:
             return None, numbers
         source = self.pool if self.pool is not None else self.like or _as_store(self.what)
-        return None if source is None else self._clip_set(source, self.pool_split, "truth"), numbers
+        if source is None:
+            return None, numbers
+        split, store = self.pool_split, _as_store(source)
+        if split is None and store is not None and self.protocol.pool_split in store.splits:
+            split = self.protocol.pool_split
+        return self._clip_set(source, split, "truth"), numbers
 
     def _clip_set(self, what: MotionInput, split: str | None, role: Role | None) -> ClipSet:
         store = _as_store(what)

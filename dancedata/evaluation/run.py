@@ -71,10 +71,10 @@ def evaluate(
     protocol
         Name of a protocol, a YAML file with one, or an object of one.
     pool
-        What the set is compared with: a dataset, a folder, or a file of `save_pool`. Default: all of the dataset that
+        What the set is compared with: a dataset, a folder, or a file of `save_pool`. Default: the dataset that
         is evaluated, or that `like` names.
     split, pool_split
-        Splits of a dataset: "test" or "val,test". Default: all.
+        Splits of a dataset: "test" or "val,test". Default: all of the set, and the protocol's of the pool.
     role
         "truth" or "generated", where a protocol cuts the two differently. Default: datasets are ground truth, all
         else is generated.

@@ -34,12 +34,13 @@ def assert_same(one: Report, other: Report, rtol: float, atol: float = 1e-6) -> 
 
 
 def evaluated(what: object, store: Store, protocol: str = "dancedata", **options: object) -> Report:
-    return dancedata.evaluate(what, protocol=protocol, pool=store, role="truth", bootstrap=0, **options)
+    options = {"protocol": protocol, "pool": store, "pool_split": "all", "role": "truth", "bootstrap": 0} | options
+    return dancedata.evaluate(what, **options)
 
 
 @pytest.fixture(scope="module")
 def reference(folder: Path, store: Store) -> Report:
-    return dancedata.evaluate(store, bootstrap=0, cache=folder / "cache")
+    return dancedata.evaluate(store, pool_split="all", bootstrap=0, cache=folder / "cache")
 
 
 def test_a_store_has_every_score(reference: Report) -> None:
@@ -126,7 +127,7 @@ def test_order_and_jobs_do_not_count(
 ) -> None:
     backwards = dict(reversed(motions.items()))
     assert values(evaluated(backwards, store, like=store)) == values(evaluated(motions, store, like=store))
-    again = dancedata.evaluate(store, bootstrap=0, jobs=2, cache=tmp_path / "cache")
+    again = dancedata.evaluate(store, pool_split="all", bootstrap=0, jobs=2, cache=tmp_path / "cache")
     assert again.to_json() == reference.to_json()
 
 
@@ -134,7 +135,7 @@ def test_a_second_run_computes_nothing(store: Store, reference: Report, monkeypa
     from dancedata.evaluation import measuring
 
     monkeypatch.setattr(measuring, "measure_pose", None)
-    assert dancedata.evaluate(store, bootstrap=0).to_json() == reference.to_json()
+    assert dancedata.evaluate(store, pool_split="all", bootstrap=0).to_json() == reference.to_json()
 
 
 def test_yaw_and_a_shift_change_nothing(store: Store, motions: Mapping[str, Motion], reference: Report) -> None:
@@ -171,13 +172,25 @@ def test_lodge_takes_smplx(store: Store, motions: Mapping[str, Motion]) -> None:
         joints, protocol="lodge-finedance", pool=joints, like=store, body="smplx24", bootstrap=0
     )
     assert_same(of_motion, of_joints, 1e-9)
-    of_store = dancedata.evaluate(store, protocol="lodge-finedance", bootstrap=0, role="generated")
+    of_store = dancedata.evaluate(store, protocol="lodge-finedance", pool_split="all", bootstrap=0, role="generated")
     assert_same(of_motion, of_store, FLOAT32)
 
 
 def test_judged_clips_in_the_pool_are_said(store: Store) -> None:
     train, other = store.splits[0], store.splits[-1]
     assert train != other
-    for split, pool_split, said in ((other, train, False), (other, other, True), (other, None, True)):
+    for split, pool_split, said in (
+        (other, train, False), (other, other, True), (other, "all", True), (other, None, False), (train, None, True),
+    ):  # fmt: skip
         report = dancedata.evaluate(store, split=split, pool_split=pool_split, bootstrap=0)
         assert any("judged themselves" in warning for warning in report.warnings) == said
+
+
+@pytest.mark.parametrize(("protocol", "splits"), [("dancedata", ["train"]), ("motius-aistpp", []), ("own", ["val"])])
+def test_the_pool_is_the_split_of_the_protocol(store: Store, protocol: str, splits: list[str]) -> None:
+    rules = PROTOCOLS.get("dancedata" if protocol == "own" else protocol)()
+    if protocol == "own":
+        object.__setattr__(rules, "pool_split", "val")
+    pool = dancedata.evaluate(store, protocol=rules, pool=store.path, metrics=["FID_k"], bootstrap=0).pool
+    assert pool is not None
+    assert pool["clips"] == sum(not c.source and (not splits or c.split in splits) for c in store.clips)

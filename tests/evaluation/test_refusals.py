@@ -50,7 +50,7 @@ def test_mixed_rates(motions: Mapping[str, Motion]) -> None:
 
 
 def test_a_pool_of_another_rate(store: Store) -> None:
-    with raises_message(UsageError, "generate", where="small"):
+    with raises_message(UsageError, "generate", where="small, split train"):
         dancedata.evaluate(dances(n_frames=600), fps=60, pool=store)
 
 

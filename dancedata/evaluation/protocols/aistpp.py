@@ -22,6 +22,7 @@ class FactAistpp(Protocol):
     licence_note = "Apache-2.0; the features are from fairmotion, BSD."
     motion = MotionRule("smpl24", 60, pelvis="body")
     generated = Pieces(skip=120)
+    pool_split = "all"
     measures = (
         Measure(Kinetic("code", "absolute")),
         Measure(Geometric("absolute")),
@@ -55,6 +56,7 @@ class BailandoAistpp(Protocol):
     licence_note = "S-Lab License 1.0, non-commercial; none of its code is used here."
     motion = MotionRule("smpl24", 60)
     generated = Pieces(first=1200)
+    pool_split = "all"
     measures = (
         Measure(Kinetic("code")),
         Measure(Geometric()),
@@ -145,6 +147,7 @@ class MotiusAistpp(Protocol):
     source = "ZeyuLing/Motius 50cf750, motius/evaluation"
     licence_note = "no licence in the repository; none of its code is used here."
     motion = MotionRule("smpl24", None)
+    pool_split = "all"
     measures = (
         Measure(Kinetic("code"), fps=60, first_generated=1200),
         Measure(Geometric(), fps=60, first_generated=1200),

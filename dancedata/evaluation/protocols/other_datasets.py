@@ -62,6 +62,7 @@ class MegadanceFinedance(Protocol):
     licence_note = "no licence in the repository; none of its code is used here."
     motion = MotionRule("smpl24", 30)
     truth = generated = Pieces(length=1024, stride=512, shorter=True, multiple=8)
+    pool_split = "test"
     measures = (
         Measure(Kinetic("megadance", statistics="torch")),
         Measure(Geometric(statistics="torch")),
