@@ -194,8 +194,12 @@ def limb_alignment(source: Skeleton, target: Skeleton) -> dict[int, Float64Array
 def rotations_on(motion: Motion, body: Skeleton, *, align: bool) -> Float64Array:
     """Return the rotations (T, J, 3) of a motion for the joints of another body, matched by name.
 
-    `motion`, `body`: On skeletons that begin with the 22 body joints. Joints that the motion lacks do not rotate.
-    `align`: Whether limbs keep their directions, see `limb_alignment`; else rotations are copied.
+    Parameters
+    ----------
+    motion, body
+        On skeletons that begin with the 22 body joints. Joints that the motion lacks do not rotate.
+    align
+        Whether limbs keep their directions, see `limb_alignment`; else rotations are copied.
     """
     source = motion.skeleton
     rotations = np.zeros((motion.n_frames, body.n_joints, 3))
@@ -219,12 +223,25 @@ def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translat
     SMPL's 24 joints). Rotations are copied joint by joint, as SMPL's projects do with their parameters (Lodge with
     AIST++'s); limbs of a recording (`Skeleton.captured`) keep their directions.
 
-    `motion`: On a skeleton that begins with the 22 body joints, in their order.
-    `body`: The skeleton of the result.
-    `keep`: "pelvis": it stays where it is, so that the translation changes by the difference of the two bodies' rest
+    Parameters
+    ----------
+    motion
+        On a skeleton that begins with the 22 body joints, in their order.
+    body
+        The skeleton of the result.
+    keep
+        "pelvis": it stays where it is, so that the translation changes by the difference of the two bodies' rest
         positions. "translation": its numbers, as in Lodge's treatment of AIST++, so that the pelvis moves.
-    Returns: The same frames on `body`; the motion itself if its bones are those of `body`.
-    Raises UsageError: if either skeleton is of another family.
+
+    Returns
+    -------
+    Motion
+        The same frames on `body`; the motion itself if its bones are those of `body`.
+
+    Raises
+    ------
+    UsageError
+        If either skeleton is of another family.
     """
     source = motion.skeleton
     if source.joints == body.joints and np.array_equal(source.offsets, body.offsets):
@@ -249,10 +266,22 @@ def carried_over(motion: Motion, target: Skeleton) -> Motion:
     model with betas): then it keeps them. SMPL's 24 joints keep their bones only where the target's joints are the
     same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are those of `on_body`.
 
-    `motion`: On a skeleton that begins with the 22 body joints, in their order.
-    `target`: The skeleton with the joints of the result.
-    Returns: The same frames on the joints of `target`.
-    Raises UsageError: if either skeleton is of another family.
+    Parameters
+    ----------
+    motion
+        On a skeleton that begins with the 22 body joints, in their order.
+    target
+        The skeleton with the joints of the result.
+
+    Returns
+    -------
+    Motion
+        The same frames on the joints of `target`.
+
+    Raises
+    ------
+    UsageError
+        If either skeleton is of another family.
     """
     source = motion.skeleton
     is_mean_smplh = source.joints == SMPLH52.joints and np.array_equal(source.offsets[:22], SMPLH52.offsets[:22])

@@ -29,30 +29,45 @@ _LIMITS = {
 class ClipRef:
     """A clip on disk, not loaded.
 
-    `split`: "train", "val", "test", or "all" where the dataset is not split.
-    `tempo_bpm`: Tempo from the dataset in beats per minute; None if unknown.
-    `lists`: Lists of the dataset (such as split files) that contain the clip.
-    `declared`: Declarations of the source about this file, apart from the dataset's parameters: (name, value), such
-        as ("fps", "120") from a manifest. They are input of `load`, and part of the cache key.
-    `body`: Name of the body that the motion is on, where files differ and the scan can tell; "" if unknown.
-    `group`: Name of the sequence whose dancers move in one world; "" for a single dancer.
-    `member`: Number of the dancer in the group's source, from 0; -1 for a single dancer.
-    `group_size`: Dancers of the group in its source, where the scan lists fewer; 0: those that it lists.
-    `role`: Part of the dancer in the group, such as "leader" or "follower"; "" if there is none.
-    `keys`: What a rule of splits can keep together: (name, value), such as ("video", "-Ab_cdEf123").
-    `columns`: Further facts for the table of clips: (name, value), where all values of a name have one type.
-    `audio_start`: Second of the audio file at frame 0, exact; negative where the music begins later.
-    `audio_start_by`: "" where it is stated; `FOUND` where it is the stated part of what a build finds; then how it
-        was found.
-    `source_start`, `source_end`: Part of the motion file that is the clip, seconds; None: from the beginning, to the
-        end.
-    `licence`, `citation`: Terms of this clip, where clips of the source have different ones; "" for those of the
-        dataset.
-    `segments`: Spans and instants of the clip that the source states.
-    `feature_paths`: File of each audio field whose rows come from files: (field, path). A build fills it in from the
-        recipe.
-    `revision`: Raised for clips that their reader reads in another way than an earlier version did; part of the cache
-        key.
+    Attributes
+    ----------
+    split
+        "train", "val", "test", or "all" where the dataset is not split.
+    tempo_bpm
+        Tempo from the dataset in beats per minute; None if unknown.
+    lists
+        Lists of the dataset (such as split files) that contain the clip.
+    declared
+        Declarations of the source about this file, apart from the dataset's parameters: (name, value), such as
+        ("fps", "120") from a manifest. They are input of `load`, and part of the cache key.
+    body
+        Name of the body that the motion is on, where files differ and the scan can tell; "" if unknown.
+    group
+        Name of the sequence whose dancers move in one world; "" for a single dancer.
+    member
+        Number of the dancer in the group's source, from 0; -1 for a single dancer.
+    group_size
+        Dancers of the group in its source, where the scan lists fewer; 0: those that it lists.
+    role
+        Part of the dancer in the group, such as "leader" or "follower"; "" if there is none.
+    keys
+        What a rule of splits can keep together: (name, value), such as ("video", "-Ab_cdEf123").
+    columns
+        Further facts for the table of clips: (name, value), where all values of a name have one type.
+    audio_start
+        Second of the audio file at frame 0, exact; negative where the music begins later.
+    audio_start_by
+        "" where it is stated; `FOUND` where it is the stated part of what a build finds; then how it was found.
+    source_start, source_end
+        Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
+    licence, citation
+        Terms of this clip, where clips of the source have different ones; "" for those of the dataset.
+    segments
+        Spans and instants of the clip that the source states.
+    feature_paths
+        File of each audio field whose rows come from files: (field, path). A build fills it in from the recipe.
+    revision
+        Raised for clips that their reader reads in another way than an earlier version did; part of the cache key.
     """
 
     id: str
@@ -124,11 +139,18 @@ class Reject:
     Its texts come from file names and untrusted files. They are truncated, and characters that do not print become
     backslash sequences, so that they can be printed and stored.
 
-    `reason`: Code: "ignored", "missing_music", "nan", ...
-    `window`: First frame of the window, if only a window was left out.
-    `numbers`: Measured values.
-    `music`: The missing song, if one is missing; several clips can share it.
-    `fix`: Remedy, if known.
+    Attributes
+    ----------
+    reason
+        Code: "ignored", "missing_music", "nan", ...
+    window
+        First frame of the window, if only a window was left out.
+    numbers
+        Measured values.
+    music
+        The missing song, if one is missing; several clips can share it.
+    fix
+        Remedy, if known.
     """
 
     reason: str
@@ -166,12 +188,18 @@ class Reject:
 class Scan:
     """The result of a dataset reader's scan of a source folder.
 
-    `layout`: Name of the recognised layout.
-    `clips`: Sorted by id.
-    `rejects`: Files that were found but left out, and missing ones, by name.
-    `notes`: Sentences for the user: what was recognised and assumed. They are safe to print and store, as in a
-        `Reject`.
-    `genre_ids`: Number of each genre, where this source states them, and not its dataset.
+    Attributes
+    ----------
+    layout
+        Name of the recognised layout.
+    clips
+        Sorted by id.
+    rejects
+        Files that were found but left out, and missing ones, by name.
+    notes
+        Sentences for the user: what was recognised and assumed. They are safe to print and store, as in a `Reject`.
+    genre_ids
+        Number of each genre, where this source states them, and not its dataset.
     """
 
     layout: str

@@ -45,8 +45,12 @@ class Mirror:
 class Group:
     """Adjacent columns that belong together.
 
-    `unit`: "m", "rad", "1" for numbers without a unit, ...
-    `parts`: Names of the columns; () for numbered columns.
+    Attributes
+    ----------
+    unit
+        "m", "rad", "1" for numbers without a unit, ...
+    parts
+        Names of the columns; () for numbered columns.
     """
 
     name: str

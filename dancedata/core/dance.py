@@ -48,7 +48,10 @@ class Undefined(DataError):  # noqa: N818 (an outcome, which callers catch and c
 def checked_joints(joints: npt.ArrayLike) -> Float64Array:
     """Return joint positions (T, J, 3) as float64.
 
-    Raises DataError: "bad_shape", "empty" or "nan".
+    Raises
+    ------
+    DataError
+        "bad_shape", "empty" or "nan".
     """
     array = np.asarray(joints, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 3:
@@ -69,8 +72,12 @@ def checked_joints(joints: npt.ArrayLike) -> Float64Array:
 def checked_group(joints: npt.ArrayLike, least: int = 1) -> Float64Array:
     """Return positions (P, T, J, 3) as float64.
 
-    Raises DataError: "bad_shape", "empty" or "nan".
-    Raises Undefined: "few_dancers": fewer than `least`.
+    Raises
+    ------
+    DataError
+        "bad_shape", "empty" or "nan".
+    Undefined
+        "few_dancers": fewer than `least`.
     """
     array = np.asarray(joints, dtype=np.float64)
     if array.ndim != 4:

@@ -15,8 +15,12 @@ class Draw:
     Equal keys give equal numbers, in the order of the calls. They come from raw bits of numpy's Philox
     stream: numpy guarantees bit streams across versions, not the algorithms of its Generator.
 
-    `seed`: Whole number >= 0.
-    `key`: Whole numbers >= 0 that tell the decision apart from others with the same seed.
+    Parameters
+    ----------
+    seed
+        Whole number >= 0.
+    key
+        Whole numbers >= 0 that tell the decision apart from others with the same seed.
     """
 
     def __init__(self, seed: int, *key: int) -> None:

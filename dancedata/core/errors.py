@@ -26,10 +26,16 @@ _PARTS = re.compile(r"[^\W\d_]+|\d+")
 class DanceDataError(Exception):
     """Base of all errors that dancedata raises.
 
-    `problem`: The problem, in one clause.
-    `where`: File, clip, frame or key with the problem.
-    `found`, `allowed`: The actual and the allowed value.
-    `fix`: What to do about it.
+    Parameters
+    ----------
+    problem
+        The problem, in one clause.
+    where
+        File, clip, frame or key with the problem.
+    found, allowed
+        The actual and the allowed value.
+    fix
+        What to do about it.
     """
 
     #: Most characters of the found value in the text, and whether it may have several lines.
@@ -112,7 +118,10 @@ def unwritable_name(error: UnicodeEncodeError) -> StoreError:
 class DataError(DanceDataError):
     """One file or clip is unusable. It is left out and the build continues.
 
-    `reason`: Code in rejects.jsonl, such as "nan" or "broken_file".
+    Parameters
+    ----------
+    reason
+        Code in rejects.jsonl, such as "nan" or "broken_file".
     """
 
     # It concerns an untrusted file, and becomes a line of rejects.jsonl.
@@ -136,7 +145,10 @@ class DataError(DanceDataError):
 def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> str:
     """Return "did you mean 'x'? known: a, b, c" for a misspelt name; names may come from files.
 
-    `also`: Further candidates, which are not listed.
+    Parameters
+    ----------
+    also
+        Further candidates, which are not listed.
     """
     names = [shown(k) for k in known]
     close = closest(shown(name), [*names, *also])
@@ -147,8 +159,12 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
 def nearest(name: str, known: Iterable[str], noun: str, dataset: object) -> str:
     """Return the three most similar of many names and their number; of few names all, as `did_you_mean`.
 
-    `noun`: What has these names: "clip"; "name" for those of clips and groups.
-    `dataset`: Folder of the dataset that has them.
+    Parameters
+    ----------
+    noun
+        What has these names: "clip"; "name" for those of clips and groups.
+    dataset
+        Folder of the dataset that has them.
     """
     names, query = list(map(shown, known)), shown(name)
     if len(names) <= _FEW:

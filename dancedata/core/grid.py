@@ -27,7 +27,10 @@ _NUMBER = re.compile(r"\s*[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,
 def as_fraction(value: Number, what: str) -> Fraction:
     """Return `value` as it is written: 29.97 is 2997/100, not the nearest binary number.
 
-    Raises UsageError: if `value` is not a finite number.
+    Raises
+    ------
+    UsageError
+        If `value` is not a finite number.
 
     Examples
     --------
@@ -50,7 +53,10 @@ def as_fraction(value: Number, what: str) -> Fraction:
 def as_rate(value: Number) -> Fraction:
     """Return a rate (per second) as an exact fraction; "30000/1001" is 29.97 NTSC.
 
-    Raises UsageError: if `value` is not a number above 0.
+    Raises
+    ------
+    UsageError
+        If `value` is not a number above 0.
 
     Examples
     --------
@@ -71,7 +77,10 @@ class FrameGrid:
     Rows of a field, samples of music and frames of a motion are all frames of some grid. The methods that take `of`
     convert between two grids that begin at the same instant: "rows" are frames of the other grid.
 
-    `rate`: Frames per second.
+    Attributes
+    ----------
+    rate
+        Frames per second.
 
     Examples
     --------
@@ -99,7 +108,10 @@ class FrameGrid:
     def frames(self, seconds: Number, what: str = "length") -> int:
         """Return how many frames `seconds` are, exactly.
 
-        Raises UsageError: if `seconds` is not a whole number of frames.
+        Raises
+        ------
+        UsageError
+            If `seconds` is not a whole number of frames.
         """
         exact = as_fraction(seconds, what) * self.rate
         if exact.denominator != 1:
@@ -124,8 +136,15 @@ class FrameGrid:
 
         It is also the row at the same instant as frame `frames`.
 
-        `what`: What is converted, for the message: "the length".
-        Raises UsageError: if it is not a whole number of rows.
+        Parameters
+        ----------
+        what
+            What is converted, for the message: "the length".
+
+        Raises
+        ------
+        UsageError
+            If it is not a whole number of rows.
         """
         period, other_period = self.common_period(of)
         rows, rest = divmod(int(frames) * other_period, period)
@@ -200,7 +219,10 @@ class FrameGrid:
 class WindowGrid:
     """Windows of `length` frames, one every `stride` frames: window k begins at frame k * stride.
 
-    Raises UsageError: if length or stride is below one frame.
+    Raises
+    ------
+    UsageError
+        If length or stride is below one frame.
 
     Examples
     --------

@@ -18,10 +18,19 @@ _FRAMES = 256
 def forward_kinematics(skeleton: Skeleton, rotations: FloatArray, translation: FloatArray) -> Float64Array:
     """Return joint positions.
 
-    `skeleton`: J joints. The posed root is at offsets[0] + translation, as in SMPL (Loper et al. 2015).
-    `rotations`: (T, J, 3) axis-angle, radians, each relative to the parent.
-    `translation`: (T, 3) metres.
-    Returns: Positions in metres, in the axes of the input.
+    Parameters
+    ----------
+    skeleton
+        J joints. The posed root is at offsets[0] + translation, as in SMPL (Loper et al. 2015).
+    rotations
+        (T, J, 3) axis-angle, radians, each relative to the parent.
+    translation
+        (T, 3) metres.
+
+    Returns
+    -------
+    (T, J, 3) float64
+        Positions in metres, in the axes of the input.
     """
     return joint_positions(skeleton, world_matrices(skeleton, matrix_from_rotvec(rotations)), translation)
 
@@ -64,9 +73,12 @@ def placed(skeleton: Skeleton, bones: Float64Array, translation: FloatArray) -> 
 class _Poses:
     """Matrices and joint positions of a whole motion, computed once for it and its parts.
 
-    `local`, `world`: Rotations as matrices (T, J, 3, 3), relative to the parents and in the world.
-    `places`, `bones`: Joint positions (T, J, 3) for each requested skeleton, and what `posed_bones` gives for
-        different bones.
+    Attributes
+    ----------
+    local, world
+        Rotations as matrices (T, J, 3, 3), relative to the parents and in the world.
+    places, bones
+        Joint positions (T, J, 3) for each requested skeleton, and what `posed_bones` gives for different bones.
     """
 
     whole: Motion
@@ -287,11 +299,24 @@ def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> flo
 
     The mean of the toes' heights in one frame if they differ by less than 2 cm, else the lower one.
 
-    `joints`: (T, J, 3) positions, metres, +Y up.
-    `skeleton`: Defines the toes (`feet[2:]`).
-    `frame`: The frame to use. Lodge first trims a still beginning, so this is the motion's `trim_start`.
-    Returns: Metres.
-    Raises UsageError: if the frame does not exist.
+    Parameters
+    ----------
+    joints
+        (T, J, 3) positions, metres, +Y up.
+    skeleton
+        Defines the toes (`feet[2:]`).
+    frame
+        The frame to use. Lodge first trims a still beginning, so this is the motion's `trim_start`.
+
+    Returns
+    -------
+    float
+        Metres.
+
+    Raises
+    ------
+    UsageError
+        If the frame does not exist.
     """
     if not 0 <= frame < len(joints):
         raise UsageError("the frame for the floor height does not exist", found=f"frame {frame} of {len(joints)}")
@@ -302,9 +327,17 @@ def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> flo
 def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
     """Put a motion on the floor y = 0: all frames are shifted by one height.
 
-    `motion`: +Y up. The height of the floor is that of `ground_height` in frame `motion.trim_start`.
-    `skeleton`: Bones for the positions of the toes, with as many joints; default: the motion's own.
-    Returns: On the motion's own skeleton.
+    Parameters
+    ----------
+    motion
+        +Y up. The height of the floor is that of `ground_height` in frame `motion.trim_start`.
+    skeleton
+        Bones for the positions of the toes, with as many joints; default: the motion's own.
+
+    Returns
+    -------
+    Motion
+        On the motion's own skeleton.
 
     Examples
     --------

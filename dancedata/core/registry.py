@@ -37,9 +37,14 @@ class Registry(Generic[P]):
     Modules are imported when they are needed: to find one plug-in, that of its name, with "p" for "+" (aistpp has
     "aist++") and "_" for "-", is imported before the others; for the names of all, every module is.
 
-    `kind`: What the plug-ins are, for messages: "dataset".
-    `package`: Where they live: "dancedata.datasets".
-    `base`: The class that all of them are derived from.
+    Parameters
+    ----------
+    kind
+        What the plug-ins are, for messages: "dataset".
+    package
+        Where they live: "dancedata.datasets".
+    base
+        The class that all of them are derived from.
     """
 
     def __init__(self, kind: str, package: str, base: type[P]) -> None:
@@ -51,8 +56,11 @@ class Registry(Generic[P]):
     def register(self, name: str) -> Callable[[C], C]:
         """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
 
-        Raises UsageError: when it is applied to a class that is not derived from `base` or lacks a member, or if
-            another class has the name.
+        Raises
+        ------
+        UsageError
+            When it is applied to a class that is not derived from `base` or lacks a member, or if another class has
+            the name.
         """
 
         def decorate(cls: C) -> C:
@@ -118,7 +126,10 @@ class Registry(Generic[P]):
     def make(self, name: str, parameters: Mapping[str, Any]) -> P:
         """Make a plug-in without the packages that recipes are checked with.
 
-        Raises UsageError: for an unknown name or parameter, and as the plug-in itself.
+        Raises
+        ------
+        UsageError
+            For an unknown name or parameter, and as the plug-in itself.
         """
         cls: type[Any] = self.get(name, parameters=parameters)
         parameters = without_file_key(cls, dict(parameters), f"{self.kind} {name}")

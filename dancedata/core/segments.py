@@ -23,13 +23,22 @@ CLIP_END = Fraction(10**9)
 class Layer:
     """Segments of one kind, by one author in one language.
 
-    `name`: Such as "words", "moves", "sections", "facts", "quality". Annotators and translations share a name.
-    `kind`: "span": from start to end. "instant": a moment.
-    `language`: BCP 47 tag; "" without words.
-    `by`: "file", or the producer with its version and parameters.
-    `units`: Unit of `Segment.value`: (label, unit).
-    `mirror`: Labels that are exchanged in a mirrored clip: (label, label).
-    `sided`: Whether words name a side: "no"; "mirrored": `Segment.texts_mirrored` has the words of a mirrored clip;
+    Attributes
+    ----------
+    name
+        Such as "words", "moves", "sections", "facts", "quality". Annotators and translations share a name.
+    kind
+        "span": from start to end. "instant": a moment.
+    language
+        BCP 47 tag; "" without words.
+    by
+        "file", or the producer with its version and parameters.
+    units
+        Unit of `Segment.value`: (label, unit).
+    mirror
+        Labels that are exchanged in a mirrored clip: (label, label).
+    sided
+        Whether words name a side: "no"; "mirrored": `Segment.texts_mirrored` has the words of a mirrored clip;
         "unknown": a build finds out, with a lexicon of the language; where it cannot, mirrored clips go without this
         layer.
     """
@@ -50,15 +59,25 @@ class Layer:
 class Segment:
     """A span or an instant of a clip.
 
-    `start`, `end`: Seconds from frame 0 of the clip, exact; may lie outside the clip. An instant has equal ones.
-    `label`: Short word: a move, a kind of event.
-    `texts`: Alternative descriptions; `texts_mirrored` what they are in a mirrored clip; `tokens` HumanML3D's
-        "word/POS" of each, both empty or one a text.
-    `value`: The number of an event; nan if there is none. `Layer.units` has its unit.
-    `other`: Id of the partner's clip, of a contact.
-    `joint`: Number of a joint; -1 without.
-    `whole`: Whether it belongs to all dancers of the group.
-    `data`: Further numbers of an event, JSON.
+    Attributes
+    ----------
+    start, end
+        Seconds from frame 0 of the clip, exact; may lie outside the clip. An instant has equal ones.
+    label
+        Short word: a move, a kind of event.
+    texts
+        Alternative descriptions; `texts_mirrored` what they are in a mirrored clip; `tokens` HumanML3D's "word/POS"
+        of each, both empty or one a text.
+    value
+        The number of an event; nan if there is none. `Layer.units` has its unit.
+    other
+        Id of the partner's clip, of a contact.
+    joint
+        Number of a joint; -1 without.
+    whole
+        Whether it belongs to all dancers of the group.
+    data
+        Further numbers of an event, JSON.
     """
 
     layer: Layer

@@ -22,8 +22,12 @@ Role = Literal["place", "direction", "root_rotation", "unchanged"]
 class Placement:
     """A turn about the vertical axis through the root in the first frame, then a shift over the floor.
 
-    `turn_rad`: Angle, counter-clockwise as seen from above.
-    `x_m`, `z_m`: Shift in metres, in a world with +Y up.
+    Attributes
+    ----------
+    turn_rad
+        Angle, counter-clockwise as seen from above.
+    x_m, z_m
+        Shift in metres, in a world with +Y up.
     """
 
     turn_rad: float = 0.0
@@ -35,11 +39,15 @@ class Placement:
 class Spatial:
     """The roles of a representation's columns when a `Placement` moves the dancer.
 
-    `up`: The vertical axis of the columns' world. A world with +Z up is one with +Y up after (x, y, z) -> (x, -z, y).
-    `roles`: Of every group, by name. "place": points (x, y, z) in metres, the root's first; SMPL's translation
-        counts, as the rest position of the pelvis is the same before and after a turn about the vertical through the
-        pelvis. "direction": vectors (x, y, z), such as velocities. "root_rotation": the first two or three rows of
-        each joint's matrix, row by row, joint 0 being the root, the others relative to their parents. "unchanged":
+    Attributes
+    ----------
+    up
+        The vertical axis of the columns' world. A world with +Z up is one with +Y up after (x, y, z) -> (x, -z, y).
+    roles
+        Of every group, by name. "place": points (x, y, z) in metres, the root's first; SMPL's translation counts,
+        as the rest position of the pelvis is the same before and after a turn about the vertical through the pelvis.
+        "direction": vectors (x, y, z), such as velocities. "root_rotation": the first two or three rows of each
+        joint's matrix, row by row, joint 0 being the root, the others relative to their parents. "unchanged":
         columns that do not depend on the dancer's place and direction, such as contacts.
     """
 
@@ -65,10 +73,19 @@ class Spatial:
     def moved(self, rows: Array, columns: Columns, by: Placement, about: Float64Array | None = None) -> Array:
         """Return rows (L, D), not normalised, of the dancer at another place, in another direction.
 
-        `columns`: The D columns.
-        `by`: The axis of its turn goes through the root in the first of these rows,
-        `about`: or through this point (3,) of the columns' world, for dancers who turn together.
-        Returns: A new array; columns that are not concerned are equal bit for bit.
+        Parameters
+        ----------
+        columns
+            The D columns.
+        by
+            The axis of its turn goes through the root in the first of these rows,
+        about
+            or through this point (3,) of the columns' world, for dancers who turn together.
+
+        Returns
+        -------
+        (L, D) in the dtype of `rows`
+            A new array; columns that are not concerned are equal bit for bit.
         """
         out = rows.copy()
         turn, shift = self._turn(by.turn_rad), self._shift(by)
@@ -92,8 +109,12 @@ class Spatial:
     ) -> tuple[Float64Array, Float64Array]:
         """Return bounds (D,) that hold for moved rows, from bounds that hold for the rows.
 
-        `turns`: Whether rows are turned, by any angle.
-        `shift_m`: Largest shift over the floor, metres.
+        Parameters
+        ----------
+        turns
+            Whether rows are turned, by any angle.
+        shift_m
+            Largest shift over the floor, metres.
         """
         low, high = low.copy(), high.copy()
         floor = [0, 2] if self.up == "y" else [0, 1]

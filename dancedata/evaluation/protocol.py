@@ -30,13 +30,21 @@ _MAX_S = 1_000_000
 class MotionRule:
     """The joints that a protocol measures.
 
-    `body`: "smpl24": SMPL's joints. "smplx24": the first 24 joints of SMPL-X, whose last two are jaw and left eye.
-        "smplx55": all joints of SMPL-X. "body22": the 22 joints that both share, on the dancer's own bones.
-    `fps`: Frames per second. Motion at a whole multiple is decimated, other rates are refused. None: any rate, but
-        one for all clips.
-    `up`: Axis that points up in the coordinates that metrics get.
-    `turned`: Whether they are turned by 90 degrees about z after that: (x, y, z) becomes (-y, x, z).
-    `pelvis`: "any": constant shifts do not change the numbers. "body": the pelvis has to lie where the body has it.
+    Attributes
+    ----------
+    body
+        "smpl24": SMPL's joints. "smplx24": the first 24 joints of SMPL-X, whose last two are jaw and left eye.
+        "smplx55": all joints of SMPL-X.
+        "body22": the 22 joints that both share, on the dancer's own bones.
+    fps
+        Frames per second. Motion at a whole multiple is decimated, other rates are refused. None: any rate, but one
+        for all clips.
+    up
+        Axis that points up in the coordinates that metrics get.
+    turned
+        Whether they are turned by 90 degrees about z after that: (x, y, z) becomes (-y, x, z).
+    pelvis
+        "any": constant shifts do not change the numbers. "body": the pelvis has to lie where the body has it.
         "translation": it is at SMPL's translation, as in EDGE's kinematics, which omit its rest position.
     """
 
@@ -59,13 +67,21 @@ class MotionRule:
 class Pieces:
     """Pieces of a clip that are measured: by default the whole clip.
 
-    `skip`: Frames at the beginning that are not measured, such as the seed of a model.
-    `first`: Largest number of frames after these; None: all.
-    `length`, `stride`: Length and distance of pieces, frames; None: one piece. Clips shorter than a piece have none.
-    `seconds`: Instead of `length` and `stride`, both in seconds, for protocols of any rate: lengths and first frames
-        are rounded down.
-    `shorter`: Whether a clip shorter than `length` is one piece.
-    `multiple`: Pieces are shortened to a multiple of this number of frames.
+    Attributes
+    ----------
+    skip
+        Frames at the beginning that are not measured, such as the seed of a model.
+    first
+        Largest number of frames after these; None: all.
+    length, stride
+        Length and distance of pieces, frames; None: one piece. Clips shorter than a piece have none.
+    seconds
+        Instead of `length` and `stride`, both in seconds, for protocols of any rate: lengths and first frames are
+        rounded down.
+    shorter
+        Whether a clip shorter than `length` is one piece.
+    multiple
+        Pieces are shortened to a multiple of this number of frames.
     """
 
     skip: int = 0
@@ -137,12 +153,17 @@ class Pieces:
 class Measure:
     """One metric of a protocol.
 
-    `metric`: The metric with its variant.
-    `fps`: Joint positions are interpolated linearly to this rate first; None: as they are.
-    `steady`: Instead, they are taken at 120 frames per second by `dancedata.metrics.root.steady`, so that numbers do
-        not depend on the clip's rate.
-    `first`, `first_generated`: Largest number of frames of a piece that are measured: of every piece, and of
-        generated motion; None: all.
+    Attributes
+    ----------
+    metric
+        The metric with its variant.
+    fps
+        Joint positions are interpolated linearly to this rate first; None: as they are.
+    steady
+        Instead, they are taken at 120 frames per second by `dancedata.metrics.root.steady`, so that numbers do not
+        depend on the clip's rate.
+    first, first_generated
+        Largest number of frames of a piece that are measured: of every piece, and of generated motion; None: all.
     """
 
     metric: Metric
@@ -161,12 +182,19 @@ class Measure:
 class MusicRule:
     """Source of the beats of the music.
 
-    `features`: Audio features that have them, in the group "beat"; the first one that a store has is used, and the
-        first of all is computed from music files.
-    `fps`: Rate of their rows. None: as stored, or the motion's.
-    `scope`: "track": of whole songs. "window": each piece by itself.
-    `tempo`: Whether the beat tracker starts from the tempo that the dataset states.
-    `about`: How the original finds beats, where that differs.
+    Attributes
+    ----------
+    features
+        Audio features that have them, in the group "beat"; the first one that a store has is used, and the first of
+        all is computed from music files.
+    fps
+        Rate of their rows. None: as stored, or the motion's.
+    scope
+        "track": of whole songs. "window": each piece by itself.
+    tempo
+        Whether the beat tracker starts from the tempo that the dataset states.
+    about
+        How the original finds beats, where that differs.
     """
 
     features: tuple[str, ...] = ("librosa35",)
@@ -188,11 +216,18 @@ class MusicRule:
 class Published:
     """A row of a published table that belongs to a protocol.
 
-    `what`: "ground truth", or the name of a model.
-    `values`: Figures by the names of scores.
-    `source`: Paper and table, repository or thread.
-    `note`: Known facts of its computation.
-    `dataset`, `splits`: Reader and splits of the ground truth; empty for models, and where that is not known.
+    Attributes
+    ----------
+    what
+        "ground truth", or the name of a model.
+    values
+        Figures by the names of scores.
+    source
+        Paper and table, repository or thread.
+    note
+        Known facts of its computation.
+    dataset, splits
+        Reader and splits of the ground truth; empty for models, and where that is not known.
     """
 
     what: str

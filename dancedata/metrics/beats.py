@@ -26,12 +26,17 @@ Numbers = IntArray | Float64Array
 class BeatDetector:
     """A way to find the beats of a motion: minima of its speed.
 
-    `source`: Paper or file.
-    `curve`: "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
+    Attributes
+    ----------
+    source
+        Paper or file.
+    curve
+        "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
         t - 1 -> t in float32, T values, the first 0, so that no beat is at `order` or before.
-    `sigma_frames`, `sigma_s`: Of the Gaussian that smooths the curve, in frames at any rate or in seconds; both None:
-        none.
-    `order`: Neighbours on each side that a minimum has to be below.
+    sigma_frames, sigma_s
+        Of the Gaussian that smooths the curve, in frames at any rate or in seconds; both None: none.
+    order
+        Neighbours on each side that a minimum has to be below.
     """
 
     source: str
@@ -151,7 +156,10 @@ def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
 def nearest_offsets(points: Numbers, to: Numbers) -> Float64Array:
     """Return the difference of each point from the nearest of `to`, below 0 where the point comes before it.
 
-    `points`, `to`: (A,), (B,) instants or frames, of one unit; B > 0.
+    Parameters
+    ----------
+    points, to
+        (A,), (B,) instants or frames, of one unit; B > 0.
     """
     targets = np.sort(np.asarray(to, dtype=np.float64))
     values = np.asarray(points, dtype=np.float64)

@@ -29,9 +29,14 @@ _ARM_WEIGHT, _HEAD_WEIGHT = 0.01, 0.1
 class PfcVariant:
     """Unit of the speeds of the feet in PFC, and its constant.
 
-    `source`: Paper or file.
-    `scale`: What the mean is multiplied by.
-    `per`: Unit of time of the speeds; "frame": of the clip, so that the value falls with the square of the rate.
+    Attributes
+    ----------
+    source
+        Paper or file.
+    scale
+        What the mean is multiplied by.
+    per
+        Unit of time of the speeds; "frame": of the clip, so that the value falls with the square of the rate.
     """
 
     source: str

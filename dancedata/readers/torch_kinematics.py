@@ -115,10 +115,16 @@ def _inverse_length(vectors: Tensor) -> Tensor:
 class Poses:
     """Decoded motion as tensors: metres, +Y up.
 
-    `skeleton`: J joints.
-    `translation`: (..., 3) SMPL's translation; the posed root is at skeleton.offsets[0] + translation.
-    `matrices`: (..., J, 3, 3) rotations relative to the parents.
-    `contacts`: (..., 4) left ankle, right ankle, left toe, right toe, as in the columns; None if they have none.
+    Attributes
+    ----------
+    skeleton
+        J joints.
+    translation
+        (..., 3) SMPL's translation; the posed root is at skeleton.offsets[0] + translation.
+    matrices
+        (..., J, 3, 3) rotations relative to the parents.
+    contacts
+        (..., 4) left ankle, right ankle, left toe, right toe, as in the columns; None if they have none.
     """
 
     skeleton: Skeleton
@@ -129,7 +135,10 @@ class Poses:
     def joints(self, skeleton: Skeleton | None = None) -> Tensor:
         """Return joint positions (..., J, 3), metres.
 
-        `skeleton`: Bones with as many joints and the same parents, such as SMPL24_EDGE for EDGE's root; default: own.
+        Parameters
+        ----------
+        skeleton
+            Bones with as many joints and the same parents, such as SMPL24_EDGE for EDGE's root; default: own.
         """
         return forward_kinematics(skeleton or self.skeleton, self.matrices, self.translation)
 
@@ -144,11 +153,24 @@ class Poses:
 def forward_kinematics(skeleton: Skeleton, rotations: Tensor, translation: Tensor) -> Tensor:
     """Return joint positions, as `core.motion.forward_kinematics` does.
 
-    `skeleton`: J joints. The posed root is at offsets[0] + translation, as in SMPL (Loper et al. 2015).
-    `rotations`: (..., J, 3) axis-angle, radians, or (..., J, 3, 3) matrices, each relative to the parent.
-    `translation`: (..., 3) metres, with the same leading axes.
-    Returns: Positions in metres, in the axes of the input; float32, or float64 if both are.
-    Raises UsageError: if the shapes do not match each other and the skeleton.
+    Parameters
+    ----------
+    skeleton
+        J joints. The posed root is at offsets[0] + translation, as in SMPL (Loper et al. 2015).
+    rotations
+        (..., J, 3) axis-angle, radians, or (..., J, 3, 3) matrices, each relative to the parent.
+    translation
+        (..., 3) metres, with the same leading axes.
+
+    Returns
+    -------
+    (..., J, 3)
+        Positions in metres, in the axes of the input; float32, or float64 if both are.
+
+    Raises
+    ------
+    UsageError
+        If the shapes do not match each other and the skeleton.
     """
     lead, n_joints = translation.shape[:-1], skeleton.n_joints
     if translation.shape[-1:] != (3,) or rotations.shape not in ((*lead, n_joints, 3), (*lead, n_joints, 3, 3)):
@@ -216,12 +238,25 @@ def decode(columns: Tensor, representation: str | Representation) -> Poses:
 def joints(columns: Tensor, representation: str | Representation, skeleton: Skeleton | None = None) -> Tensor:
     """Return the joint positions of columns, for representations of rotations and of positions alike.
 
-    `columns`: (..., D), not normalised. (..., T, D) where the root's path is a sum of steps (HumanML3D, lda61): the
-        path begins at the origin in the first of the T rows.
-    `representation`: Name of a registered representation, or a representation with parameters.
-    `skeleton`: Bones for representations of rotations, see `Poses.joints`.
-    Returns: Metres, +Y up; float32, or float64 if `columns` is.
-    Raises UsageError: for another width, a representation whose positions are unknown, or bones for given positions.
+    Parameters
+    ----------
+    columns
+        (..., D), not normalised. (..., T, D) where the root's path is a sum of steps (HumanML3D, lda61): the path
+        begins at the origin in the first of the T rows.
+    representation
+        Name of a registered representation, or a representation with parameters.
+    skeleton
+        Bones for representations of rotations, see `Poses.joints`.
+
+    Returns
+    -------
+    (..., J, 3)
+        Metres, +Y up; float32, or float64 if `columns` is.
+
+    Raises
+    ------
+    UsageError
+        For another width, a representation whose positions are unknown, or bones for given positions.
     """
     plugin = _plugin(columns, representation)
     names = plugin.columns.names

@@ -45,9 +45,13 @@ Values = TypeVar("Values", bound=_Array)
 class Scaler(ABC):
     """An affine map of each column, which undoes itself; made of arrays, of a dataset, or of a file.
 
-    `dtype`: Type that the data are stored in.
-    `field`, `columns`, `dataset`: Name of the field, names of its columns, and the hash of the dataset's own scaler
-        of that field; "" and () where that is unknown.
+    Parameters
+    ----------
+    dtype
+        Type that the data are stored in.
+    field, columns, dataset
+        Name of the field, names of its columns, and the hash of the dataset's own scaler of that field; "" and ()
+        where that is unknown.
     """
 
     #: Names of its two numbers per column, in its file.
@@ -133,7 +137,10 @@ class Scaler(ABC):
     def save(self, path: str | Path) -> None:
         """Write the scaler to a JSON file, for ``scaler=`` and ``--scaler``, with the field that it is of.
 
-        Raises StoreError: if it cannot be written.
+        Raises
+        ------
+        StoreError
+            If it cannot be written.
         """
         about = (_FORMAT, self.field, list(self.columns), self.dataset, self.dtype.name)
         values = {name: value.tolist() for name, value in zip(self.numbers, self._values, strict=True)}
@@ -147,7 +154,10 @@ class Scaler(ABC):
     def load(cls, path: str | Path) -> Self:
         """Read a file of `save`; ``Scaler.load`` reads one of any scaler.
 
-        Raises UsageError: if it cannot be read, is not such a file, or was changed.
+        Raises
+        ------
+        UsageError
+            If it cannot be read, is not such a file, or was changed.
         """
         try:
             state = read_json(Path(path).expanduser(), _MAX_BYTES)
@@ -166,7 +176,10 @@ class Scaler(ABC):
     def require(self, *, field: str, columns: Sequence[str], dataset: str = "") -> Self:
         """Return this scaler if it can be of a field; what is unknown on one side, "" or (), is not compared.
 
-        Raises UsageError: for another width, field, columns or dataset.
+        Raises
+        ------
+        UsageError
+            For another width, field, columns or dataset.
         """
         fix = f"give the scaler that training used; to use this one all the same: {self._bare}"
         if self.width != len(columns):
@@ -210,9 +223,13 @@ class MinMax(Scaler):
 
     A column that is constant in training gets a range of 1, so that its value maps to -1.
 
-    `data_min`, `data_max`: (D,) minimum and maximum of the training data. Columns of float16 count as constant below
-        10 of its steps at their magnitude, those of float32 below 10 eps, as in EDGE.
-    `**properties`: dtype, field, columns and dataset, as of `Scaler`.
+    Parameters
+    ----------
+    data_min, data_max
+        (D,) minimum and maximum of the training data. Columns of float16 count as constant below 10 of its steps at
+        their magnitude, those of float32 below 10 eps, as in EDGE.
+    **properties
+        dtype, field, columns and dataset, as of `Scaler`.
     """
 
     numbers = ("data_min", "data_max")
@@ -252,8 +269,12 @@ class ZScore(Scaler):
     The scaling of text-to-motion (HumanML3D, Guo et al. 2022): ``store.zscore(FIELD, grouped=True)``, or of the
     arrays of its Mean.npy and Std.npy, ``ZScore(mean, std)``. A column that is constant in training is divided by 1.
 
-    `mean`, `std`: (D,) mean and standard deviation (of the population, ddof 0) of the training data.
-    `**properties`: dtype, field, columns and dataset, as of `Scaler`.
+    Parameters
+    ----------
+    mean, std
+        (D,) mean and standard deviation (of the population, ddof 0) of the training data.
+    **properties
+        dtype, field, columns and dataset, as of `Scaler`.
     """
 
     numbers = ("mean", "std")

@@ -31,9 +31,14 @@ class WrittenFile:
 class ExportFolder:
     """Writes the files of an export, in a folder that is renamed once it is complete.
 
-    `path`: Folder that is written to.
-    `final`: Absolute path that the folder will have.
-    `link`: Whether a file with the bytes of an earlier one becomes a hard link of it.
+    Parameters
+    ----------
+    path
+        Folder that is written to.
+    final
+        Absolute path that the folder will have.
+    link
+        Whether a file with the bytes of an earlier one becomes a hard link of it.
     """
 
     def __init__(self, path: Path, final: Path, link: bool = False) -> None:

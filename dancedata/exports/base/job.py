@@ -26,8 +26,12 @@ T = TypeVar("T")
 class Missing:
     """Something that a dataset lacks for an export.
 
-    `problem`: What is missing or has the wrong rate, width or name, with what was found.
-    `fix`: The line of a recipe, or the option, that gives it.
+    Attributes
+    ----------
+    problem
+        What is missing or has the wrong rate, width or name, with what was found.
+    fix
+        The line of a recipe, or the option, that gives it.
     """
 
     problem: str
@@ -41,11 +45,18 @@ class Missing:
 class ExportJob:
     """Request for an export.
 
-    `store`: The dataset.
-    `out`: Absolute path that the folder of the export will have, for files that hold absolute paths.
-    `source`: Folder with the music that the dataset was built from; None if none was given.
-    `link`: Whether files of equal bytes become hard links of one.
-    `fields`: Names of the fields that clips have to have, `Export.reads`; clips without one of them are left out.
+    Attributes
+    ----------
+    store
+        The dataset.
+    out
+        Absolute path that the folder of the export will have, for files that hold absolute paths.
+    source
+        Folder with the music that the dataset was built from; None if none was given.
+    link
+        Whether files of equal bytes become hard links of one.
+    fields
+        Names of the fields that clips have to have, `Export.reads`; clips without one of them are left out.
     """
 
     store: Store

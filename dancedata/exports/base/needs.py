@@ -22,9 +22,14 @@ def needs_field(
 ) -> list[Missing]:
     """Check that a field is stored, with a width and a rate.
 
-    `kind`: "motion", "audio" or "keymotion": the slot of the recipe.
-    `width`: Columns; None: any.
-    `rate`: Rows per second; None: any.
+    Parameters
+    ----------
+    kind
+        "motion", "audio" or "keymotion": the slot of the recipe.
+    width
+        Columns; None: any.
+    rate
+        Rows per second; None: any.
     """
     from dancedata.recipes.yaml import recipes_with
 

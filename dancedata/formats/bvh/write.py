@@ -24,7 +24,10 @@ def motion_bvh(motion: Motion, unit: Literal["m", "cm"] = "m") -> str:
     The root's offset is 0 and its position channels hold its position, so that programs that add the offset and
     programs that do not agree. Angles are those of R = Rz Ry Rx, in degrees.
 
-    `unit`: Of lengths: metres, or centimetres, which most programs for animation use.
+    Parameters
+    ----------
+    unit
+        Of lengths: metres, or centimetres, which most programs for animation use.
     """
     scale, skeleton = UNITS[unit], motion.skeleton
     offsets = scale * np.array(skeleton.offsets)
@@ -61,12 +64,20 @@ def bvh_text(
 ) -> str:
     """Return the text of a file with a skeleton and its motion.
 
-    `offsets`: (J, 3) from the parents, in the file's unit.
-    `rotations`: (T, J, 3, 3) relative to the parents.
-    `root`: (T, 3) positions of the root.
-    `frame_time`: Seconds, as text for the file.
-    `orders`: Order of the rotation channels, for all joints or for each.
-    `ends`: (J, 3) offsets of the ends of joints without children; None: 0.
+    Parameters
+    ----------
+    offsets
+        (J, 3) from the parents, in the file's unit.
+    rotations
+        (T, J, 3, 3) relative to the parents.
+    root
+        (T, 3) positions of the root.
+    frame_time
+        Seconds, as text for the file.
+    orders
+        Order of the rotation channels, for all joints or for each.
+    ends
+        (J, 3) offsets of the ends of joints without children; None: 0.
     """
     from scipy.spatial.transform import Rotation
 
