@@ -60,7 +60,7 @@ def study(
                 music=music, fps=fps, up=up, unit=unit,
             )  # fmt: skip
     request = StudyRequest(views, songs, checks, seconds, seed, question or QUESTION)
-    trials = write_study(request, out, shared=share, overwrite=overwrite)
+    trials = write_study(request, out, shared=share, overwrite=overwrite, say=say)
     pairs = sum(not trial.is_check for trial in trials)
     say(f"{out}: {counted(pairs, 'pair')} and {counted(len(trials) - pairs, 'check')} of {', '.join(called)}")
     say("  next: send the page to raters, then dancedata study-results THEIR-FILES.csv")

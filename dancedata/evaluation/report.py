@@ -75,6 +75,8 @@ class Report:
         A row for each piece: id, and the numbers of the metrics that have a few.
     versions
         Of the packages that shape numbers.
+    matched
+        How many files are of a clip, window or song of a dataset; "" where none is looked for.
     """
 
     protocol: Protocol
@@ -91,6 +93,7 @@ class Report:
     notes: tuple[str, ...]
     per_clip: tuple[Mapping[str, Any], ...]
     versions: Mapping[str, str]
+    matched: str = ""
 
     def __getitem__(self, name: str) -> float | None:
         """Return the value of a score, None where it is undefined; UsageError if the protocol has no such score."""
@@ -140,6 +143,7 @@ class Report:
             "version": self.protocol.version,
             "role": self.role,
             "source": self.source,
+            "matched": self.matched,
             "scores": {s.name: _score_json(s) for s in self.scores},
             "clips": len(self.clips),
             "pieces": self.pieces,
@@ -177,6 +181,7 @@ def describe(report: Report) -> str:
     low, middle, high = report.seconds
     lengths = f"{low:.2f} s" if low == high else f"{low:.2f} to {high:.2f} s, median {middle:.2f} s"
     lines = [
+        *([report.matched] if report.matched else []),
         f"{report.protocol.label}: {shown(report.source)} as {report.role}",
         f"  {counted(len(report.clips), 'clip')}, {counted(report.pieces, 'piece')}, {report.fps} frames per second, "
         f"{lengths}",
@@ -303,6 +308,7 @@ def report_of(
     numbers: Sequence[int] | None = None,
     left_out: Iterable[tuple[str, str]] = (),
     warnings: Iterable[str] = (),
+    matched: str = "",
 ) -> Report:
     """Compare measured clips with a pool, by all measures or by `numbers` of them.
 
@@ -335,6 +341,7 @@ def report_of(
         protocol=protocol,
         role=role,
         source=source,
+        matched=matched,
         scores=tuple(scores),
         clips=tuple(m.id for m in ordered),
         pieces=sum(len(m.cuts) for m in ordered),

@@ -38,7 +38,8 @@ _POSES = 12
 def describe(report: SamplesReport) -> list[str]:
     """Return the lines that ``dancedata report`` prints."""
     poses, other = report.dataset.poses, report.dataset.about.name
-    lines = [] if report.path is None else [f"{report.path}: {report.path.stat().st_size / 1e6:.1f} MB"]
+    lines = [report.scores.matched] if report.scores.matched else []
+    lines += [] if report.path is None else [f"{report.path}: {report.path.stat().st_size / 1e6:.1f} MB"]
     truth = {score.name: score.value for score in report.truth.scores}
     for score in report.scores.scores:
         beside = f"ground truth {number(truth.get(score.name))}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -15,7 +15,7 @@ import numpy as np
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_bytes
-from dancedata.core.text import json_text
+from dancedata.core.text import counted, json_text
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.store.clip_columns import ClipRecord
@@ -88,11 +88,17 @@ class _Trials(SceneList):
 
 
 def write_study(
-    request: StudyRequest, to: Path, *, shared: bool = False, overwrite: bool = False
+    request: StudyRequest,
+    to: Path,
+    *,
+    shared: bool = False,
+    overwrite: bool = False,
+    say: Callable[[str], object] = lambda line: None,
 ) -> tuple[Trial, ...]:
     """Write the page of a study.
 
     `shared`: The caller states to have the right to pass the music on.
+    `say`: Takes the number of clips that the systems have in common.
     Raises UsageError: if the systems have too few clips in common, there is no music or it may not be passed on, or
         the file exists.
     Raises DataError: if a dancer cannot be drawn.
@@ -104,6 +110,8 @@ def write_study(
     views = {name: Shown.of(view) for name, view in request.systems.items()}
     systems = {name: view.scenes for name, view in views.items()}
     clips = common_clips(systems)
+    for name, system in systems.items():
+        say(f"{name}: {len(clips)} of {counted(len(system.items), 'clip')} matched")
     first = next(iter(systems))
     songs = {name: items[first].clip.music or name for name, items in clips.items()}
     trials = make_trials(songs, list(systems), songs=request.songs, checks=request.checks, seed=request.seed)

@@ -58,6 +58,8 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
     some = dancedata.evaluate(tmp_path, **options)
     assert some.warnings[0].startswith("1 of 2 files have no clip, window or song")
     assert "sample" in some.warnings[0]
+    assert str(some).startswith(some.matched)
+    assert some.to_json()["matched"].startswith("1 of 2 files")
 
 
 def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: Path) -> None:
@@ -114,7 +116,7 @@ def test_missing_songs_are_named(store: Store, tmp_path: Path) -> None:
     assert "no beats of songs that --music-of names: nosong" in report.warnings
     with raises_message(UsageError, "could"):
         dancedata.evaluate(tmp_path, music_of={"sample0": "other", "sample1": "nosong"}, **options)
-    with raises_message(UsageError, "could"):
+    with raises_message(DataError, "named"):
         dancedata.evaluate(tmp_path, **options)
 
 

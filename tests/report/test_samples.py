@@ -1,6 +1,7 @@
 """Samples of a model against their dataset: planted faults, plain numpy, and the page."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,13 @@ def test_the_command_prints_the_scores_and_refuses_options_of_samples_for_a_data
     page = tmp_path / "page.html"
     out = run("report", samples, "--against", demo, "--not-normalized", "--to", page, "--quiet").stdout
     assert "BAS" in out
+    assert "files matched in demo" in out.splitlines()[0]
+    (tmp_path / "unknown").mkdir()
+    shutil.copy(next(samples.glob("*.np*")), tmp_path / "unknown" / "nobody.npy")
+    failed = run(
+        "report", tmp_path / "unknown", "--against", demo, "--not-normalized", "--to", page, "--overwrite", code=1
+    )
+    assert "nobody" in failed.stderr
     assert "left out: 1 sample" in out
     printed = json.loads(run("report", samples, "--against", demo, "--not-normalized", "--json").stdout)
     assert printed["against"] == "demo"

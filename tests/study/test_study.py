@@ -251,6 +251,8 @@ def test_the_command(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> 
     arguments = ["study", demo, *systems, "--songs", 1, "--seconds", 2, "--source", demo.parent / "demo-source"]
     done = run(*arguments, "--out", tmp_path / "s.html", "--names", "truth,mine,theirs")
     assert "3 pairs and 2 checks of truth, mine, theirs" in done.stdout
+    assert done.stdout.startswith("truth: ")
+    assert "matched" in done.stdout.splitlines()[2]
     assert (
         "every system needs a name"
         in run(*arguments, "--out", tmp_path / "t.html", "--names", "a,a,b", code=2).stderr
