@@ -58,7 +58,12 @@ def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
         raise UsageError(f"{like} has no audio features", fix="use another --like, or omit it")
     if feature is not None and feature not in names:
         raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
-    return [job for job in recipe.audio if feature in (None, job.name)]
+    jobs = [job for job in recipe.audio if feature in (None, job.name)]
+    if of_files := [job.name for job in jobs if job.feature.from_files]:
+        computed = [job.name for job in recipe.audio if not job.feature.from_files]
+        raise UsageError(f"{listed(of_files)} of {like} comes from files and is not computed",
+                         fix=f"choose others with --feature: {listed(computed) or 'there are none'}")  # fmt: skip
+    return jobs
 
 
 def write_features(

@@ -221,6 +221,7 @@ def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]
         columns = [{"name": name, "type": kind} for name, kind in SEGMENT_COLUMNS.items()]
         document["tables"]["segments"] = {"file": "segments", "columns": columns}
     document["layers"] = [layer_json(layer, rows_of_layer[k]) for k, layer in enumerate(layers)]
+    empty = max(empty, store.meta.get("empty_segments", 0))  # a file of --to does not have those of the build
     document |= {"empty_segments": empty} if empty else {}
     document["self_sha256"] = json_sha256(document)
     write_text(out / DATASET_FILE, dump_json(document))

@@ -73,8 +73,12 @@ class BucketSampler(Sampler[list[int]]):
         Raises
         ------
         UsageError
-            If not exactly one of the two sizes is given, or a sample has more than `max_frames`.
+            If not exactly one of the two sizes is given, or a sample has more than `max_frames`; for a source that
+            does not state the lengths of its samples, such as a `Mix`.
         """
+        if not hasattr(data_source, "lengths"):
+            raise UsageError("samples of this source have no lengths", found=type(data_source).__name__,
+                             fix="give a ClipDataset; for a Mix take an EpochSampler")  # fmt: skip
         lengths = np.asarray(data_source.lengths, dtype=np.int64)
         if (batch_size is None) == (max_frames is None):
             raise UsageError("a batch has a number of samples or a number of frames", fix="give one of the two")

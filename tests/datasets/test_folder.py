@@ -200,6 +200,7 @@ ROW = "takes/a.npz,songs/a.wav,30\n"
         "motion,gender\ntakes/a.npz,x\n",
         "motion,tempo_bpm\ntakes/a.npz,0\n",
         "motion,tempo_bpm\ntakes/a.npz,nan\n",
+        "motion,tempo_bpm\ntakes/a.npz,1_0\n",
         "motion,split\ntakes/a.npz,my split\n",
         "motion,split\ntakes/a.npz,../x\n",
         "motion\nnotes.txt\n",

@@ -244,6 +244,16 @@ def test_dancers_that_decode_writes_are_one_group(tmp_path: Path, motions: Mappi
     assert {s.name: s.value for s in found.scores} == {s.name: pytest.approx(s.value) for s in expected.scores}
 
 
+def test_a_decoded_dancer_may_be_alone(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
+    group = next(iter(joints_of(motions).values()))
+    np.savez(tmp_path / "alone_p0.npz", joints=group[0], fps=FPS)
+    np.savez(tmp_path / "whole_p0.npz", joints=group, fps=FPS)
+    report = dancedata.evaluate(
+        tmp_path, protocol="groups", metrics=["collisions"], up="y", fps=FPS, bootstrap=0, body="smpl24"
+    )
+    assert report.clips == ("alone", "whole_p0")
+
+
 def test_files_of_groups_may_be_numbered(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
     """s_00, s_01 and s_02 that hold all their dancers are three groups, and not the dancers of one."""
     groups = {f"s_{k:02}": group for k, group in enumerate(joints_of(motions).values())}

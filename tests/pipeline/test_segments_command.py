@@ -31,6 +31,7 @@ def built(tmp_path: Path, cache: Path) -> Store:
     DATASETS.get("folder")().make_example(source)
     (source / "segments.csv").write_text(
         "clip,start,end,layer,label,text\nown,0.5,1.5,moves,left spin,\nown,0,end,description,,to the left\n"
+        "own,0.501,0.502,moves,left spin,\n"
     )
     return dancedata.build(RECIPE, source, tmp_path / "out", jobs=1, cache=cache, progress=False).open()
 
@@ -55,6 +56,7 @@ def test_all_segments_as_a_file_and_back(built: Store, tmp_path: Path, name: str
     after = hashes(built.path)
     assert verify_store(built.path) == []
     assert described(dancedata.open(built.path)) == described(built)
+    assert dancedata.open(built.path).meta["empty_segments"] == built.meta["empty_segments"] > 0
     assert {name for name in before if before[name] != after[name]} <= {"dataset.json"}
 
 

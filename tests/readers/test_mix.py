@@ -15,6 +15,7 @@ from dancedata.core.errors import UsageError
 from dancedata.readers import (
     BatchLoader,
     BatchStream,
+    BucketSampler,
     ClipDataset,
     EpochSampler,
     GroupDataset,
@@ -271,3 +272,5 @@ def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) 
         scaling_of(stores["large"], field, columns, scaler=stores["large"])  # type: ignore[arg-type]
     with raises_message(UsageError, "weights"):
         BalancedSampler(one, by="clip")
+    with raises_message(UsageError, "lengths"):
+        BucketSampler(one, batch_size=2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.errors import RecipeError
+from dancedata.core.errors import RecipeError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.audio import FeatureKeys
@@ -110,6 +110,19 @@ def test_a_song_gets_the_features_of_instances(corpus: Path, tmp_path: Path, run
     about = write_features([song], tmp_path / "mine", find_jobs(None, str(tmp_path / "out")), 100.0)
     assert [a["file"] for a in about] == [f"{song.stem}.librosa35.npy", f"{song.stem}.librosa35.60.npy"]
     assert about[1]["shape"][0] in (2 * about[0]["shape"][0], 2 * about[0]["shape"][0] - 1)
+
+
+def test_fields_of_files_are_not_computed_for_a_song(tmp_path: Path) -> None:
+    from dancedata.pipeline.own_songs import find_jobs
+
+    of_files = '{path: "muq/{clip}.npy", rate: 25, fps: 25, columns_per_row: 8}'
+    (tmp_path / "r.yaml").write_text(
+        "recipe: 1\nname: r\ndataset: aist++\nwindows: {length_s: 2, stride_s: 2}\nmotion: {edge151: {}}\n"
+        f"audio: {{librosa35: {{}}, file.muq: {of_files}}}\n"
+    )
+    with raises_message(UsageError, "librosa35"):
+        find_jobs(None, str(tmp_path / "r.yaml"))
+    assert [job.name for job in find_jobs("librosa35", str(tmp_path / "r.yaml"))] == ["librosa35"]
 
 
 def test_a_plan_counts_rows_at_the_rate_of_the_field(corpus: Path, tmp_path: Path) -> None:

@@ -233,7 +233,7 @@ def _row(path: Path, line: int, values: dict[str, str], columns: Mapping[str, Co
         raise bad("the clip has no motion", shown(", ".join(values.values()), 100), "the path of its motion file")
     tempo = values.get("tempo_bpm")
     try:
-        valid = tempo is None or 0 < float(tempo) < MAX_TEMPO
+        valid = tempo is None or ("_" not in tempo and 0 < float(tempo) < MAX_TEMPO)
     except ValueError:
         valid = False
     if not valid:

@@ -99,14 +99,14 @@ class FileClip(ClipInput):
 
     `sample`: Number of the motion in the batch; None: the file is one clip.
     `person`: The file's own name for one of its people; "" for the only one.
-    `partners`: Files of the other dancers of a group, where each dancer has a file.
+    `partners`: Files of the other dancers of a group, where each dancer has a file; None where one file has all.
     """
 
     path: Path
     format: FileFormat
     sample: int | None = None
     person: str = ""
-    partners: tuple[Path, ...] = ()
+    partners: tuple[Path, ...] | None = None
 
     @property
     @override
@@ -124,13 +124,13 @@ class FileClip(ClipInput):
         if self.path.suffix.lower() != ".bvh":
             declared.append(RATE_KEYS)
         declared += [self.person] if self.person else [] if self.sample is None else [self.sample]
-        partners = [[path.suffix.lower(), cache.file_sha256(path)] for path in self.partners]
+        partners = [[path.suffix.lower(), cache.file_sha256(path)] for path in self.partners or ()]
         return ["file", declared, self.path.suffix.lower(), cache.file_sha256(self.path), *partners]
 
     @override
     def load(self) -> Pose | tuple[Pose, ...]:
-        if self.partners:
-            return tuple(replace(self, path=path, partners=()).pose() for path in (self.path, *self.partners))
+        if self.partners is not None:
+            return tuple(replace(self, path=path, partners=None).pose() for path in (self.path, *self.partners))
         return self._dancers() if self.format.groups else self.pose()
 
     def pose(self) -> Pose:
@@ -327,7 +327,8 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
         dancers.setdefault(of_dancer[1] if of_dancer else path.stem, []).append(path)
     groups: list[ClipInput] = []
     for name, files in dancers.items():
-        whole = [path for path in files if len(files) == 1 or _is_group(path)]
+        decoded = [path.stem.rpartition("_")[2].startswith("p") and path.stem != name for path in files]
+        whole = [path for path in files if decoded == [False] or _is_group(path)]
         if len(whole) == len(files):
             groups += [clip for path in files for clip in _group_clips(path, form)]
             continue
@@ -337,7 +338,6 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
                              allowed="a group a file, or a dancer a file",
                              fix="rename the files of groups")  # fmt: skip
         numbers = [path.stem.rpartition("_")[2] for path in files]
-        decoded = [number.startswith("p") for number in numbers]
         if all(decoded):
             files = sorted(files, key=lambda path: int(path.stem.rpartition("_p")[2]))
         elif any(decoded) or numbers != [f"{k:02}" for k in range(len(files))]:
