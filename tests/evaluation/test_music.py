@@ -14,7 +14,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.songs import of_known, read_songs, song_name
+from dancedata.evaluation.inputs.songs import of_known, read_songs, song_files, song_name
 from dancedata.evaluation.music import ClipMusic, beats_after, named_songs
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
@@ -190,3 +190,14 @@ def test_songs_that_share_a_name_are_named_by_their_folders(tmp_path: Path, writ
     found = of_known(read_songs(tmp_path / "songs.csv"), known)
     assert found == {"a": name}
     assert found["a"].start == Fraction(3, 2)
+
+
+def test_songs_below_a_folder_are_found_by_name(tmp_path: Path) -> None:
+    for name in ("one/take1.wav", "two/take1.wav", "two/solo.wav", "two/solo.mp3"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    songs = song_files(tmp_path)
+    assert sorted(songs) == ["one/take1", "solo", "two/take1"]
+    assert songs["two/take1"] == tmp_path / "two" / "take1.wav"
+    (tmp_path / "alone.wav").write_bytes(b"")
+    assert sorted(song_files(tmp_path)) == ["alone"]

@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -56,11 +57,21 @@ class MusicSources:
 
 
 def song_files(folder: Path) -> dict[str, Path]:
-    """Return the music of a folder, or of its folder of music, by name without suffix; UsageError for none."""
+    """Return the music of a folder, of its folder of music, or else below it, by name; UsageError for none.
+
+    Names are without suffix. Songs below it that share one are named by their folders, ``session2/take1``.
+    """
     for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
         by_stem = group_by_stem([place], AUDIO_SUFFIXES) if place.is_dir() else []
         if by_stem:
             return {stem: best_audio(paths)[0] for stem, paths in by_stem}
+    below: dict[PurePosixPath, list[Path]] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.suffix.lower() in AUDIO_SUFFIXES and path.is_file():
+            below.setdefault(PurePosixPath(path.relative_to(folder).with_suffix("").as_posix()), []).append(path)
+    if below:
+        n = Counter(song.name for song in below)
+        return {song.name if n[song.name] == 1 else str(song): best_audio(below[song])[0] for song in below}
     raise UsageError(
         "no music in the folder", where=folder,
         allowed=f"files {', '.join(AUDIO_SUFFIXES)}, here or in {listed(f'{name}/' for name in MUSIC_FOLDERS)}",
