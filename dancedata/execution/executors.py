@@ -147,13 +147,14 @@ def _pool(least: int, most: int) -> Any:
     """
     from joblib.externals.loky import ProcessPoolExecutor
 
+    # A worker that has grown by 300 MB is replaced, between units, and loky warns each time. As an error the warning
+    # would end loky's thread, and results would be waited for without end; so also where filters were reset since.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     folder, environment = os.getcwd(), _environment()
     started_for = (os.getpid(), folder, tuple(environment.items()))
     for (n, *other), pool in list(_kept.items()):
         if tuple(other) == started_for and least <= n <= most:
             return pool
-    # A worker that has grown by 300 MB is replaced, between units, and loky warns each time.
-    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     pool = ProcessPoolExecutor(least, timeout=IDLE_S, env=environment, initializer=os.chdir, initargs=(folder,))
     _kept.clear()
     _kept[least, *started_for] = pool

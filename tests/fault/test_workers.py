@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -267,6 +268,17 @@ def exit_at_5(number: int) -> int:
     if number == 5:
         os._exit(1)
     return number
+
+
+def test_a_replaced_worker_ends_no_stage_where_warnings_are_errors() -> None:
+    """loky warns of it in the thread that collects results: an error there would leave the stage waiting for ever."""
+    from dancedata.execution.executors import Executor
+
+    loky = "A worker stopped while some jobs were given to the executor."
+    for _ in range(2):  # the second finds the pool of the first, and filters that were reset since
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            Executor(2).run(abs, {1: (-1,), 2: (-2,)}, "x", lambda number, result: warnings.warn(loky, stacklevel=1))
 
 
 RUN = """
