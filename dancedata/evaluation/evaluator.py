@@ -142,7 +142,7 @@ class Evaluator:
         pool
             Another dataset, or a file of ``--save-pool``, to compare samples with. Default: `store`.
         split
-            Splits of the pool. Default: the protocol's, train for most.
+            Splits of the pool. Default: the protocol's, such as train.
         music
             Audio field that `update` gets rows of. Default: the one with the protocol's beats, if the dataset has it.
         normalized

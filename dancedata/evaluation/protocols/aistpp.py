@@ -20,9 +20,9 @@ class FactAistpp(Protocol):
     citation = "Li et al., AI Choreographer: Music Conditioned 3D Dance Generation with AIST++, ICCV 2021."
     source = "liruilong940607/mint d40065a, tools/calculate_fid_scores.py, calculate_beat_scores.py"
     licence_note = "Apache-2.0; the features are from fairmotion, BSD."
+    pool_split = "all"
     motion = MotionRule("smpl24", 60, pelvis="body")
     generated = Pieces(skip=120)
-    pool_split = "all"
     measures = (
         Measure(Kinetic("code", "absolute")),
         Measure(Geometric("absolute")),
@@ -54,9 +54,9 @@ class BailandoAistpp(Protocol):
     citation = "Siyao et al., Bailando: 3D Dance Generation by Actor-Critic GPT, CVPR 2022."
     source = "lisiyao21/Bailando cc90b98b, utils/metrics_new.py, utils/beat_align_score.py"
     licence_note = "S-Lab License 1.0, non-commercial; none of its code is used here."
+    pool_split = "all"
     motion = MotionRule("smpl24", 60)
     generated = Pieces(first=1200)
-    pool_split = "all"
     measures = (
         Measure(Kinetic("code")),
         Measure(Geometric()),
@@ -91,6 +91,7 @@ class EdgeAistpp(Protocol):
     citation = "Tseng, Castellon, Liu, EDGE: Editable Dance Generation From Music, CVPR 2023."
     source = "Stanford-TML/EDGE 17c3428, eval/eval_pfc.py; the stride of 2.5 s is the paper's (EDGE#24)"
     licence_note = "MIT."
+    pool_split = "all"
     motion = MotionRule("smpl24", 30, "z")
     truth = generated = Pieces(length=150, stride=75)
     measures = (Measure(Pfc("code", "z")),)
@@ -119,6 +120,7 @@ class Dgsdp(Protocol):
     citation = "DGSDP, mucunzhuzhu/DGSDP on GitHub; Siyao et al., Bailando, CVPR 2022, for the metrics."
     source = "mucunzhuzhu/DGSDP 479c0d5, eval"
     licence_note = "no licence in the repository; none of its code is used here."
+    pool_split = "all"
     motion = MotionRule("smpl24", 30, "z")
     truth = Pieces(length=150, stride=15)
     generated = Pieces(first=1200, length=150, stride=15)
@@ -146,8 +148,8 @@ class MotiusAistpp(Protocol):
     citation = "Motius, ZeyuLing/Motius on GitHub; Siyao et al., Bailando, CVPR 2022, for the features."
     source = "ZeyuLing/Motius 50cf750, motius/evaluation"
     licence_note = "no licence in the repository; none of its code is used here."
-    motion = MotionRule("smpl24", None)
     pool_split = "all"
+    motion = MotionRule("smpl24", None)
     measures = (
         Measure(Kinetic("code"), fps=60, first_generated=1200),
         Measure(Geometric(), fps=60, first_generated=1200),

@@ -59,6 +59,7 @@ class GcdGroups(Protocol):
     citation = "Le et al., Controllable Group Choreography Using Contrastive Diffusion, SIGGRAPH Asia 2023."
     source = "aioz-ai/GCD b9524d8, eval/calculate_gmr_scores.py, calculate_gmc_scores.py, calculate_beat_scores.py"
     licence_note = "MIT (code)."
+    pool_split = "all"
     motion = MotionRule("smpl24", 30, pelvis="body")
     measures = (
         Measure(GroupKinetic()),
@@ -83,6 +84,7 @@ class Duolando(Protocol):
     citation = "Siyao et al., Duolando: Follower GPT with Off-Policy Reinforcement Learning, ICLR 2024."
     source = "lisiyao21/Duolando abb93e6, utils/metrics_duet.py"
     licence_note = "see the repository; none of its code is used here."
+    pool_split = "all"
     motion = MotionRule("smplx55", 30)
     measures = (Measure(DuetDistances()), Measure(BeatEcho("bailando")))
     notes = (

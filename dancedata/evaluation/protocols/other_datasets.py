@@ -21,6 +21,7 @@ class LodgeFinedance(Protocol):
     citation = "Li et al., Lodge: A Coarse to Fine Diffusion Network for Long Dance Generation, CVPR 2024."
     source = "li-ronghui/LODGE a898e59, metric"
     licence_note = "no licence in the repository; none of its code is used here."
+    pool_split = "all"
     motion = MotionRule("smplx24", 30)
     truth = generated = Pieces(first=1024)
     measures = (
@@ -87,6 +88,7 @@ class FlowerdanceCode(Protocol):
     citation = "FlowerDance, XulongT/FlowerDance on GitHub."
     source = "XulongT/FlowerDance 2352a1a, model/metric.py"
     licence_note = "no licence in the repository; none of its code is used here."
+    pool_split = "all"
     motion = MotionRule("smpl24", 30, "z", turned=True)
     truth = generated = Pieces(length=1024, stride=512, shorter=True)
     measures = (
@@ -111,6 +113,7 @@ class Gcd(Protocol):
     citation = "Le et al., Controllable Group Choreography Using Contrastive Diffusion, SIGGRAPH Asia 2023."
     source = "aioz-ai/GCD b9524d8, eval/calculate_beat_scores.py, eval/features"
     licence_note = "MIT (code)."
+    pool_split = "all"
     motion = MotionRule("smpl24", 30, pelvis="body")
     measures = (
         Measure(Kinetic("gcd-code", "absolute")),
@@ -130,6 +133,7 @@ class Popdg(Protocol):
     citation = "Luo et al., POPDG: Popular 3D Dance Generation with PopDanceSet, CVPR 2024."
     source = "Luke-Luo1/POPDG ec57d87, eval"
     licence_note = "MIT."
+    pool_split = "all"
     motion = MotionRule("smpl24", 30, "z", pelvis="translation")
     measures = (
         Measure(Kinetic("code", "absolute", up="y")),
