@@ -38,6 +38,11 @@ def _tenths(power: float) -> int:
     return round(100 * math.log10(power)) if power > 10 ** (_NOTHING / 10) else 10 * _NOTHING
 
 
+def noted(signal: AudioSignal, start: Fraction, seconds: Fraction) -> list[tuple[str, float]]:
+    """Return (kind of flag, value) of a part of decoded music: where it has no sound, and what decoding noticed."""
+    return [*without_sound(levels(signal), start, seconds), *signal.findings]
+
+
 def without_sound(of_music: Sequence[Level], start: Fraction, seconds: Fraction) -> list[tuple[str, float]]:
     """Return (kind of flag, value) where a part of music has no sound; nothing where it lies outside the music.
 

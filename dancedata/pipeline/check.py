@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.networks.feature import NetworkFeature
-from dancedata.audio.silence import levels, without_sound
+from dancedata.audio.silence import noted
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, SourceError
 from dancedata.core.plugins import Dataset
@@ -366,7 +366,7 @@ def _check_clip(reader: Dataset, ref: ClipRef) -> tuple[list[Reject], _Length | 
     if music is None or isinstance(music, Reject) or isinstance(motion, Reject):
         return problems, None
     seconds = motion.grid.seconds(motion.n_frames)
-    of_music = music_flags([*without_sound(levels(music), ref.audio_start, seconds), *music.findings])
+    of_music = music_flags(noted(music, ref.audio_start, seconds))
     problems += implausible_problems({"clip": ref.id, **flag.to_json()} for flag in of_music)
     return problems, (ref.id, float(seconds), len(music.samples) / music.sample_rate)
 

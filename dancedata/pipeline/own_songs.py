@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.signal import load_audio
-from dancedata.audio.silence import levels, without_sound
+from dancedata.audio.silence import noted
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
@@ -306,8 +306,7 @@ def _about(
 
 def _noted(signal: AudioSignal) -> list[tuple[str, float]]:
     """Return what is to be said of a song: (kind of flag, value)."""
-    whole = FrameGrid.of(signal.sample_rate).seconds(signal.n_samples)
-    return [*without_sound(levels(signal), Fraction(0), whole), *signal.findings]
+    return noted(signal, Fraction(0), FrameGrid.of(signal.sample_rate).seconds(signal.n_samples))
 
 
 def describe_features(out: Path, record: Mapping[str, Any]) -> str:
