@@ -2,10 +2,10 @@
 
     python benchmarks/lines.py BASE [HEAD]
 
-Prints a row for each commit from BASE to HEAD (added and removed lines of the package, of the tests, and of the
-pages), then what the two ends hold: lines of the package and of the tests, words of docs/, the largest circle of
-imports (those of functions, of TYPE_CHECKING and by name counted), and the modules of the package that a build of
-the demo loads, and reading a batch of it (of HEAD's working tree only).
+For each commit from BASE to HEAD, prints how many lines it added to and removed from the package, the tests and the
+pages. For BASE and HEAD it then prints the lines of the package and of the tests, the words of docs/ and the largest
+circle of imports (those in functions, for TYPE_CHECKING and by name count), and for the working tree how many modules
+of the package a build of the demo loads, and how many more a first batch of it.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ def mpeg_audio(data: bytes, begin: int, end: int) -> MpegAudio | None:
 
 @lru_cache(maxsize=4096)
 def _frame(header: bytes) -> tuple[int, int, int] | None:
-    """Return bytes, samples and rate of a frame from the three bytes behind its first; None if they are no header."""
+    """Return bytes, samples and rate of a frame from the three bytes behind its first; None for other bytes."""
     if len(header) < 3 or header[0] & 0xE0 != 0xE0:
         return None
     version, layer = header[0] >> 3 & 3, 4 - (header[0] >> 1 & 3)

@@ -2,7 +2,7 @@
 
 Decoders stop where the first of several joined files ends, where a header counts less than there is, or where an mp3
 changes its rate. So the parts of a file are counted here: chunks of wav, AIFF, CAF, W64 and AU, pages of Ogg (RFC
-3533), frames of FLAC (RFC 9639) and MPEG audio, boxes of MP4 (ISO 14496-12). Tags and padding are no sound.
+3533), frames of FLAC (RFC 9639) and MPEG audio, boxes of MP4 (ISO 14496-12). Tags and padding do not count.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FILES = tuple(
 )
 #: Sizes from here on stand for "unknown" in a header that was written to a pipe.
 _UNKNOWN = (1 << 31) - (1 << 17)
-#: Fewer bytes behind the last chunk are no sound.
+#: Fewer bytes behind the last chunk are not taken for sound.
 _FEW = 64
 #: A stream of Ogg whose first page ends later than this is a part of a longer one, seconds.
 _PART_S = 10
@@ -334,7 +334,7 @@ def _serial(data: bytes, at: int) -> int:
 
 
 def _stream(packet: bytes) -> _Stream | None:
-    """Return the stream that begins with a packet; None if it is no sound."""
+    """Return the stream that begins with a packet; None if it is not sound."""
     if packet[:7] == b"\x01vorbis":
         return _Stream(int.from_bytes(packet[12:16], "little") or 1)
     if packet[:8] == b"OpusHead":

@@ -119,7 +119,7 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
 
     `model`: Folder or hub id; "": $DANCEDATA_HF_MODEL.
     `revision`: Commit of a hub id, 40 hex digits. None: the one commit that the cache has as "main".
-    Raises UsageError: There is no model by this name on this machine, or `revision` is not a commit.
+    Raises UsageError: This machine has no model of that name, or `revision` is not a commit.
     Raises SourceError: The folder has no config.json, or one that cannot be read.
     """
     named = model or os.environ.get(ENVIRONMENT, "")
