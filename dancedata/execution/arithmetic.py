@@ -21,7 +21,7 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 from dancedata.core.packages import version
-from dancedata.core.system import SYSTEM, processor, processor_flags, started_with
+from dancedata.core.system import SYSTEM, processor, processor_flags, start_trackers, started_with
 
 T = TypeVar("T")
 
@@ -120,6 +120,7 @@ def expected() -> str:
 def _of_workers() -> str:
     from joblib.externals.loky import ProcessPoolExecutor
 
+    start_trackers()
     with ProcessPoolExecutor(1, env=variables()) as pool:
         found: str = pool.submit(here).result()
     return found

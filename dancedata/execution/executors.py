@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Future, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
 from multiprocessing.util import Finalize
 from typing import Any
 from weakref import WeakSet
@@ -28,7 +27,7 @@ from weakref import WeakSet
 import cloudpickle
 
 from dancedata.core.errors import DanceDataError
-from dancedata.core.system import shielded
+from dancedata.core.system import shielded, start_trackers
 from dancedata.core.text import shown
 from dancedata.execution import arithmetic
 from dancedata.execution.requirements import Requirements, check_worker, worker_name
@@ -125,7 +124,7 @@ class Executor:
 @contextmanager
 def _processes(least: int, most: int) -> Iterator[Start]:
     """Yield what starts calls in worker processes, of which there are so many."""
-    resource_tracker.ensure_running()  # started with the workers, it would unblock SIGINT for them
+    start_trackers()
     pool = _pool(least, most)
     try:
         yield pool.submit

@@ -5,6 +5,7 @@ import random
 import shutil
 import signal
 import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Iterator
@@ -66,6 +67,14 @@ def test_ctrl_c_while_workers_start(slow, corpus, out, undisturbed, hashes, trie
     slow.build(corpus, out, "--jobs", 1)
     assert hashes(out) == undisturbed
     assert slow.strays() == []
+
+
+def test_an_end_within_a_clean_up_is_silent():
+    lost = "loky_tracker.register('/dancedata-removed', 'semlock')"
+    program = "; ".join(("from dancedata.core.system import start_trackers", "start_trackers()",
+                         "from joblib.externals.loky.backend import resource_tracker as loky_tracker", lost))  # fmt: skip
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 def test_impatience_changes_nothing(slow: Any, corpus: Path, out: Path):
