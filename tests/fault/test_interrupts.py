@@ -70,9 +70,12 @@ def test_ctrl_c_while_workers_start(slow, corpus, out, undisturbed, hashes, trie
 
 
 def test_an_end_within_a_clean_up_is_silent():
-    lost = "loky_tracker.register('/dancedata-removed', 'semlock')"
-    program = "; ".join(("from dancedata.core.system import start_trackers", "start_trackers()",
-                         "from joblib.externals.loky.backend import resource_tracker as loky_tracker", lost))  # fmt: skip
+    program = """
+from joblib.externals.loky.backend.resource_tracker import register
+from dancedata.core.system import start_trackers
+start_trackers()
+register("/dancedata-removed", "semlock")
+"""
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert (ended.returncode, ended.stderr) == (0, "")
 
