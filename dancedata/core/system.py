@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
 from pathlib import Path
 
 #: Name of the system, as Python has it.
@@ -122,23 +121,6 @@ def shielded() -> Iterator[None]:
             signal.signal(number, handler)
         if received:
             signal.raise_signal(received[0])
-
-
-def start_trackers() -> None:
-    """Start the processes that remove the semaphores of killed processes, loky's and multiprocessing's, in silence.
-
-    Started with the workers, they would unblock SIGINT for them. A process that an interrupt ends within a clean-up
-    may have removed a semaphore without telling them: they would then print warnings behind its last line.
-    """
-    from joblib.externals.loky.backend import resource_tracker as of_loky
-
-    options = sys.warnoptions
-    sys.warnoptions = [*options, "ignore:resource_tracker:UserWarning"]  # handed on to the processes
-    try:
-        resource_tracker.ensure_running()
-        of_loky.ensure_running()
-    finally:
-        sys.warnoptions = options
 
 
 def python_command(statements: str, *arguments: str) -> list[str]:

@@ -18,10 +18,11 @@ import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import lru_cache
+from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from dancedata.core.packages import version
-from dancedata.core.system import SYSTEM, processor, processor_flags, start_trackers, started_with
+from dancedata.core.system import SYSTEM, processor, processor_flags, started_with
 
 T = TypeVar("T")
 
@@ -114,6 +115,23 @@ def expected() -> str:
         return current
     # OpenBLAS as wheels have it has kernels for many processors; of another BLAS a worker tells.
     return REFERENCE if any(pool.get("prefix") == "libscipy_openblas" for pool in _blas_pools()) else _of_workers()
+
+
+def start_trackers() -> None:
+    """Start the processes that remove the semaphores of killed processes, loky's and multiprocessing's, in silence.
+
+    Started with the workers, they would unblock SIGINT for them. A process that an interrupt ends within a clean-up
+    may have removed a semaphore without telling them: they would then print warnings behind its last line.
+    """
+    from joblib.externals.loky.backend import resource_tracker as of_loky
+
+    options = sys.warnoptions
+    sys.warnoptions = [*options, "ignore:resource_tracker:UserWarning"]  # handed on to the processes
+    try:
+        resource_tracker.ensure_running()
+        of_loky.ensure_running()
+    finally:
+        sys.warnoptions = options
 
 
 @lru_cache(maxsize=1)

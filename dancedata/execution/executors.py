@@ -27,7 +27,7 @@ from weakref import WeakSet
 import cloudpickle
 
 from dancedata.core.errors import DanceDataError
-from dancedata.core.system import shielded, start_trackers
+from dancedata.core.system import shielded
 from dancedata.core.text import shown
 from dancedata.execution import arithmetic
 from dancedata.execution.requirements import Requirements, check_worker, worker_name
@@ -124,7 +124,7 @@ class Executor:
 @contextmanager
 def _processes(least: int, most: int) -> Iterator[Start]:
     """Yield what starts calls in worker processes, of which there are so many."""
-    start_trackers()
+    arithmetic.start_trackers()
     pool = _pool(least, most)
     try:
         yield pool.submit

@@ -72,7 +72,7 @@ def test_ctrl_c_while_workers_start(slow, corpus, out, undisturbed, hashes, trie
 def test_an_end_within_a_clean_up_is_silent():
     program = """
 from joblib.externals.loky.backend.resource_tracker import register
-from dancedata.core.system import start_trackers
+from dancedata.execution.arithmetic import start_trackers
 start_trackers()
 register("/dancedata-removed", "semlock")
 """
