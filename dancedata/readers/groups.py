@@ -241,36 +241,35 @@ class GroupDataset(WindowDataset):
         tables = self.store.tables(self.split)
         chosen = self._reader_of_groups().chosen(request)
         first = self.windows.clip[np.asarray(request.places, dtype=np.int64)].tolist()
-        records = [
-            [tables.record(row + int(member)) for member in members]
-            for row, members in zip(first, chosen, strict=True)
-        ]
-        groups = [of_sample[0].group or of_sample[0].id for of_sample in records]
+        rows = [[row + member for member in members.tolist()] for row, members in zip(first, chosen, strict=True)]
+        ids, roles = ([tables.values(name, of_sample) for of_sample in rows] for name in ("id", "role"))
+        groups = [group or ids_of[0] for group, ids_of in zip(tables.values("group", first), ids, strict=True)]
         values["id"] = [
             name.replace(clip, group, 1)
             for name, clip, group in zip(values["id"], values["clip"], groups, strict=True)
         ]
-        blank = [[""] * (self.persons - len(of_sample)) for of_sample in records]
+        n_blank = [self.persons - len(of_sample) for of_sample in rows]
         del values["clip"], values["dancer"]
         if self._words is not None:
             read = [
-                [Window(clip.id, start, length) for clip in clips]
-                for clips, start, length in zip(records, values["start"], values["length"], strict=True)
+                [Window(clip, start, length) for clip in clips]
+                for clips, start, length in zip(ids, values["start"], values["length"], strict=True)
             ]
             values |= self._words.group_values(
                 self.store, read, values["mirrored"], self.persons, request.epoch, request.places
             )
+        free = [[tables.free(row) for row in of_sample] for of_sample in rows] if self.columns else []
         return values | {
             "group": groups,
-            "clips": [[c.id for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
+            "clips": [clips + [""] * n for clips, n in zip(ids, n_blank, strict=True)],
             **{
                 name: [
-                    [c.columns.get(name.removeprefix(FREE)) for c in clips] + [None] * len(rest)
-                    for clips, rest in zip(records, blank, strict=True)
+                    [of_clip.get(name.removeprefix(FREE)) for of_clip in clips] + [None] * n
+                    for clips, n in zip(free, n_blank, strict=True)
                 ]
                 for name in self.columns
             },
-            "roles": [[c.role for c in clips] + rest for clips, rest in zip(records, blank, strict=True)],
+            "roles": [of_sample + [""] * n for of_sample, n in zip(roles, n_blank, strict=True)],
         }
 
     @override
@@ -323,7 +322,7 @@ class GroupReader(BatchReader):
             row = int(self._dataset.windows.clip[place])
             out["person_mask"][nth] = np.arange(self._dataset.persons) < len(members)
             out["members"][nth] = -1
-            out["members"][nth, : len(members)] = [self._tables.record(row + int(m)).member for m in members]
+            out["members"][nth, : len(members)] = self._tables.values("member", (row + members).tolist())
             for field in self.fields:
                 target = out[field.name][nth]
                 if field.name not in self._per_dancer:

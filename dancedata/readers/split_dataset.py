@@ -323,11 +323,10 @@ class SplitDataset(EpochDataset):
 
         Places are of `windows`, by default the dataset's; `changes` are those of every sample, without augmentations.
         """
-        windows = self.windows if windows is None else windows
         places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
-        clips = [windows.clip_ids[number] for number in windows.clip[places].tolist()]
-        starts = (windows.start[places] + np.asarray(request.shifts, dtype=np.int64)).tolist()
-        lengths = windows.length[places].tolist()
+        windows = (self.windows if windows is None else windows).take(places)
+        starts = (windows.start + np.asarray(request.shifts, dtype=np.int64)).tolist()
+        lengths = windows.length.tolist()
         copies = [
             (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
             for place, flag in zip(request.places, request.mirrored, strict=True)
@@ -335,28 +334,27 @@ class SplitDataset(EpochDataset):
         marks = [f"~{'~'.join(m)}~draw{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, places, strict=True)]
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
-        clips_by_id = {clip: self.store.clip(clip) for clip in set(clips)}
-        records = [clips_by_id[clip] for clip in clips]
+        attributes = ("id", "genre", "music", "dancer", "tempo_bpm", *["columns"] * bool(self.columns))
+        of_clips = self.store.clip_values(windows, attributes)
+        clips, genres, stated = of_clips["id"], of_clips["genre"], of_clips["tempo_bpm"]
+        tempos = [self._estimated_tempo(c) if bpm is None else bpm for c, bpm in zip(clips, stated, strict=True)]
         mirrored = [names.count("mirror") % 2 == 1 for names in copies]
         return {
             "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, marks, strict=True)],
             "clip": clips,
             "start": starts,
             "length": lengths,
-            "split": [self.splits[k] for k in self._parts(windows.clip[places])],
-            "genre": [record.genre for record in records],
-            "genre_id": [int(self.genre_ids.get(record.genre, -1)) for record in records],
-            "music": [record.music for record in records],
-            "dancer": [record.dancer for record in records],
-            "tempo_bpm": [
-                self._estimated_tempo(record.id) if record.tempo_bpm is None else float(record.tempo_bpm)
-                for record in records
-            ],
-            "tempo_estimated": [r.tempo_bpm is None and not math.isnan(self._tempos[r.id]) for r in records],
+            "split": [self.splits[k] for k in self._parts(windows.clip)],
+            "genre": genres,
+            "genre_id": [int(self.genre_ids.get(genre, -1)) for genre in genres],
+            "music": of_clips["music"],
+            "dancer": of_clips["dancer"],
+            "tempo_bpm": tempos,
+            "tempo_estimated": [a is None and not math.isnan(b) for a, b in zip(stated, tempos, strict=True)],
             "mirrored": mirrored,
             **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
             "index": [int(place) for place in request.places],
-            **{name: [value_of(self.store, r.columns, name) for r in records] for name in self.columns},
+            **{name: [value_of(self.store, free, name) for free in of_clips["columns"]] for name in self.columns},
             **self._segment_values(request, clips, starts, lengths, mirrored),
         }
 

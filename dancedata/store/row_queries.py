@@ -1,6 +1,6 @@
 """Windows and clips of a store, and their rows."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -201,6 +201,19 @@ class RowQueries(StoreTables):
                 self.locate(part[int(np.argmax(bad))], field)
             first[slice(None) if places is None else places] = rows
         return WindowRows(field, shards, shard, first, n_rows, mapped)
+
+    def clip_values(self, windows: WindowList, names: Sequence[str]) -> dict[str, list[Any]]:
+        """Return attributes of `ClipRecord` of the clips of windows, (W,) each by name; reads their columns alone."""
+        values: dict[str, list[Any]] = {name: [None] * len(windows) for name in names}
+        for tables, places, row in self._rows_of(windows):
+            rows = row.tolist()
+            for name in names:
+                if places is None:
+                    values[name] = tables.values(name, rows)
+                    continue
+                for place, value in zip(places.tolist(), tables.values(name, rows), strict=True):
+                    values[name][place] = value
+        return values
 
     def shards_of(self, windows: WindowList) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:
         """Return the shards of the splits of windows, and the number (W,) of each window's shard among them."""

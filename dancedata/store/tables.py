@@ -19,6 +19,7 @@ from dancedata.store.window_list import IntArray
 
 #: Found rows of clips that are remembered.
 _REMEMBERED = 1 << 17
+_COLUMNS = {column.name: column for column in CLIP_COLUMNS}
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,13 @@ class Tables:
     def shard_of(self, clip: npt.ArrayLike) -> IntArray:
         """Return the numbers of the shards of clips."""
         return np.asarray(np.searchsorted(self.shard_begin, clip, side="right") - 1, dtype=np.int64)
+
+    def values(self, name: str, rows: Sequence[int]) -> list[Any]:
+        """Return an attribute of `ClipRecord` of some clips; reads its column alone."""
+        if name == "columns":
+            return [self.free(row) for row in rows]
+        column = _COLUMNS[name]
+        return [self.value(column, row) for row in rows]
 
     def value(self, column: ClipColumn, row: int) -> Any:
         """Return the attribute of a clip that a column holds."""
