@@ -74,7 +74,7 @@ class Losses:
     """EDGE's four losses, with its weights: columns, their speed, joints, and feet that slide while in contact."""
 
     def __init__(self, data: WindowDataset, field: str) -> None:
-        self.field, self.scaler = field, data.normalizer(field)
+        self.field, self.scaler = field, data.scaler(field)
         self.columns, self.feet = data.store.fields[field], list(data.store.skeleton.feet)
 
     def __call__(self, found: Tensor, clean: Tensor) -> dict[str, Tensor]:
@@ -93,7 +93,7 @@ class Losses:
 
 def generate(model: nn.Module, data: WindowDataset, field: str, music: Tensor, steps: int, guidance: float) -> Tensor:
     """Return columns (T', D) for music (T, M): windows that overlap by half, the halves tied to each other."""
-    half, music = data.windows[0].length // 2, data.normalizer("librosa35").normalize(music)
+    half, music = data.windows[0].length // 2, data.scaler("librosa35").normalize(music)
     n = max(1, -(-(len(music) - half) // half))
     music = torch.cat([music, music[-1:].expand(max(0, (n + 1) * half - len(music)), -1)])
     windows = torch.stack([music[k * half : k * half + 2 * half] for k in range(n)])
@@ -105,7 +105,7 @@ def generate(model: nn.Module, data: WindowDataset, field: str, music: Tensor, s
 
     model.eval()
     made = sample(model, (n, 2 * half, data.store.fields[field].width), (windows,), steps, guidance, link)
-    return data.normalizer(field).unnormalize(torch.cat([made[0, :half], *made[:, half:]]))
+    return data.scaler(field).unnormalize(torch.cat([made[0, :half], *made[:, half:]]))
 
 
 def write_dance(out: Path, poses: Poses, fps: float) -> None:

@@ -108,13 +108,13 @@ def main() -> None:
     music = music[: args.frames]
     start = placed_on_beats(data, music, args.segment)
     genre = args.genre or store.clips[-1].genre
-    heard = torch.from_numpy(data.normalizer("librosa35").normalize(music))[None]
+    heard = torch.from_numpy(data.scaler("librosa35").normalize(music))[None]
     condition = (heard, torch.from_numpy(start)[None], torch.tensor([genres.index(genre) if genre else -1]))
     condition = tuple(value.to(accelerator.device) for value in condition)
     model.eval()
     shape = (1, len(start), CUE, store.fields[FIELD].width)
     made = sample(model, shape, condition, args.ddim, args.guidance, lambda x: x)[0]
-    columns = data.normalizer(FIELD).unnormalize(made)
+    columns = data.scaler(FIELD).unnormalize(made)
     np.savez(args.out / "primitives.npz", frames=columns.cpu().numpy(), start=start, genre=genre)
     write_dance(args.out / "dance", connected(decode(columns, FIELD), start, args.frames), float(store.fps))
 

@@ -247,7 +247,7 @@ def _read_stats(path: Path) -> None:
 
     _put_side_files(path)
     with open_store(path.parent) as opened:
-        opened.normalizer("pose", mirror=True).normalize(np.zeros((2, 3), np.float32))
+        opened.scaler("pose", covers=["mirror"]).normalize(np.zeros((2, 3), np.float32))
     _require_plain(describe_problems(path.parent, verify_store(path.parent)))
 
 

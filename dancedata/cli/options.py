@@ -33,7 +33,7 @@ Backend = Annotated[str | None, typer.Option(help=BACKEND_HELP)]
 SCHEDULER_HELP = "Cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT or ray://auto."
 Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)]
 NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; must be stated, here or in their files."
-SCALER_HELP = "File of normalizer.save(...): the scaler that normalises the columns, instead of the dataset's."
+SCALER_HELP = "File of scaler.save(...): the scaler that normalises the columns, instead of the dataset's."
 CLIP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
 Normalized = Annotated[
     bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)

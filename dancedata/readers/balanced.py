@@ -5,9 +5,9 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.typing import override
-from dancedata.readers.arguments import whole
 from dancedata.readers.sampler import EpochSampler, permutation
 from dancedata.readers.split_dataset import SplitDataset
 

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from torch.utils.data import BatchSampler, SequentialSampler
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
-from dancedata.readers.arguments import whole
 from dancedata.readers.batch_reader import Layout, MemoryPool, ReadBatch
 from dancedata.readers.clip_collate import collate_values
 from dancedata.readers.mix import Mix

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from torch.utils.data import DataLoader, IterableDataset, default_collate, get_worker_info
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
-from dancedata.readers.arguments import whole
 from dancedata.readers.buckets import BucketSampler
 from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.sampler import EpochSampler

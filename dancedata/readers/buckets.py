@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from torch.utils.data import Sampler
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted
-from dancedata.readers.arguments import whole
 from dancedata.readers.sampler import EpochSampler, permutation, set_epoch_of
 
 #: Apart from the stream of orders, which shuffles the batches.

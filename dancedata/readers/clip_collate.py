@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import default_collate
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
-from dancedata.readers.arguments import whole
 from dancedata.readers.music_beats import LABELS
 
 try:

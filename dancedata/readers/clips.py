@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from dancedata.core.arguments import whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError
+from dancedata.core.sample_steps import Augment
 from dancedata.core.typing import override
-from dancedata.readers.arguments import whole
-from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import Request, blank_of
 from dancedata.readers.clip_collate import pack_clips, pad_clips
 from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at

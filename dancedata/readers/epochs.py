@@ -6,8 +6,8 @@ from typing import Any
 import torch
 from torch.utils.data import Dataset
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
-from dancedata.readers.arguments import whole
 
 #: In place of an epoch while none is set.
 _NOT_SET = -1

@@ -10,14 +10,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.sample_steps import Augment
 from dancedata.core.spatial import middle_of
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.readers.arguments import whole
-from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, blank_of
 from dancedata.readers.scalers import ScalerLike
 from dancedata.readers.segments import MirrorWords, SegmentChoice

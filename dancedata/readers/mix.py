@@ -11,10 +11,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
-from dancedata.readers.arguments import whole
 from dancedata.readers.batch_reader import Array, Layout, ReadBatch
 from dancedata.readers.draws import uniform
 from dancedata.readers.epochs import EpochDataset
@@ -22,7 +22,7 @@ from dancedata.readers.sampler import permutation
 from dancedata.readers.split_dataset import SplitDataset
 from dancedata.readers.windows import WindowDataset
 from dancedata.store.dataset import Store
-from dancedata.store.normalize import MinMax, Scaler
+from dancedata.store.normalize import Scaler
 
 IntArray = npt.NDArray[np.int64]
 Normalizer = Literal["one", "each"]
@@ -106,7 +106,7 @@ class Mix(EpochDataset):
         self.counts = _counts(self.sources, sizes, _shares(self.sources, sizes, weights), total)
         first = next(iter(by_name.values()))
         self.fields, self.normalized = first.fields, first.normalized
-        scalers = {name: _joint([d.normalizer(name) for d in by_name.values()]) for name in self.normalized}
+        scalers = {name: _joint([d.scaler(name) for d in by_name.values()]) for name in self.normalized}
         self.datasets = tuple(d.rescaled(scalers) if self.one_normalizer else d for d in by_name.values())
         self._begin = np.concatenate([[0], np.cumsum(self.counts)])
         whole_sources = all(count % size == 0 for count, size in zip(self.counts, sizes, strict=True))
@@ -148,7 +148,7 @@ class Mix(EpochDataset):
                              fix="name one of the datasets, and scaler=mix")  # fmt: skip
         return next(iter(stores.values()))
 
-    def normalizer(self, field: str) -> Scaler:
+    def scaler(self, field: str) -> Scaler:
         """Return the scaler of a field, over all sources.
 
         Raises
@@ -159,9 +159,9 @@ class Mix(EpochDataset):
         if not self.one_normalizer:
             raise UsageError(
                 "each source of this mix has a scaler of its own",
-                fix=f"name the source's, mix.datasets[k].normalizer({field!r}), or mix with normalizer='one'",
+                fix=f"name the source's, mix.datasets[k].scaler({field!r}), or mix with normalizer='one'",
             )
-        return _joint([dataset.normalizer(field) for dataset in self.datasets])
+        return _joint([dataset.scaler(field) for dataset in self.datasets])
 
     def state_dict(self) -> dict[str, Any]:
         """Return the hashes of the scalers, {"scalers": {field: hash}}; by "source/field" where each has its own."""
@@ -332,16 +332,18 @@ def _counts(sources: Sequence[str], sizes: Sequence[int], shares: Sequence[Fract
 def _joint(scalers: Sequence[Scaler]) -> Scaler:
     """Return the scaler whose range covers those of all, or that all have; it is of no dataset."""
     first = scalers[0]
-    if len({scaler.sha256 for scaler in scalers}) == 1 and not isinstance(first, MinMax):
+    kinds = {scaler.kind for scaler in scalers}
+    if len({scaler.sha256 for scaler in scalers}) == 1 and kinds == {"zscore"}:
         return first
-    ranges = [scaler for scaler in scalers if isinstance(scaler, MinMax)]
-    if not isinstance(first, MinMax) or len(ranges) < len(scalers):
+    if kinds != {"minmax"}:
         raise UsageError(
             "z-scores of several sources do not join", found=listed(map(repr, scalers)),
-            fix="name one for all sources, scaler={FIELD: ZScore(mean, std)}, or mix with normalizer='each'",
+            fix="name one for all sources, scaler={FIELD: Scaler(...)}, or mix with normalizer='each'",
         )  # fmt: skip
-    low, high = (np.stack([getattr(s, name) for s in ranges]) for name in ("data_min", "data_max"))
-    return MinMax(low.min(axis=0), high.max(axis=0), dtype=first.dtype, field=first.field, columns=first.columns)
+    low, high = (np.stack([getattr(s, name) for s in scalers]) for name in ("data_min", "data_max"))
+    return Scaler(
+        "minmax", low.min(axis=0), high.max(axis=0), dtype=first.dtype, field=first.field, columns=first.columns
+    )
 
 
 def _require_alike(by_name: Mapping[str, SplitDataset]) -> None:

@@ -9,8 +9,8 @@ import torch
 from torch import distributed
 from torch.utils.data import Sampler
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
-from dancedata.readers.arguments import whole
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
 _CHUNK = 4096

@@ -16,7 +16,7 @@ from dancedata.core.text import listed, shown
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
 from dancedata.store.like import Reader, scaling_of
-from dancedata.store.normalize import MinMax, Scaler
+from dancedata.store.normalize import Scaler
 from dancedata.store.schema import Field
 
 _log = logging.getLogger(__name__)
@@ -41,13 +41,11 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
         by_field = {single.field or (fitting[0] if len(fitting) == 1 else ""): single}
     elif isinstance(scaler, Store):
         raise UsageError(
-            "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.normalizer(FIELD), or its file"
+            "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.scaler(FIELD), or its file"
         )
     else:
         shared = [name for name in scaler.fields if name in fields]
-        by_field = {
-            n: scaler.normalizer(n) for n in shared if n in scaler.normalized or _is_real_motion(store.field(n))
-        }
+        by_field = {n: scaler.scaler(n) for n in shared if n in scaler.normalized or _is_real_motion(store.field(n))}
         if not by_field:
             raise UsageError("the reader that names the scaler reads no motion field of this one",
                              found=listed(scaler.fields), allowed=listed(fields),
@@ -119,34 +117,27 @@ def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str
     return columns
 
 
-def scaler_of(store: Store, name: str, choice: Choice, *, covers_mirror: bool, over: str) -> MinMax:
-    """Return the scaler of a field: the stored one, or a wider one that the caller names.
+def scaler_of(store: Store, name: str, choice: Choice, *, over: str) -> Scaler:
+    """Return the scaler of a field: the stored one, or one over the windows that the caller names.
 
     The protocol of `choice` defines the train split. `over` is "train", or "all": every row of every clip, from the
     trim on if windows are trimmed, as Lodge's released scaler was fitted (test included).
     """
-    field = store.field(name)
-    covers = covers_mirror and field.kind == "motion"
-    if covers and field.columns.mirror is None:
-        raise _no_mirror(store, name)
     if over == "all":
-        plain = _fit(store, name, _all_rows(store, name, choice.trim))
-    elif over != "train":
+        return _fit(store, name, _all_rows(store, name, choice.trim))
+    if over != "train":
         raise UsageError(
             "a scaler is fitted over train or over all", found=over, fix=did_you_mean(over, ("train", "all"))
         )
-    else:
-        train = _other_train(store, choice)
-        if train is None:
-            plain = store.normalizer(name)
-        else:
-            plain = _fit(store, name, (store.read(window, name) for window in train))
-            _log.warning(
-                "the scaler of %s is that of the train split of protocol %s, not the stored one: save it with the "
-                "model, reader.normalizer(%r).save(FILE), and name it wherever columns are decoded or measured",
-                name, choice.protocol, name,
-            )  # fmt: skip
-    return plain.with_mirror(field.columns.mirror) if covers and field.columns.mirror else plain
+    train = _other_train(store, choice)
+    if train is None:
+        return store.scaler(name)
+    _log.warning(
+        "the scaler of %s is that of the train split of protocol %s, not the stored one: save it with the model, "
+        "reader.scaler(%r).save(FILE), and name it wherever columns are decoded or measured",
+        name, choice.protocol, name,
+    )  # fmt: skip
+    return _fit(store, name, (store.read(window, name) for window in train))
 
 
 def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
@@ -176,7 +167,7 @@ def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]
             yield rows[max(0, first - lead) :]
 
 
-def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> MinMax:
+def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> Scaler:
     field = store.field(name)
     low, high = np.full(field.columns.width, np.inf), np.full(field.columns.width, -np.inf)
     for rows in pieces:
@@ -184,13 +175,13 @@ def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> MinMax:
             low, high = np.minimum(low, rows.min(axis=0)), np.maximum(high, rows.max(axis=0))
     if not np.isfinite(low).all():
         raise UsageError("there are no rows to fit a scaler on", fix="pass normalize=False")
-    stored = store.normalizer(name).sha256 if name in store.stats["fields"] else ""
-    return MinMax(low, high, dtype=field.dtype, field=name, columns=field.columns.labels, dataset=stored)
+    stored = store.scaler(name).sha256 if name in store.stats["fields"] else ""
+    return Scaler("minmax", low, high, dtype=field.dtype, field=name, columns=field.columns.labels, dataset=stored)
 
 
 def _no_mirror(store: Store, field: str) -> UsageError:
     return UsageError(
         f"field {field!r} cannot be mirrored: its columns do not define a mirror image",
         where=str(store.path),
-        fix="read it with mirror=0 (and normalizer_covers_mirror=False), or leave the field out",
+        fix="read it with mirror=0, or leave the field out",
     )

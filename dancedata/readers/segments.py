@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from dancedata.core.arguments import probability
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import mirrored_segment
 from dancedata.core.text import listed
-from dancedata.readers.arguments import probability
 from dancedata.readers.draws import uniform
 from dancedata.store.dataset import Store
 from dancedata.store.segments import PlacedRow, PlacedSegment

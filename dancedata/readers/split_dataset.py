@@ -13,12 +13,13 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import probability, whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
-from dancedata.readers.arguments import probability, whole
-from dancedata.readers.augmenting import Augment, Augmenter
+from dancedata.readers.augmenting import Augmenter, check_step
 from dancedata.readers.batch_reader import Request, blank_of
 from dancedata.readers.clip_values import require_columns, require_where, value_of
 from dancedata.readers.draws import uniform
@@ -30,7 +31,7 @@ from dancedata.readers.segments import SegmentChoice, SegmentReader
 from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
 from dancedata.remote import fetch_soon
 from dancedata.store.dataset import Store, open_store, reopen
-from dancedata.store.normalize import MinMax, Scaler
+from dancedata.store.normalize import Scaler
 from dancedata.store.schema import sort_splits
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
@@ -173,7 +174,10 @@ class SplitDataset(EpochDataset):
         self._augmenter = Augmenter.of(
             self.store, self.fields, changes.augment, seed=self.seed, mirrored=mirrored, allow_crop=allow_crop
         )
-        self._covering = Augmenter.covering(self.store, self.fields, changes.normalizer_covers)
+        covers_mirror = ["mirror"] if self.normalizer_covers_mirror else []
+        self._covers = (*steps_of(covers_mirror), *steps_of(changes.normalizer_covers))
+        for step in self._covers:
+            check_step(step, self._augmenter.fields, self.store)
         changed = mirrored or bool(self._augmenter.steps)
         self.clip = bool(value_or_preset(changes.clip, None if changed else self._preset, "clip", False))
         self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
@@ -189,9 +193,9 @@ class SplitDataset(EpochDataset):
         }
         for name, scaler in self._normalizers.items():
             scaler.require_range(self.clip)
-            if self.clip or not isinstance(scaler, MinMax):
+            if self.clip or scaler.kind != "minmax":
                 continue
-            needed, stored_range = self._augmenter.scaler(name, scaler).data_range, scaler.data_range
+            needed, stored_range = self._covering(name, scaler, self._augmenter.steps).data_range, scaler.data_range
             times = needed / np.where(stored_range > 1e-5, stored_range, np.inf)  # constant columns are not stretched
             if times.max() > _FAR:
                 label = self.store.fields[name].labels[int(times.argmax())]
@@ -221,7 +225,7 @@ class SplitDataset(EpochDataset):
         # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
         return {k: v for k, v in self.__dict__.items() if k != "_shards_of_samples"} | {"_store": None}
 
-    def normalizer(self, field: str) -> Scaler:
+    def scaler(self, field: str) -> Scaler:
         """Return the scaler that a field of this dataset is normalised with.
 
         For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
@@ -231,8 +235,7 @@ class SplitDataset(EpochDataset):
         if field not in self.fields:
             raise UsageError(f"this dataset does not read field {field!r}", allowed=", ".join(self.fields),
                              fix=did_you_mean(field, self.fields))  # fmt: skip
-        normalizer = self._normalizers.get(field)
-        return normalizer if normalizer is not None else self._scaler(field)
+        return self._normalizers.get(field) or self._scaler(field)
 
     def rescaled(self, scalers: Mapping[str, Scaler]) -> Self:
         """Return a copy that normalises with other scalers, by field; it has an epoch of its own."""
@@ -261,7 +264,7 @@ class SplitDataset(EpochDataset):
         fields = [self.store.field(name) for name in self.fields] if self._widened else []
         motion = [field.name for field in fields if field.kind == "motion" and field.codebook is None]
         names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
-        return {"scalers": {name: self.normalizer(name).sha256 for name in names}}
+        return {"scalers": {name: self.scaler(name).sha256 for name in names}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Check that the model of a checkpoint was trained with the scalers of this reader; changes nothing.
@@ -302,9 +305,11 @@ class SplitDataset(EpochDataset):
     def _scaler(self, field: str) -> Scaler:
         if field in self._named_scalers:
             return self._named_scalers[field]
-        covers = self.normalizer_covers_mirror
-        scaler = scaler_of(self.store, field, self._choice, covers_mirror=covers, over=self.normalizer_over)
-        return self._covering.scaler(field, scaler)
+        scaler = scaler_of(self.store, field, self._choice, over=self.normalizer_over)
+        return self._covering(field, scaler, self._covers)
+
+    def _covering(self, field: str, scaler: Scaler, steps: Sequence[Step]) -> Scaler:
+        return scaler.covering(next(f for f in self._augmenter.fields if f.name == field), steps)
 
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:

@@ -3,7 +3,7 @@
 The numbers are those of `Representation.decode` and `core.motion`, within 1e-5 m in float32; shapes may have any
 number of leading axes, everything is differentiable, and nothing waits for the device::
 
-    scaler = train.normalizer("edge151")
+    scaler = train.scaler("edge151")
     generated = joints(scaler.unnormalize(output.float()), "edge151")    # (B, T, 24, 3), metres, +Y up
 
 *Precision.* float64 stays float64; everything else is computed in float32, for any autocast and TF32. So

@@ -10,8 +10,8 @@ import torch
 from torch.utils.data import get_worker_info
 
 from dancedata.core.errors import UsageError
+from dancedata.core.sample_steps import Augment
 from dancedata.core.typing import override
-from dancedata.readers.augmenting import Augment
 from dancedata.readers.batch_reader import (
     Array,
     BatchReader,

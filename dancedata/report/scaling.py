@@ -44,7 +44,7 @@ def scaled_groups(store: Store, name: str) -> tuple[ScaledGroup, ...]:
     field, stats = store.field(name), store.stats["fields"].get(name)
     if field.kind != "motion" or stats is None or field.codebook is not None:
         return ()
-    scaler = store.normalizer(name)
+    scaler = store.scaler(name)
     mean, std = (np.asarray(stats[key], dtype=np.float64) for key in ("mean", "std"))
     low, high = (np.asarray(stats[key], dtype=np.float64) for key in ("min", "max"))
     sigma = np.abs(scaler.normalize(np.stack([mean - 5 * std, mean + 5 * std]))).max(axis=0)

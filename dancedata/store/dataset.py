@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.sample_steps import Augment, steps_of
 from dancedata.files.regular_file import sha256_file
 from dancedata.remote import Origin, local_folder, origin_of
 from dancedata.store.clip_view import Clips, ClipView
 from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
-from dancedata.store.normalize import MinMax, ZScore
+from dancedata.store.motion_fields import sample_field
+from dancedata.store.normalize import Scaler
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
+
+_KINDS = ("minmax", "zscore", "zscore_grouped")
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -204,50 +208,51 @@ class Store(SegmentQueries):
 
         return table_of(self, self.clips, table)
 
-    def normalizer(self, field: str, mirror: bool = False) -> MinMax:
-        """Return EDGE's min-max scaler of a field, fitted on train; with `mirror` it covers mirrored motion too.
-
-        Raises
-        ------
-        StoreError
-            If there are no train windows to fit it on.
-        UsageError
-            For a field of codes, or if the field has no mirror.
-        """
-        f = self.field(field)
-        scaler = self._side_files.scaler(f)
-        if not mirror:
-            return scaler
-        if f.columns.mirror is None:
-            raise UsageError(f"field {field} cannot be mirrored", where=str(self.path))
-        return scaler.with_mirror(f.columns.mirror)
-
-    def zscore(self, field: str, *, grouped: bool = False) -> ZScore:
-        """Return the scaler that subtracts the mean of train and divides by its standard deviation, for ``scaler=``.
+    def scaler(
+        self, field: str, kind: Literal["minmax", "zscore", "zscore_grouped"] = "minmax", covers: Augment = ()
+    ) -> Scaler:
+        """Return a scaler of a field, fitted on train, for ``scaler=`` of readers, decoding and evaluation.
 
         Parameters
         ----------
         field
             Name of the field.
-        grouped
-            Whether columns of a group, such as the positions, have one deviation: the mean of theirs, as HumanML3D's
+        kind
+            "minmax": to [-1, 1] by the range, as EDGE. "zscore": by mean and standard deviation; "zscore_grouped": by
+            one deviation for the columns of a group, such as the positions, the mean of theirs, as HumanML3D's
             ``Std.npy`` (Guo et al. 2022, cal_mean_variance.ipynb).
+        covers
+            Augmentations, as readers take them: the range covers what they make of motion, too.
 
         Raises
         ------
         StoreError
             If there are no train windows to fit it on.
         UsageError
-            For a field of codes.
+            For an unknown field or kind, a field of codes, an augmentation that cannot change the field, or z-scores
+            that are to cover one.
         """
-        stored, numbers = self.normalizer(field), self.stats["fields"][field]
+        f = self.field(field)
+        stored, steps = self._side_files.scaler(f), tuple(steps_of(covers))
+        if kind not in _KINDS:
+            raise UsageError(f"unknown kind of scaler {kind!r}", fix=did_you_mean(kind, _KINDS))
+        if kind == "minmax":
+            sample = sample_field(self, field)
+            for step in steps:
+                step.check(sample, str(self.path))
+            return stored.covering(sample, steps)
+        if steps:
+            raise UsageError(
+                "z-scores have no range that could cover augmentations",
+                found=f"kind={kind!r} and covers={covers!r}", fix="leave one of them out",
+            )  # fmt: skip
+        numbers = self.stats["fields"][field]
         std = np.array(numbers["std"])
-        if grouped:
-            columns = self._fields[field].columns
-            for part in map(columns.slice, columns.names):
+        if kind == "zscore_grouped":
+            for part in map(f.columns.slice, f.columns.names):
                 std[part] = std[part].mean()
-        return ZScore(
-            numbers["mean"], std, dtype=stored.dtype, field=field, columns=stored.columns, dataset=stored.sha256
+        return Scaler(
+            "zscore", numbers["mean"], std, dtype=f.dtype, field=field, columns=stored.columns, dataset=stored.sha256
         )
 
 

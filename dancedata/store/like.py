@@ -27,7 +27,7 @@ class Reader(Protocol):
     def normalized(self) -> tuple[str, ...]:
         """Names of the fields that it normalises."""
 
-    def normalizer(self, field: str) -> Scaler:
+    def scaler(self, field: str) -> Scaler:
         """Return the scaler of a field: of one that is not normalised, what normalising it would use."""
 
 
@@ -39,7 +39,7 @@ def opened(like: Like | str | Path) -> Like:
     """Return a dataset or reader, opened if it is a path."""
     if isinstance(like, str | Path):
         return open_store(Path(like).expanduser())
-    if not hasattr(like, "normalizer"):
+    if not hasattr(like, "scaler"):
         raise UsageError("like is neither a dataset nor a reader", found=type(like).__name__,
                          fix="give the WindowDataset or ClipDataset that it holds")  # fmt: skip
     return like
@@ -90,27 +90,27 @@ def scaling_of(
     if not isinstance(like, Store) and field in like.fields:
         normalized = field in like.normalized if normalized is None else normalized
         if normalized or field in like.normalized:
-            return Scaling(like.normalizer(field), normalized, clip)
-    stored_scaler = store.normalizer(field) if normalized else _stored(store, field)
+            return Scaling(like.scaler(field), normalized, clip)
+    stored_scaler = store.scaler(field) if normalized else _stored(store, field)
     return Scaling(stored_scaler, False if stored_scaler is None else normalized, clip)
 
 
 def _scaler_of(scaler: Scaler | str | Path | Reader, field: str) -> Scaler:
     if isinstance(scaler, Store):
         raise UsageError("a dataset is not a scaler", found=repr(scaler),
-                         fix="name it as like, or give a reader or its normalizer(FIELD)")  # fmt: skip
+                         fix="name it as like, or give a reader or its scaler(FIELD)")  # fmt: skip
     if isinstance(scaler, Scaler | str | Path):
         return scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
-    if not hasattr(scaler, "normalizer"):
+    if not hasattr(scaler, "scaler"):
         raise UsageError("this is not a scaler", found=type(scaler).__name__,
                          allowed="a scaler, its file, or a reader or a Mix that has it")  # fmt: skip
     if field not in scaler.fields:
         raise UsageError(f"the reader that names the scaler does not read {field!r}", found=listed(scaler.fields),
                          fix="name a reader of this field")  # fmt: skip
-    return scaler.normalizer(field)
+    return scaler.scaler(field)
 
 
 def _stored(store: Store, field: str) -> Scaler | None:
     if field not in store.fields or store.field(field).codebook is not None or field not in store.stats["fields"]:
         return None
-    return store.normalizer(field)
+    return store.scaler(field)

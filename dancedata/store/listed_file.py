@@ -29,7 +29,7 @@ from dancedata.store.dataset_json import (
     load_description,
     require_sealed,
 )
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.schema import DATASET_FILE, REJECTS_FILE, STATS_FILE, Field, sort_splits
 
 T = TypeVar("T")
@@ -51,7 +51,7 @@ class SideFiles:
         """rejects.jsonl."""
         return self._load(REJECTS_FILE, json_rejects, MAX_LINES_BYTES)
 
-    def scaler(self, f: Field) -> MinMax:
+    def scaler(self, f: Field) -> Scaler:
         """Return the min-max scaler of a field that stats.json holds; StoreError if there is none."""
         if f.codebook is not None:
             raise UsageError("codes have no scaler: they are never normalised", where=str(self._folder),
@@ -66,7 +66,9 @@ class SideFiles:
             )
         try:
             state = self.stats["fields"][f.name]["scaler"]
-            scaler = MinMax.from_state(state, dtype=f.dtype, field=f.name, columns=f.columns.labels)
+            scaler = Scaler(
+                "minmax", state["data_min"], state["data_max"], dtype=f.dtype, field=f.name, columns=f.columns.labels
+            )
             scaler.dataset = scaler.sha256
             problem = f"{scaler.width} columns"
         except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:

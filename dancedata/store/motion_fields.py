@@ -16,7 +16,7 @@ from dancedata.core.dance import checked_joints
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule, Representation
+from dancedata.core.plugins import ContactRule, Representation, SampleField
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
@@ -84,6 +84,21 @@ def stored_contacts(recipe: object, field: str) -> ContactRule | None:
         return CONTACTS.make(str(name), parameters) if isinstance(parameters, Mapping) else None
     except (DanceDataError, TypeError, ValueError):
         return None
+
+
+def sample_field(store: RowQueries, name: str) -> SampleField:
+    """Return a field with the plug-ins that made it, if the dataset's recipe names installed ones."""
+    field, recipe = store.field(name), store.meta.get("recipe")
+    plain = SampleField(name, field.kind, field.columns, field.grid)
+    if field.kind != "motion":
+        return plain
+    try:
+        representation, contacts = stored_representation(recipe, name, field.columns), stored_contacts(recipe, name)
+    except UsageError:
+        return plain
+    if representation.default_contacts is not None and contacts is None:
+        return plain
+    return replace(plain, representation=representation, contacts=contacts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,27 +1,29 @@
-"""Scalers of columns, EDGE's min-max to [-1, 1] and z-scores, and their file."""
+"""Scaler: EDGE's min-max to [-1, 1] or z-scores of columns, and its file."""
 
 from __future__ import annotations
 
 import operator
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from typing import Any, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.columns import Mirror
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import SampleField
+from dancedata.core.sample_steps import Step
 from dancedata.core.text import shown
-from dancedata.core.typing import override
 from dancedata.files import atomic
 from dancedata.files.strict_json import read_json
 
 #: Columns of float32 with a smaller range count as constant: 10 float32 eps, as in scikit-learn and EDGE.
 CONSTANT_RANGE = 10 * float(np.finfo(np.float32).eps)
+Kind = Literal["minmax", "zscore"]
+#: Names of the two numbers of each column, in its file.
+_NUMBERS: Mapping[str, tuple[str, str]] = {"minmax": ("data_min", "data_max"), "zscore": ("mean", "std")}
 #: Layout of scaler files, and their keys.
 _FORMAT = 1
 _ABOUT = ("scaler", "field", "columns", "dataset", "dtype")
@@ -42,52 +44,89 @@ class _Array(Protocol):
 Values = TypeVar("Values", bound=_Array)
 
 
-class Scaler(ABC):
-    """An affine map of each column, which undoes itself; made of arrays, of a dataset, or of a file.
+class Scaler:
+    """Scale each column by two numbers, and back; made of arrays, of a dataset (`Store.scaler`), or of a file.
 
     Parameters
     ----------
+    kind
+        "minmax": ``x * scale + offset``, to [-1, 1] by the range in training (EDGE, Tseng et al. 2023); a constant
+        column gets a range of 1, so that its value maps to -1. "zscore": ``(x - mean) / std``, as text-to-motion
+        (HumanML3D, Guo et al. 2022); a constant column is divided by 1.
+    first, second
+        (D,) minimum and maximum of the training data, kept as `data_min` and `data_max`; or mean and standard
+        deviation (of the population, ddof 0), kept as `mean` and `std`.
     dtype
-        Type that the data are stored in.
+        Type that the data are stored in. Columns of float16 count as constant below 10 of its steps at their
+        magnitude, those of float32 below 10 eps, as in EDGE.
     field, columns, dataset
         Name of the field, names of its columns, and the hash of the dataset's own scaler of that field; "" and ()
         where that is unknown.
+
+    Raises
+    ------
+    UsageError
+        For another kind, numbers of different shapes, that are not finite, or a negative deviation.
+
+    Attributes
+    ----------
+    constant
+        (D,) whether a column counts as constant.
     """
 
-    #: Names of its two numbers per column, in its file.
-    numbers: ClassVar[tuple[str, str]]
-    #: Size that few normalised values of motion exceed.
-    usual: ClassVar[float]
-    #: (D,) whether a column counts as constant: float32 below a range of 10 eps, float16 below 10 of its steps.
-    constant: npt.NDArray[np.bool_]
+    data_min: npt.NDArray[np.float64]
+    data_max: npt.NDArray[np.float64]
+    mean: npt.NDArray[np.float64]
+    std: npt.NDArray[np.float64]
 
     def __init__(
         self,
-        *values: npt.ArrayLike,
+        kind: Kind,
+        first: npt.ArrayLike,
+        second: npt.ArrayLike,
+        *,
         dtype: npt.DTypeLike = np.float32,
         field: str = "",
         columns: Sequence[str] = (),
         dataset: str = "",
     ) -> None:
-        self._values = tuple(np.asarray(value, dtype=np.float64) for value in values)
+        if kind not in _NUMBERS:
+            raise UsageError(f"unknown kind of scaler {kind!r}", fix=did_you_mean(kind, _NUMBERS))
+        self.kind, self.numbers = kind, _NUMBERS[kind]
+        low, high = (np.asarray(value, dtype=np.float64) for value in (first, second))
+        vars(self).update(zip(self.numbers, (low, high), strict=True))
         self.dtype, self.field, self.columns, self.dataset = np.dtype(dtype), field, tuple(columns), dataset
-        shapes = {value.shape for value in self._values}
-        if len(shapes) != 1 or self._values[0].ndim != 1:
+        if low.shape != high.shape or low.ndim != 1:
             raise UsageError(f"a scaler requires one {self.numbers[0]} and one {self.numbers[1]} per column",
-                             found=f"shapes {' and '.join(str(value.shape) for value in self._values)}")  # fmt: skip
+                             found=f"shapes {low.shape} and {high.shape}")  # fmt: skip
         # Values of a store are float32; larger bounds would overflow range and scale.
-        if any(not (np.abs(value) <= np.finfo(np.float32).max).all() for value in self._values):
+        if any(not (np.abs(value) <= np.finfo(np.float32).max).all() for value in (low, high)):
             raise UsageError("a scaler has a bound that is not a finite float32")
-
-    @property
-    @abstractmethod
-    def steps(self) -> tuple[tuple[Callable[[Any, Any], Any], npt.NDArray[np.float64]], ...]:
-        """Operations that normalise, in order, each with its operand (D,)."""
+        ranges = kind == "minmax"
+        if not ranges and (high < 0).any():
+            raise UsageError("a standard deviation is negative", found=f"{high.min():.3g}")
+        #: Size that few normalised values of motion exceed.
+        self.usual = 1.0 if ranges else 3.0
+        #: (D,) range of each column, or its deviation.
+        self.data_range = high - low if ranges else high
+        step = 10 * float(np.finfo(np.float16).eps) if self.dtype == np.float16 else 0.0
+        magnitude = np.maximum(np.abs(low), np.abs(high)) if ranges else np.abs(low)
+        self.constant = np.asarray(self.data_range < np.maximum(CONSTANT_RANGE, step * magnitude))
+        safe = np.where(self.constant, 1.0, self.data_range)
+        self.scale = 2.0 / safe if ranges else 1.0 / safe
+        self.offset = -1.0 - low * self.scale if ranges else -low * self.scale
+        #: Operations that normalise, in order, each with its operand (D,): with `scale` and `offset` alone z-scores
+        #: of a small deviation would cancel.
+        self.steps: tuple[tuple[Callable[[Any, Any], Any], npt.NDArray[np.float64]], ...] = (
+            ((operator.mul, self.scale), (operator.add, self.offset))
+            if ranges
+            else ((operator.sub, low), (operator.truediv, safe))
+        )
 
     @property
     def width(self) -> int:
         """Number of columns D."""
-        return len(self._values[0])
+        return len(self.constant)
 
     @cached_property
     def sha256(self) -> str:
@@ -120,19 +159,34 @@ class Scaler(ABC):
 
     def require_range(self, clip: bool) -> None:
         """Check that values may be cut to [-1, 1] if they are to be; UsageError for a scaler without that range."""
-        if clip and not isinstance(self, MinMax):
+        if clip and self.kind != "minmax":
             raise UsageError("z-scores have no range to cut values to", fix="leave clip=True out, or give clip=False")
+
+    def covering(self, field: SampleField, steps: Iterable[Step]) -> Scaler:
+        """Return the scaler whose range covers what augmentations make of motion; of another field, this one."""
+        if field.kind != "motion":
+            return self
+        low, high = self.data_min, self.data_max
+        for step in steps:
+            if step.p > 0:
+                low, high = step.augmentation.scaler_bounds(low, high, field)
+        if low is self.data_min and high is self.data_max:
+            return self
+        return Scaler(
+            self.kind, low, high, dtype=self.dtype, field=self.field, columns=self.columns, dataset=self.dataset
+        )
 
     def state_dict(self) -> dict[str, Any]:
         """Return the input of `from_state`, as plain JSON data."""
-        state: dict[str, Any] = {n: v.tolist() for n, v in zip(self.numbers, self._values, strict=True)}
+        state: dict[str, Any] = {name: getattr(self, name).tolist() for name in self.numbers}
         return state if self.dtype == np.float32 else {**state, "dtype": self.dtype.name}
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any], **properties: Any) -> Self:
         """Read the result of `state_dict`; `properties` are further arguments of the scaler."""
-        values = [state[name] for name in cls.numbers]
-        return cls(*values, **{"dtype": state.get("dtype", np.float32), **properties})
+        kind: Kind = "zscore" if "mean" in state else "minmax"
+        first, second = (state[name] for name in _NUMBERS[kind])
+        return cls(kind, first, second, **{"dtype": state.get("dtype", np.float32), **properties})
 
     def save(self, path: str | Path) -> None:
         """Write the scaler to a JSON file, for ``scaler=`` and ``--scaler``, with the field that it is of.
@@ -143,8 +197,7 @@ class Scaler(ABC):
             If it cannot be written.
         """
         about = (_FORMAT, self.field, list(self.columns), self.dataset, self.dtype.name)
-        values = {name: value.tolist() for name, value in zip(self.numbers, self._values, strict=True)}
-        state = {**dict(zip(_ABOUT, about, strict=True)), **values, "sha256": self.sha256}
+        state = {**dict(zip(_ABOUT, about, strict=True)), **self.state_dict(), "sha256": self.sha256}
         try:
             atomic.write_json(Path(path).expanduser(), state)
         except OSError as error:
@@ -152,7 +205,7 @@ class Scaler(ABC):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a file of `save`; ``Scaler.load`` reads one of any scaler.
+        """Read a file of `save`.
 
         Raises
         ------
@@ -161,17 +214,14 @@ class Scaler(ABC):
         """
         try:
             state = read_json(Path(path).expanduser(), _MAX_BYTES)
-            kind = next((k for k in (MinMax, ZScore) if issubclass(k, cls) and _has_keys(state, k)), None)
-            if kind is None:
-                raise ValueError("its keys are not those of a scaler")
-            normalizer = kind.from_state(state, **_properties(state, kind))
-            if normalizer.sha256 != state["sha256"]:
+            scaler = cls.from_state(state, **_properties(state))
+            if scaler.sha256 != state["sha256"]:
                 raise ValueError("the numbers are not those of its hash")
         except (OSError, ValueError, TypeError, OverflowError, UsageError) as error:
             raise UsageError(
-                "not a scaler file", where=path, found=shown(error), allowed="a file of normalizer.save(...)"
+                "not a scaler file", where=path, found=shown(error), allowed="a file of scaler.save(...)"
             ) from error
-        return normalizer  # type: ignore[return-value]  # a subclass of cls
+        return scaler
 
     def require(self, *, field: str, columns: Sequence[str], dataset: str = "") -> Self:
         """Return this scaler if it can be of a field; what is unknown on one side, "" or (), is not compared.
@@ -181,7 +231,8 @@ class Scaler(ABC):
         UsageError
             For another width, field, columns or dataset.
         """
-        fix = f"give the scaler that training used; to use this one all the same: {self._bare}"
+        bare = f"Scaler({self.kind!r}, {', '.join(f's.{name}' for name in self.numbers)})"
+        fix = f"give the scaler that training used; to use this one all the same: {bare}"
         if self.width != len(columns):
             raise UsageError("the scaler has a different width", where=f"field {field}",
                              found=f"{self.width} columns", allowed=len(columns), fix=fix)  # fmt: skip
@@ -196,16 +247,8 @@ class Scaler(ABC):
                 )
         return self
 
-    @property
-    def _bare(self) -> str:
-        return f"{type(self).__name__}({', '.join(f's.{name}' for name in self.numbers)})"
-
-    def _below(self, spread: npt.NDArray[np.float64], magnitude: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-        step = 10 * float(np.finfo(np.float16).eps) if self.dtype == np.float16 else 0.0
-        return np.asarray(spread < np.maximum(CONSTANT_RANGE, step * magnitude))
-
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.width} columns, {int(self.constant.sum())} of them constant)"
+        return f"Scaler({self.kind!r}, {self.width} columns, {int(self.constant.sum())} of them constant)"
 
     def _like(self, x: Any) -> tuple[Any, list[Any]]:
         """Return x in the type of the arithmetic, and the operands."""
@@ -218,98 +261,23 @@ class Scaler(ABC):
         return x.astype(dtype, copy=False), [operand.astype(dtype) for _, operand in self.steps]
 
 
-class MinMax(Scaler):
-    """Scale columns to [-1, 1] by their minimum and maximum in training (EDGE, Tseng et al. 2023).
-
-    A column that is constant in training gets a range of 1, so that its value maps to -1.
-
-    Parameters
-    ----------
-    data_min, data_max
-        (D,) minimum and maximum of the training data. Columns of float16 count as constant below 10 of its steps at
-        their magnitude, those of float32 below 10 eps, as in EDGE.
-    **properties
-        dtype, field, columns and dataset, as of `Scaler`.
-    """
-
-    numbers = ("data_min", "data_max")
-    usual = 1.0
-
-    def __init__(self, data_min: npt.ArrayLike, data_max: npt.ArrayLike, **properties: Any) -> None:
-        super().__init__(data_min, data_max, **properties)
-        self.data_min, self.data_max = self._values
-        self.data_range = self.data_max - self.data_min
-        self.constant = self._below(self.data_range, np.maximum(np.abs(self.data_min), np.abs(self.data_max)))
-        safe = np.where(self.constant, 1.0, self.data_range)
-        self.scale = 2.0 / safe
-        self.offset = -1.0 - self.data_min * self.scale
-
-    @property
-    @override
-    def steps(self) -> tuple[tuple[Callable[[Any, Any], Any], npt.NDArray[np.float64]], ...]:
-        return (operator.mul, self.scale), (operator.add, self.offset)
-
-    def with_mirror(self, mirror: Mirror) -> MinMax:
-        """Return the scaler with the joint range of x and mirror(x)."""
-        low, high = mirror.apply(self.data_min), mirror.apply(self.data_max)
-        return self.with_range(
-            np.minimum(self.data_min, np.minimum(low, high)), np.maximum(self.data_max, np.maximum(low, high))
-        )
-
-    def with_range(self, data_min: npt.ArrayLike, data_max: npt.ArrayLike) -> MinMax:
-        """Return a scaler of another range, of the same field."""
-        return MinMax(
-            data_min, data_max, dtype=self.dtype, field=self.field, columns=self.columns, dataset=self.dataset
-        )
-
-
-class ZScore(Scaler):
-    """Subtract the mean of each column in training, and divide by its standard deviation.
-
-    The scaling of text-to-motion (HumanML3D, Guo et al. 2022): ``store.zscore(FIELD, grouped=True)``, or of the
-    arrays of its Mean.npy and Std.npy, ``ZScore(mean, std)``. A column that is constant in training is divided by 1.
-
-    Parameters
-    ----------
-    mean, std
-        (D,) mean and standard deviation (of the population, ddof 0) of the training data.
-    **properties
-        dtype, field, columns and dataset, as of `Scaler`.
-    """
-
-    numbers = ("mean", "std")
-    usual = 3.0
-
-    def __init__(self, mean: npt.ArrayLike, std: npt.ArrayLike, **properties: Any) -> None:
-        super().__init__(mean, std, **properties)
-        self.mean, self.std = self._values
-        if (self.std < 0).any():
-            raise UsageError("a standard deviation is negative", found=f"{self.std.min():.3g}")
-        self.constant = self._below(self.std, np.abs(self.mean))
-
-    @property
-    @override
-    def steps(self) -> tuple[tuple[Callable[[Any, Any], Any], npt.NDArray[np.float64]], ...]:
-        return (operator.sub, self.mean), (operator.truediv, np.where(self.constant, 1.0, self.std))
-
-
 _INVERSE: Mapping[Callable[[Any, Any], Any], Callable[[Any, Any], Any]] = {
     operator.mul: operator.truediv, operator.add: operator.sub, operator.sub: operator.add,
     operator.truediv: operator.mul,
 }  # fmt: skip
 
 
-def _has_keys(state: Any, kind: type[Scaler]) -> bool:
-    return isinstance(state, dict) and set(state) == {*_ABOUT, *kind.numbers, "sha256"}
-
-
-def _properties(state: Any, kind: type[Scaler]) -> dict[str, Any]:
+def _properties(state: Any) -> dict[str, Any]:
     """Return field, columns and dataset of a scaler file; ValueError for anything but the document of `save`."""
+    keys = set(state) if isinstance(state, dict) else set()
+    numbers = next((names for names in _NUMBERS.values() if keys == {*_ABOUT, *names, "sha256"}), None)
+    if numbers is None:
+        raise ValueError("its keys are not those of a scaler")
     if state["scaler"] != _FORMAT or type(state["scaler"]) is not int:
         raise ValueError(f"layout {shown(state['scaler'])}; this version reads {_FORMAT}")
-    bounds = [state[name] for name in kind.numbers]
+    bounds = [state[name] for name in numbers]
     if not all(isinstance(bound, list) and all(type(v) in (int, float) for v in bound) for bound in bounds):
-        raise ValueError(f"{' and '.join(kind.numbers)} are not lists of numbers")
+        raise ValueError(f"{' and '.join(numbers)} are not lists of numbers")
     columns = state["columns"]
     if not isinstance(columns, list) or not all(isinstance(c, str) for c in [*columns, state["field"]]):
         raise ValueError("field and columns are not names")
@@ -317,6 +285,6 @@ def _properties(state: Any, kind: type[Scaler]) -> dict[str, Any]:
         raise ValueError("dataset is not a hash, or dtype neither float32 nor float16")
     if columns and len(columns) != len(bounds[0]):
         raise ValueError(f"{len(columns)} columns, but {len(bounds[0])} numbers")
-    if kind is MinMax and any(low > high for low, high in zip(*bounds, strict=True)):
+    if numbers == _NUMBERS["minmax"] and any(low > high for low, high in zip(*bounds, strict=True)):
         raise ValueError("a minimum is above its maximum")
     return {"field": state["field"], "columns": columns, "dataset": state["dataset"]}

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.codebook import Codebook
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.window_list import IntArray
@@ -122,7 +122,7 @@ def _column_stats(blocks: Iterable[npt.NDArray[Any]], width: int) -> dict[str, A
         n = total
     low, high = low + 0.0, high + 0.0  # -0.0 and 0.0 are equal, and either may be found
     constant = low == high
-    scaler = MinMax(low.astype(np.float32), high.astype(np.float32))
+    scaler = Scaler("minmax", low.astype(np.float32), high.astype(np.float32))
     names = ("data_min", "data_max", "data_range", "scale", "offset")
     return {
         "n": n,

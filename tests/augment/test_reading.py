@@ -18,8 +18,9 @@ from dancedata.augment.mirror import MirrorImage
 from dancedata.augment.yaw import Yaw
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
+from dancedata.core.sample_steps import Chance
 from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
-from dancedata.readers.augmenting import Augmenter, Chance
+from dancedata.readers.augmenting import Augmenter
 from dancedata.testing.stores import write_random_store
 from tests.messages import raises_message
 
@@ -111,18 +112,18 @@ def test_scaled_values_lie_within_the_range_and_other_splits_share_it(store_path
     augment = ["yaw", {"root_offset": {"max_m": 1}}, "mirror"]
     data, raw = dataset(store_path, augment, normalizer_covers=augment), dataset(store_path, augment, normalize=False)
     for name in ("edge151", "lodge139"):
-        scaler = data.normalizer(name)
+        scaler = data.scaler(name)
         for k in range(len(data)):
             exact = scaler.normalize(raw[k][name].double(), clip=False)
             assert float(exact.abs().max()) <= 1 + 1e-5
             np.testing.assert_array_equal(data[k][name], scaler.normalize(raw[k][name]))
     val = dataset(store_path, split="val", normalizer_covers=augment)
-    np.testing.assert_array_equal(val.normalizer("edge151").data_min, data.normalizer("edge151").data_min)
+    np.testing.assert_array_equal(val.scaler("edge151").data_min, data.scaler("edge151").data_min)
     motion = dataset(store_path, split="val", fields="edge151", normalizer_covers=[*augment, "drop"])
-    np.testing.assert_array_equal(motion.normalizer("edge151").data_max, data.normalizer("edge151").data_max)
+    np.testing.assert_array_equal(motion.scaler("edge151").data_max, data.scaler("edge151").data_max)
     narrow = dataset(store_path, augment)
-    stored = dancedata.open(store_path).normalizer("edge151")
-    np.testing.assert_array_equal(narrow.normalizer("edge151").data_min, stored.data_min)
+    stored = dancedata.open(store_path).scaler("edge151")
+    np.testing.assert_array_equal(narrow.scaler("edge151").data_min, stored.data_min)
 
 
 def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(
@@ -140,8 +141,8 @@ def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(
         rows = torch.cat([wide[k][name] for k in range(len(wide))])
         turned = [k for k, label in enumerate(store.fields[name].labels) if "translation" not in label]
         assert float(rows[:, turned].abs().max()) <= 1 + 1e-4  # float32
-        assert (wide.normalizer(name).data_range >= store.normalizer(name).data_range).all()
-        np.testing.assert_array_equal(wide.normalizer(name).data_min[4:13], store.normalizer(name).data_min[4:13])
+        assert (wide.scaler(name).data_range >= store.scaler(name).data_range).all()
+        np.testing.assert_array_equal(wide.scaler(name).data_min[4:13], store.scaler(name).data_min[4:13])
 
 
 def test_crops_are_windows_of_their_clips(store_path: Path) -> None:

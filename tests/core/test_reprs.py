@@ -40,7 +40,7 @@ def printed(store: Store, tmp_path: Path) -> Iterator[Any]:
     yield from (store.field(name), store.fields[name], store.windows("train"), window, store.skeleton)
     yield from (motion(), motion().part(0, 9), FrameGrid.of(30), FrameGrid.of("30000/1001"), *SKELETONS.values())
     yield AudioSignal(np.zeros(10**6, np.float32), 48_000)
-    yield store.normalizer(name)
+    yield store.scaler(name)
     for registry in (CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS):
         for plugin in registry.names():
             if plugin not in ("jukebox", "hf", "file"):
@@ -73,5 +73,5 @@ def test_nothing_prints_more_than_three_lines(store: Store, tmp_path: Path) -> N
         assert str(thing).count("\n") < 3
         seen.add(type(thing).__name__)
     assert {
-        "Motion", "FrameGrid", "Skeleton", "MinMax", "AudioSignal", "Store", "ClipView", "Columns", "Plan",
+        "Motion", "FrameGrid", "Skeleton", "Scaler", "AudioSignal", "Store", "ClipView", "Columns", "Plan",
     } <= seen  # fmt: skip

@@ -45,7 +45,7 @@ def doc_files(built: Path, corpus: Path, tmp_path_factory: pytest.TempPathFactor
     shutil.copy(sorted((corpus / "wavs").iterdir())[0], folder / "song.wav")
     with dancedata.open(built) as ds:
         rows = np.stack([ds.read(window, "edge151") for window in ds.windows("train")[:2]])
-        np.save(folder / "samples.npy", ds.normalizer("edge151").normalize(rows))
+        np.save(folder / "samples.npy", ds.scaler("edge151").normalize(rows))
     return folder
 
 

@@ -22,7 +22,7 @@ LENGTH = 150
 def batch(store: Store) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Windows of train: ids, normalised columns (B, L, D), and rows of music (B, L, 35)."""
     windows = list(store.windows("train"))[::2]
-    scaler = store.normalizer("edge151")
+    scaler = store.scaler("edge151")
     columns = np.stack([scaler.normalize(store.read(w, "edge151")) for w in windows])
     music = np.stack([store.read(w, "librosa35") for w in windows])
     return [f"{w.clip}@{w.start}" for w in windows], columns, music
@@ -44,7 +44,7 @@ def test_batches_agree_with_single_motions(store: Store, evaluator: Evaluator, b
         evaluator.update(columns[k : k + 4], ids=ids[k : k + 4], music=music[k : k + 4])
     assert len(evaluator) == len(ids)
     found = evaluator.compute()
-    scaler = store.normalizer("edge151")
+    scaler = store.scaler("edge151")
     motions: Mapping[str, Motion] = {
         name: dancedata.decode(scaler.unnormalize(rows.astype(np.float64)), "edge151", fps=30)
         for name, rows in zip(ids, columns, strict=True)
@@ -204,7 +204,7 @@ def _of_rank(rank: int, world: int, path: str, file: str, results: Any) -> None:
     torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
     dataset = dancedata.open(path)
     evaluator = Evaluator.of(dataset, "edge151", split="train", normalized=True)
-    scaler = dataset.normalizer("edge151")
+    scaler = dataset.scaler("edge151")
     windows = list(dataset.windows("train"))[rank::world]
     evaluator.update(np.stack([scaler.normalize(dataset.read(w, "edge151")) for w in windows]))
     report = evaluator.gather().compute()

@@ -74,7 +74,7 @@ def test_positions_with_z_up_and_in_centimetres(
 def test_columns_normalised_or_not(
     tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
 ) -> None:
-    scaler = store.normalizer("edge151")
+    scaler = store.scaler("edge151")
     for clip in store.clips:
         np.save(tmp_path / f"{clip.id}.npy", clip.read("edge151"))
         (tmp_path / "normalised").mkdir(exist_ok=True)

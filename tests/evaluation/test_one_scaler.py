@@ -24,7 +24,7 @@ from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.request import Request
 from dancedata.readers import ClipDataset, WindowDataset
 from dancedata.store import Store
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Scaling, _warn_once
 from dancedata.viewer.comparisons import comparison_of, file_format
 
@@ -71,7 +71,7 @@ def test_normalising_is_undone(store: Store, tmp_path: Path, kind: str, reader: 
         assert worst(evaluated(store, rows, normalized=True).joints, wanted) < 1e-5
         assert worst(evaluated(store, rows, reader=changed).joints, wanted) < 1e-5
         assert worst(view(tmp_path, rows, store, normalized=True).joints, wanted) < 1e-5
-        half = changed.normalizer(FIELD).unnormalize(changed[place][FIELD].half())
+        half = changed.scaler(FIELD).unnormalize(changed[place][FIELD].half())
         assert worst(joints(half, store), wanted) < 0.02
     assert beyond > 1.01
 
@@ -93,7 +93,7 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
     wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalizer_covers_mirror=True, normalizer_covers=["yaw"])
     plain = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False)
     rows, wanted = wide[3][FIELD].numpy(), joints(plain[3][FIELD], store)
-    scaler, path = wide.normalizer(FIELD), tmp_path / "scaler.json"
+    scaler, path = wide.scaler(FIELD), tmp_path / "scaler.json"
     scaler.save(path)
     assert np.abs(rows).max() <= 1 + 1e-4
     assert worst(dancedata.decode(rows, FIELD, like=store, normalized=True).joints(), wanted) > 0.01  # the stored one
@@ -105,7 +105,7 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
     assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
     for given in (wide, scaler, path, {FIELD: path}):
         val = WindowDataset(store, "val", (FIELD,), scaler=given)
-        np.testing.assert_array_equal(val.normalizer(FIELD).data_min, scaler.data_min)
+        np.testing.assert_array_equal(val.scaler(FIELD).data_min, scaler.data_min)
         val.load_state_dict(json.loads(json.dumps(wide.state_dict())))
     with raises_message(UsageError, "scalers"):
         WindowDataset(store, "val", (FIELD,)).load_state_dict(wide.state_dict())
@@ -116,11 +116,11 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
 def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: Store) -> None:
     wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False, normalizer_covers=["yaw"])
     rows = wide[3][FIELD].numpy()
-    scaled, wanted = wide.normalizer(FIELD).normalize(rows), joints(rows, store)
+    scaled, wanted = wide.scaler(FIELD).normalize(rows), joints(rows, store)
     assert worst(dancedata.decode(scaled, FIELD, like=wide, normalized=True).joints(), wanted) < 1e-5
     assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
     val = WindowDataset(store, "val", (FIELD,), scaler=wide)
-    np.testing.assert_array_equal(val.normalizer(FIELD).data_min, wide.normalizer(FIELD).data_min)
+    np.testing.assert_array_equal(val.scaler(FIELD).data_min, wide.scaler(FIELD).data_min)
     val.load_state_dict(wide.state_dict())
     with raises_message(UsageError, "scalers"):
         WindowDataset(store, fields=(FIELD,), normalize=False).load_state_dict(wide.state_dict())
@@ -138,11 +138,11 @@ def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: S
 
 
 def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> None:
-    scaler, rows = store.normalizer(FIELD), store.read(store.windows("train")[0], FIELD)
-    lodge = store.normalizer("lodge139")
-    other = MinMax(scaler.data_min, scaler.data_max, field=FIELD, columns=scaler.columns, dataset="0" * 64)
-    named = MinMax(scaler.data_min, scaler.data_max, field="edge151.second")
-    columns = MinMax(scaler.data_min, scaler.data_max, columns=scaler.columns[::-1])
+    scaler, rows = store.scaler(FIELD), store.read(store.windows("train")[0], FIELD)
+    lodge = store.scaler("lodge139")
+    other = Scaler("minmax", scaler.data_min, scaler.data_max, field=FIELD, columns=scaler.columns, dataset="0" * 64)
+    named = Scaler("minmax", scaler.data_min, scaler.data_max, field="edge151.second")
+    columns = Scaler("minmax", scaler.data_min, scaler.data_max, columns=scaler.columns[::-1])
     for wrong, problem in (
         (lodge, "different width"), (other, "another dataset"), (named, "another field"),
         (columns, "another columns"),
@@ -161,7 +161,7 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
 
 def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) -> None:
     rows = store.clip(store.clips[0].id).read(FIELD)
-    normal = store.normalizer(FIELD).normalize(rows)
+    normal = store.scaler(FIELD).normalize(rows)
     for wrong in (rows, normal):
         with raises_message(UsageError, "whether"):
             dancedata.decode(wrong, FIELD, like=store)
@@ -188,7 +188,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
 
 @pytest.mark.parametrize("field", [FIELD, "lodge139", "joints"])
 def test_columns_that_are_not_as_stated_are_refused(store: Store, field: str) -> None:
-    scaler = store.normalizer(field)
+    scaler = store.scaler(field)
     other = {True: "normalized=False, --not-normalized", False: "normalized=True, --normalized"}
     rng = np.random.default_rng(0)
     options: dict[str, Any] = {"protocol": "dancedata", "metrics": ["pfc"]}
@@ -206,7 +206,7 @@ def test_columns_that_are_not_as_stated_are_refused(store: Store, field: str) ->
 
 def test_normalised_positions_of_a_model_that_errs_are_not_taken_as_plain(store: Store) -> None:
     rows = store.read(store.windows("train")[0], "joints") + 5.0  # as in a capture volume whose corner is the origin
-    scaler, plugin = MinMax(np.full(72, 6 - 1.45), np.full(72, 6 + 1.45)), REPRESENTATIONS.get("joints")()
+    scaler, plugin = Scaler("minmax", np.full(72, 6 - 1.45), np.full(72, 6 + 1.45)), REPRESENTATIONS.get("joints")()
     scaling = Scaling(scaler, normalized=False)
     normal = scaler.normalize(rows) + np.random.default_rng(0).normal(0, 0.01, rows.shape)
     with raises_message(UsageError, "stated"):
@@ -218,7 +218,7 @@ def test_normalised_positions_of_a_model_that_errs_are_not_taken_as_plain(store:
 
 @pytest.mark.parametrize("field", [FIELD, "joints"])
 def test_a_column_of_nan_hides_nothing(store: Store, field: str) -> None:
-    scaler, plugin = store.normalizer(field), REPRESENTATIONS.get(field)()
+    scaler, plugin = store.scaler(field), REPRESENTATIONS.get(field)()
     rows = np.array(store.read(store.windows("train")[0], field))
     for normalized, right in ((True, scaler.normalize(rows)), (False, rows)):
         right[:, 0], right[3, 5] = np.nan, np.inf
@@ -228,7 +228,7 @@ def test_a_column_of_nan_hides_nothing(store: Store, field: str) -> None:
 
 
 def test_doubts_are_a_warning(store: Store, caplog: pytest.LogCaptureFixture) -> None:
-    scaler, plugin = store.normalizer(FIELD), REPRESENTATIONS.get(FIELD)()
+    scaler, plugin = store.scaler(FIELD), REPRESENTATIONS.get(FIELD)()
     rows = store.read(store.windows("train")[0], FIELD)
     # As a network with a mean-squared loss: vectors too short by 5 %, for its whole life.
     normal = scaler.normalize(np.concatenate([rows[:, :7], 0.95 * rows[:, 7:]], axis=1))
@@ -255,7 +255,7 @@ def test_the_output_of_an_untrained_network_passes(store: Store, field: str, nor
 
 def test_the_commands(store: Store, tmp_path: Path) -> None:
     wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalizer_covers=["root_offset"])
-    wide.normalizer(FIELD).save(tmp_path / "scaler.json")
+    wide.scaler(FIELD).save(tmp_path / "scaler.json")
     (tmp_path / "made").mkdir()
     np.save(tmp_path / "made" / "x.npy", wide[0][FIELD].numpy())
     wanted = joints(WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False)[0][FIELD], store)
@@ -289,8 +289,8 @@ def test_the_commands(store: Store, tmp_path: Path) -> None:
 
 
 def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) -> None:
-    scaler = store.normalizer(FIELD)
-    wide = WindowDataset(store, fields=(FIELD,), normalizer_covers_mirror=True).normalizer(FIELD)
+    scaler = store.scaler(FIELD)
+    wide = WindowDataset(store, fields=(FIELD,), normalizer_covers_mirror=True).scaler(FIELD)
     for name, own in (("plain", scaler), ("wide", wide)):
         (tmp_path / name).mkdir()
         for clip in list(store.clips)[:3]:

@@ -203,4 +203,4 @@ def test_npz_holds_the_dataset(export: Callable, built) -> None:
         start, rows = window.start, np.load(out / f"clips/{window.clip}.npz")["edge151"]
         piece = rows[start : start + 150] if store.scope == "track" else rows[start // 15]
         np.testing.assert_array_equal(piece, store.read(window, "edge151"))
-        assert index["fields"]["edge151"]["scaler"] == store.normalizer("edge151").state_dict()
+        assert index["fields"]["edge151"]["scaler"] == store.scaler("edge151").state_dict()

@@ -106,7 +106,7 @@ def test_parquet_holds_every_window_bit_for_bit(path: Path, store: Store, tmp_pa
     assert (
         index["fields"]["edge151"]["statistics"] == json.loads((path / "stats.json").read_text())["fields"]["edge151"]
     )
-    assert index["fields"]["edge151"]["scaler_sha256"] == store.normalizer("edge151").sha256
+    assert index["fields"]["edge151"]["scaler_sha256"] == store.scaler("edge151").sha256
     assert done.about["licence"] == "CC BY-NC 4.0"
 
 

@@ -18,7 +18,7 @@ from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.exports._slices import quantised_wav
 from dancedata.metrics import pbc, pfc
 from dancedata.representations.edge151 import Edge151
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from tests.golden.conftest import load
 
 LENGTH, STRIDE, ENDS = 150, 15, [0, 1, 148, 149]
@@ -97,7 +97,7 @@ def test_each_train_window_has_a_scaler_of_its_own_and_the_last_is_kept(
     facts, golden = facts_of(crowd, "tcdiff"), load(crowd / "tcdiff" / "windows.npz")
     for k, name in enumerate(facts["names"]["train"]):
         rows = trios[name].reshape(-1, 151)
-        scaler = MinMax(rows.min(axis=0), rows.max(axis=0))
+        scaler = Scaler("minmax", rows.min(axis=0), rows.max(axis=0))
         np.testing.assert_allclose(scaler.data_min[4:], golden["scale.train_window_min"][k, 4:], rtol=0, atol=1e-5)
         np.testing.assert_allclose(scaler.data_max[4:], golden["scale.train_window_max"][k, 4:], rtol=0, atol=1e-5)
         found = scaler.normalize(trios[name], clip=True)[:, ENDS]
@@ -111,7 +111,7 @@ def test_each_train_window_has_a_scaler_of_its_own_and_the_last_is_kept(
     assert outside.mean() == pytest.approx(facts["test_values_outside_the_kept_range"], abs=1e-3)
 
 
-def assert_normalised(found: Any, wanted: Any, scaler: MinMax, columns: slice, error: float = 4e-5) -> None:
+def assert_normalised(found: Any, wanted: Any, scaler: Scaler, columns: slice, error: float = 4e-5) -> None:
     """Within 1e-4 and the error of a position or rotation over the column's range."""
     limit = 1e-4 + error / np.maximum(scaler.data_range, 1e-3)
     assert (np.abs(found - wanted) < limit)[..., columns].all()
@@ -150,7 +150,7 @@ def test_popdgs_scaler_and_normalised_windows(crowd: Path, slices: dict[str, lis
     facts, golden = facts_of(crowd, "popdg"), load(crowd / "popdg" / "windows.npz")
     columns = {part: columns_of(windows) for part, windows in slices.items()}
     rows = columns["train"].reshape(-1, 156)
-    scaler = MinMax(rows.min(axis=0), rows.max(axis=0))
+    scaler = Scaler("minmax", rows.min(axis=0), rows.max(axis=0))
     np.testing.assert_allclose(scaler.data_min, golden["data_min"], rtol=0, atol=2e-5)
     np.testing.assert_allclose(scaler.data_max, golden["data_max"], rtol=0, atol=2e-5)
     np.testing.assert_allclose(columns["train"][..., :3], golden["train.position"], rtol=0, atol=1e-5)

@@ -72,7 +72,7 @@ def test_35_columns(exact: Store, peers: Any, split: str) -> None:
 
 def test_scaler(exact: Store, peers: Any) -> None:
     golden = peers.load("edge_normalizer.npz")
-    scaler = exact.normalizer("edge151")
+    scaler = exact.scaler("edge151")
     assert np.abs(scaler.data_min - golden["data_min"]).max() <= POSE
     assert np.abs(scaler.data_max - golden["data_max"]).max() <= POSE
     constant = golden["data_range"] < 10 * np.finfo(np.float32).eps
@@ -84,7 +84,7 @@ def test_scaler(exact: Store, peers: Any) -> None:
 @pytest.mark.parametrize(("split", "name"), [("train", "pose_normalized_first16"), ("test", "pose_normalized")])
 def test_normalised_columns(exact: Store, peers: Any, split: str, name: str) -> None:
     golden = peers.load(f"edge_{split}.npz")
-    normalised = exact.normalizer("edge151").normalize(_read(exact, split, "edge151"), clip=True)
+    normalised = exact.scaler("edge151").normalize(_read(exact, split, "edge151"), clip=True)
     found, wanted = golden.pair(name, normalised[: golden.shape(name)[0]])
     width = peers.load("edge_normalizer.npz")["data_range"].astype(np.float64)
     # An error of 1e-5 in the columns and in either end of the range is stretched by 2 / range.

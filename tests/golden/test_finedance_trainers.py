@@ -70,7 +70,7 @@ def test_lodge_sees_its_own_windows(
 def test_lodges_scaler_by_name(store: Store, peers: Any, lodge: Any) -> None:
     dataset = WindowDataset(store, preset="lodge-local", normalizer_over="all")
     known = peers.load("lodge_normalizer.npz")
-    scaler = dataset.normalizer("lodge139")
+    scaler = dataset.scaler("lodge139")
     np.testing.assert_allclose(scaler.data_min, known["data_min"], rtol=0, atol=MOTION)
     np.testing.assert_allclose(scaler.data_max, known["data_max"], rtol=0, atol=MOTION)
     rows = store.clip("001").read("lodge139")[:300]
@@ -79,9 +79,7 @@ def test_lodges_scaler_by_name(store: Store, peers: Any, lodge: Any) -> None:
     found, wanted = known.pair("normalized_first300", scaler.normalize(rows, clip=True))
     assert (np.abs(found - wanted) <= allowed).all()
     # By default the scaler knows train alone.
-    assert not np.allclose(
-        WindowDataset(store, preset="lodge-local").normalizer("lodge139").data_max, scaler.data_max
-    )
+    assert not np.allclose(WindowDataset(store, preset="lodge-local").scaler("lodge139").data_max, scaler.data_max)
 
 
 @pytest.mark.parametrize("split", ["train", "test"])

@@ -253,6 +253,6 @@ def test_exports_of_whole_clips_name_music_that_begins_later(
 
 def test_a_scaler_over_all_rows_takes_music_that_begins_later(build: Any) -> None:
     store = build("-1")
-    scaler = WindowDataset(store, "train", normalize=("librosa35",), normalizer_over="all").normalizer("librosa35")
+    scaler = WindowDataset(store, "train", normalize=("librosa35",), normalizer_over="all").scaler("librosa35")
     _, rows = store.rows_within("a", "librosa35")
     np.testing.assert_array_equal(scaler.data_max, rows.max(axis=0).astype(np.float64))

@@ -138,7 +138,7 @@ def test_statistics_of_codes_are_counts(build: Callable[..., Store], tmp_path: P
         "n": 3 * ROWS, "min": covered.min(axis=0).tolist(), "max": covered.max(axis=0).tolist(), "counts": counts,
     }  # fmt: skip
     with raises_message(UsageError, "normalize", where="out"):
-        store.normalizer("file.tokens")
+        store.scaler("file.tokens")
     (tmp_path / "report").mkdir()
     write_report(store.path, tmp_path / "report" / "page.html")
     assert "file.tokens" in (tmp_path / "report" / "page.html").read_text(encoding="utf-8")

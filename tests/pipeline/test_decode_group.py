@@ -100,7 +100,7 @@ def test_rows_of_0_without_a_mask_are_not_a_pose() -> None:
 
 def test_places_are_scaled_by_their_own_field(store: Store) -> None:
     places = np.zeros((4, 20, 6))
-    scaler = store.normalizer("edge151")
+    scaler = store.scaler("edge151")
     with raises_message(UsageError, "normalise"):
         dancedata.decode_group(columns("humanml263")[0][:, :20], "humanml263", place=places, scaler=scaler, fps=30)
 

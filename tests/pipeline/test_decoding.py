@@ -65,7 +65,7 @@ def test_the_rate_that_nobody_gave(name: str, rate: int) -> None:
 def test_the_normaliser_is_undone(store: Store) -> None:
     windows = list(store.windows("train"))[:2]
     rows = np.stack([store.read(window, "edge151") for window in windows])
-    normal = store.normalizer("edge151").normalize(rows)
+    normal = store.scaler("edge151").normalize(rows)
     for like in (store, store.path, str(store.path)):
         motions = dancedata.decode(normal, "edge151", like=like, normalized=True)
         for motion, wanted in zip(motions, rows, strict=True):
@@ -141,7 +141,7 @@ def test_the_rate_that_a_file_states_is_that_of_its_columns(store: Store, tmp_pa
 @pytest.mark.parametrize("to", ["bvh", "npz", "smpl", "smplx"])
 def test_a_trainers_file(store: Store, tmp_path: Path, to: Any) -> None:
     window = store.windows("train")[0]
-    normal = store.normalizer("edge151").normalize(store.read(window, "edge151"))
+    normal = store.scaler("edge151").normalize(store.read(window, "edge151"))
     np.save(tmp_path / "sample.npy", np.stack([normal, normal]))
     options: dict[str, Any] = {"out": tmp_path / "out", "like": store, "normalized": True}
     files = dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, **options)

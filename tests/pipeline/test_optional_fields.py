@@ -136,7 +136,7 @@ def test_readers_leave_such_clips_out_with_a_reason(mixed: Path) -> None:
     assert rejected == {("bvh_1", "no_field")}
     batch = with_field.samples(range(len(with_field)))
     raw = open_store(mixed)
-    normalised = raw.normalizer(FIELD).normalize(raw.read(with_field.windows[2], FIELD))
+    normalised = raw.scaler(FIELD).normalize(raw.read(with_field.windows[2], FIELD))
     assert np.array_equal(batch[2][FIELD].numpy(), normalised)
     assert {window.clip for window in WindowDataset(mixed, "train", ["edge151"]).windows} == {"bvh_1", "hands_1"}
     assert not WindowDataset(mixed, "train", ["edge151"]).rejects
@@ -156,7 +156,7 @@ def test_statistics_and_scalers_are_of_the_rows_that_there_are(mixed: Path) -> N
     np.testing.assert_array_equal(stats["min"], rows.min(axis=0))
     np.testing.assert_array_equal(stats["max"], rows.max(axis=0))
     both = np.concatenate([ds[clip][FIELD] for clip in ("hands_1", "hands_2")])
-    scaler = scaler_of(ds, FIELD, Choice((FIELD,)), covers_mirror=False, over="all")
+    scaler = scaler_of(ds, FIELD, Choice((FIELD,)), over="all")
     np.testing.assert_array_equal(scaler.data_max, both.max(axis=0))
 
 
@@ -173,7 +173,7 @@ def test_a_field_that_no_train_clip_has_has_no_statistics(captures: Path, cache:
     assert set(ds.stats["fields"]) == {"edge151", "librosa35"}
     assert not [p for p in verify_store(tmp_path / "out") if p.severity == "error"]
     with pytest.raises(StoreError, match=f"no scaler without train windows that have field {FIELD}"):
-        ds.normalizer(FIELD)
+        ds.scaler(FIELD)
     with pytest.raises(UsageError, match="left out: no_field"):
         WindowDataset(tmp_path / "out", "train", [FIELD])
     assert len(WindowDataset(tmp_path / "out", "test", [FIELD], normalize=False)) == 14

@@ -35,7 +35,7 @@ def plain(dataset: WindowDataset, place: int, mirrored: bool, name: str) -> np.n
         root = columns.slice("translation")
         rows[:, root] = rows[:, root] - rows[:1, root]
     if name in dataset._normalizers:
-        rows = dataset.normalizer(name).normalize(rows).astype(np.float32)
+        rows = dataset.scaler(name).normalize(rows).astype(np.float32)
     return np.asarray(rows)
 
 
@@ -253,7 +253,7 @@ def test_fields_of_half_precision_are_normalised_in_float32(mixed_store: Store) 
     batch = next(iter(BatchLoader(windows, 4)))
     clips = ClipDataset(mixed_store, **options)
     for name in names:
-        scaler = mixed_store.normalizer(name)
+        scaler = mixed_store.scaler(name)
         low, high = scaler.data_min, scaler.data_max
         for found, rows in (
             (batch[name][2], mixed_store.read(windows.windows[2], name)),

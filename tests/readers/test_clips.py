@@ -175,7 +175,7 @@ def test_scalers_cover_values_beyond_the_clips(store: Store) -> None:
     plain = ClipDataset(store, "val", fields=("edge151",))
     for covers in (["crop"], [{"drop": {"fields": ["librosa35"]}}], ["drop", "crop"]):
         clips = ClipDataset(store, "val", fields=("edge151",), normalizer_covers=covers)
-        np.testing.assert_array_equal(clips.normalizer("edge151").data_min, plain.normalizer("edge151").data_min)
+        np.testing.assert_array_equal(clips.scaler("edge151").data_min, plain.scaler("edge151").data_min)
 
 
 def test_balanced_by_genre(made: RandomStore) -> None:

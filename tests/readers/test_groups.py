@@ -102,7 +102,7 @@ def test_absent_dancers_are_the_middle_of_the_scaler(store: Store) -> None:
     dataset = GroupDataset(store, fields=("edge151",))
     sample = dataset[0]
     assert not sample["edge151"][~sample["person_mask"]].any()
-    scaled = dataset.normalizer("edge151").normalize(store.clip("train0_p1").read("edge151")[:LENGTH])
+    scaled = dataset.scaler("edge151").normalize(store.clip("train0_p1").read("edge151")[:LENGTH])
     np.testing.assert_array_equal(sample["edge151"][1], scaled)
 
 

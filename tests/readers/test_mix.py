@@ -140,7 +140,7 @@ def test_one_scaler_covers_all_sources(stores: dict[str, Store]) -> None:
         for store in stores.values()
     ]
     low, high = np.concatenate(rows).min(axis=0), np.concatenate(rows).max(axis=0)
-    scaler = mix.normalizer(name)
+    scaler = mix.scaler(name)
     np.testing.assert_array_equal(scaler.data_min, low.astype(np.float64))
     np.testing.assert_array_equal(scaler.data_max, high.astype(np.float64))
     for k in (0, 35, 45):
@@ -162,7 +162,7 @@ def test_each_source_may_keep_its_scaler(stores: dict[str, Store]) -> None:
     torch.testing.assert_close(mix[42][name], WindowDataset(stores["small"])[0][name], rtol=0, atol=0)
     assert set(mix.state_dict()["scalers"]) == {f"{source}/{name}" for source in stores}
     with raises_message(UsageError, r"mix\.datasets"):
-        mix.normalizer(name)
+        mix.scaler(name)
 
 
 def test_without_an_epoch_shares_are_exact_too(stores: dict[str, Store]) -> None:
@@ -257,7 +257,7 @@ def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) 
         scaling = scaling_of(like, field, columns, scaler=mix)
         assert scaling.normalized
         assert scaling.scaler is not None
-        assert scaling.scaler.sha256 == mix.normalizer(field).sha256
+        assert scaling.scaler.sha256 == mix.scaler(field).sha256
     # Of several datasets it is like none; of one, it is like that one, with its own scaler.
     with raises_message(UsageError, "scaler=mix"):
         store_of(opened(mix))
@@ -265,7 +265,7 @@ def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) 
     assert store_of(opened(one)).path == stores["large"].path
     own = scaling_of(one, field, columns).scaler
     assert own is not None
-    assert own.sha256 == one.normalizer(field).sha256
+    assert own.sha256 == one.scaler(field).sha256
     with raises_message(UsageError, "does not read"):
         scaling_of(stores["large"], "other", columns, scaler=mix)
     with raises_message(UsageError, "not a scaler"):

@@ -172,7 +172,7 @@ def test_fields_of_two_rates(store: Store) -> None:
 def test_the_scaler_is_that_of_other_windows(store: Store) -> None:
     plain = WindowDataset(store, "train", FIELDS, normalizer_over="all")
     cut = WindowDataset(store, "train", FIELDS, start_at="downbeat", normalizer_over="all")
-    assert np.array_equal(plain.normalizer("edge151").data_min, cut.normalizer("edge151").data_min)
+    assert np.array_equal(plain.scaler("edge151").data_min, cut.scaler("edge151").data_min)
 
 
 def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -210,10 +210,10 @@ def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, overwrite: Over
 
 def test_a_scaler_is_not_taken_from_another_dataset(out: Path, overwrite: Overwrite) -> None:
     known, late = open_store(out), open_store(out)
-    scale = known.normalizer("pose").scale
+    scale = known.scaler("pose").scale
     overwrite(out, 2)
-    np.testing.assert_array_equal(known.normalizer("pose").scale, scale)
+    np.testing.assert_array_equal(known.scaler("pose").scale, scale)
     with pytest.raises(StoreError, match=BUILT_AGAIN):
-        late.normalizer("pose")
+        late.scaler("pose")
     for name in ("rejects", "quality"):  # equal in both
         assert getattr(late, name) == getattr(known, name)

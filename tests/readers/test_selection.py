@@ -17,7 +17,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.filters.movement import Movement
 from dancedata.readers import WindowDataset
 from dancedata.store import Store, open_store
-from dancedata.store.normalize import MinMax
+from dancedata.store.normalize import Scaler
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
@@ -164,10 +164,10 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
     assert "that of the train split of protocol other, not the stored one" in caplog.text
     train = _read(store, protocol="other")
     rows = np.concatenate([store.read(w, "lodge139") for w in train.windows])
-    wanted = MinMax(rows.min(axis=0), rows.max(axis=0))
-    np.testing.assert_array_equal(dataset.normalizer("lodge139").data_min, wanted.data_min)
-    np.testing.assert_array_equal(dataset.normalizer("lodge139").data_max, wanted.data_max)
-    everything = WindowDataset(store, fields=("lodge139",), normalizer_over="all").normalizer("lodge139")
+    wanted = Scaler("minmax", rows.min(axis=0), rows.max(axis=0))
+    np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, wanted.data_min)
+    np.testing.assert_array_equal(dataset.scaler("lodge139").data_max, wanted.data_max)
+    everything = WindowDataset(store, fields=("lodge139",), normalizer_over="all").scaler("lodge139")
     rows = np.concatenate([store.clip(c.id).read("lodge139") for c in store.clips])
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
     with raises_message(UsageError, "fitted"):
@@ -175,15 +175,15 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
 
 
 def test_a_scaler_is_that_of_whole_clips_however_their_windows_are_chosen(store: Store) -> None:
-    plain = WindowDataset(store, fields=("lodge139",), protocol="one").normalizer("lodge139")
+    plain = WindowDataset(store, fields=("lodge139",), protocol="one").scaler("lodge139")
     for options in ({"trim": True}, {"length_frames": 300}, {"filter": {"movement": {"field": "lodge139"}}}):
         dataset = WindowDataset(store, fields=("lodge139",), protocol="one", **options)  # type: ignore[arg-type]
-        np.testing.assert_array_equal(dataset.normalizer("lodge139").data_min, plain.data_min)
+        np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, plain.data_min)
     # Fewer clips of the stored train split are another set of train clips too.
     fewer = WindowDataset(store, fields=("lodge139",), protocol="one", ignore=("ignored",))
     rows = np.concatenate([store.read(w, "lodge139") for w in fewer.windows])
-    np.testing.assert_array_equal(fewer.normalizer("lodge139").data_min, rows.min(axis=0))
-    np.testing.assert_array_equal(fewer.normalizer("lodge139").data_max, rows.max(axis=0))
+    np.testing.assert_array_equal(fewer.scaler("lodge139").data_min, rows.min(axis=0))
+    np.testing.assert_array_equal(fewer.scaler("lodge139").data_max, rows.max(axis=0))
 
 
 def _with_clips(store_path: Path, change: Callable[[StoredClip], StoredClip]) -> Store:

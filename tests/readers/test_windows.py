@@ -164,7 +164,7 @@ def test_the_named_fields_are_normalised_else_motion_alone(
     (plain,) = {MOTION, AUDIO} - {normal}
     assert torch.equal(raw[plain], found[plain])
     assert found[normal].dtype == torch.float32
-    np.testing.assert_allclose(found[normal], store.normalizer(normal).normalize(raw[normal].numpy()), atol=1e-6)
+    np.testing.assert_allclose(found[normal], store.scaler(normal).normalize(raw[normal].numpy()), atol=1e-6)
 
 
 def test_normalising_spans_train_and_comes_back(store: Store) -> None:
@@ -174,13 +174,13 @@ def test_normalising_spans_train_and_comes_back(store: Store) -> None:
     plain = torch.cat([item[MOTION] for item in raw.__getitems__(range(len(raw)))])
     assert float(normal.min()) == pytest.approx(-1.0, abs=1e-6)
     assert float(normal.max()) == pytest.approx(1.0, abs=1e-6)
-    back = dataset.normalizer(MOTION).unnormalize(normal)
+    back = dataset.scaler(MOTION).unnormalize(normal)
     torch.testing.assert_close(back.to(torch.float32), plain, atol=1e-5, rtol=1e-5)
 
 
-def test_normalizer_of_a_field_that_is_not_read(store: Store) -> None:
+def test_scaler_of_a_field_that_is_not_read(store: Store) -> None:
     with raises_message(UsageError, "librosa35"):
-        WindowDataset(store, fields=(AUDIO,)).normalizer(MOTION)
+        WindowDataset(store, fields=(AUDIO,)).scaler(MOTION)
 
 
 # --- mirroring
@@ -191,7 +191,7 @@ def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) ->
     assert mirror is not None
     raw = WindowDataset(store, normalize=False)
     dataset = WindowDataset(store, mirror=1.0, normalizer_covers_mirror=True)
-    scaler = dataset.normalizer(MOTION)
+    scaler = dataset.scaler(MOTION)
     for place in range(0, len(raw), 97):
         plain = raw[place][MOTION].numpy()
         for rows in (plain, mirror.apply(plain)):
@@ -200,7 +200,7 @@ def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) ->
 
 
 def test_edges_clip_is_selected_by_name(store: Store) -> None:
-    raw, edges = WindowDataset(store, normalize=False), store.normalizer(MOTION)
+    raw, edges = WindowDataset(store, normalize=False), store.scaler(MOTION)
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
     expected = edges.normalize(mirror.apply(raw[7][MOTION].numpy()))
@@ -216,17 +216,17 @@ def test_edges_clip_is_selected_by_name(store: Store) -> None:
 
 def test_val_has_the_scaler_of_train(store: Store) -> None:
     probe = np.linspace(-3, 3, 151)
-    plain = store.normalizer(MOTION).normalize(probe)
+    plain = store.scaler(MOTION).normalize(probe)
     train, val = WindowDataset(store, mirror=0.5), WindowDataset(store, split="val")
     for reader in (train, val):
-        np.testing.assert_array_equal(reader.normalizer(MOTION).normalize(probe), plain)
+        np.testing.assert_array_equal(reader.scaler(MOTION).normalize(probe), plain)
     val.load_state_dict(train.state_dict())
     wide = WindowDataset(store, mirror=0.5, normalizer_covers_mirror=True)
-    assert not np.array_equal(wide.normalizer(MOTION).normalize(probe), plain)
-    with pytest.raises(UsageError, match=f"found edge151 {wide.normalizer(MOTION).sha256}"):
+    assert not np.array_equal(wide.scaler(MOTION).normalize(probe), plain)
+    with pytest.raises(UsageError, match=f"found edge151 {wide.scaler(MOTION).sha256}"):
         WindowDataset(store, split="val").load_state_dict(wide.state_dict())
     val = WindowDataset(store, split="val", scaler=wide)
-    np.testing.assert_array_equal(val.normalizer(MOTION).data_max, wide.normalizer(MOTION).data_max)
+    np.testing.assert_array_equal(val.scaler(MOTION).data_max, wide.scaler(MOTION).data_max)
     val.load_state_dict(wide.state_dict())
     assert not val[0]["mirrored"]
 
@@ -243,9 +243,9 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
         return replace(known, columns=replace(known.columns, mirror=None))
 
     monkeypatch.setattr(store, "field", field)
-    with raises_message(UsageError, "normalizer_covers_mirror", where="store"):
+    with raises_message(UsageError, "mirror", where="store"):
         WindowDataset(store, mirror=0.5)
-    with raises_message(UsageError, "normalizer_covers_mirror", where="store"):
+    with raises_message(UsageError, "mirror", where="store"):
         WindowDataset(store, normalizer_covers_mirror=True)
     assert WindowDataset(store, fields=(AUDIO,), mirror=0.5)[0][AUDIO].shape == (150, 35)
     assert len(WindowDataset(store)) > 0

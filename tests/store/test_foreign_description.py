@@ -80,7 +80,7 @@ def test_no_command_waits_for_special_files(folder: Path, name: str, kind: str) 
         if name == "stats.json":  # which info does not show
             describe_store(folder)
             with open_store(folder) as store, raises_message(StoreError, "build", where="store/stats.json"):
-                store.normalizer("pose")
+                store.scaler("pose")
         else:
             with raises_message(StoreError, "build"):
                 describe_store(folder)

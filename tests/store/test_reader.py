@@ -229,7 +229,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
         lambda: store.windows("trian"),
         lambda: store.read(window, "poze"),
         lambda: store.field("musik"),
-        lambda: store.normalizer("fas"),
+        lambda: store.scaler("fas"),
         lambda: store.clip("train_c0"),
         lambda: store.read(Window("train_x00", 0, 30), "pose"),
         lambda: store.windows("train", stride_frames=1, fields=("posse",)),
@@ -308,22 +308,22 @@ def test_threads_read_at_once(make_store: Any) -> None:
         assert list(pool.map(lambda i: checksum(store, i), list(range(n)) * 4)) == wanted * 4
 
 
-def test_normalizer_is_that_of_the_stats(make_store: Any) -> None:
+def test_scaler_is_that_of_the_stats(make_store: Any) -> None:
     made = make_store()
     with open_store(made.path) as store:
-        plain, mirrored = store.normalizer("pose"), store.normalizer("pose", mirror=True)
+        plain, mirrored = store.scaler("pose"), store.scaler("pose", covers=["mirror"])
         np.testing.assert_array_equal(plain.scale, store.stats["fields"]["pose"]["scaler"]["scale"])
         assert (np.asarray(mirrored.data_min) <= np.asarray(plain.data_min)).all()
-        with raises_message(UsageError, "mirrored", where="store1"):
-            store.normalizer("music", mirror=True)
+        music = store.scaler("music", covers=["mirror"])
+        assert music.sha256 == store.scaler("music").sha256
 
 
-def test_without_train_windows_there_is_no_normalizer(make_store: Any) -> None:
+def test_without_train_windows_there_is_no_scaler(make_store: Any) -> None:
     store = open_store(make_store(clips={"test": 2}).path)
     assert store.stats["fields"] == {}
     assert "no train windows" in store.stats["note"]
     with raises_message(StoreError, "normalize", where="store1"):
-        store.normalizer("pose")
+        store.scaler("pose")
 
 
 def test_folders_that_are_not_a_dataset(tmp_path: Path, make_store: Any) -> None:

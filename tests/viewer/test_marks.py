@@ -68,6 +68,6 @@ def test_windows_that_overlap_a_mark_are_left_out(odd: Path, tmp_path: Path) -> 
     assert len(wanted) < len(plain)
     left_out = {(r.clip, r.window) for r in train.rejects if r.reason == "ignored"}
     assert left_out == {(w.clip, w.start) for w in plain.windows} - set(wanted)
-    assert train.normalizer("edge151").sha256 == plain.normalizer("edge151").sha256
+    assert train.scaler("edge151").sha256 == plain.scaler("edge151").sha256
     with raises_message(UsageError, "mark", where="odd"):
         WindowDataset(dancedata.open(odd), "train", ignore=("mark:reject",))

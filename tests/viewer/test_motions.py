@@ -111,7 +111,7 @@ def test_music_is_found_by_name_within_a_name_and_by_list(folder: Path, tmp_path
 def test_columns_and_batches_of_a_trainer(odd: Path, tmp_path: Path) -> None:
     ds = dancedata.open(odd)
     rows = [ds.read(window, "edge151") for window in list(ds.windows("train"))[:3]]
-    np.save(tmp_path / "samples.npy", ds.normalizer("edge151").normalize(np.stack(rows)))
+    np.save(tmp_path / "samples.npy", ds.scaler("edge151").normalize(np.stack(rows)))
     options: dict[str, Any] = {"columns": "edge151", "like": odd}
     scenes = shown(tmp_path, normalized=True, **options).scenes
     assert [item.id for item in scenes.items] == ["samples_000", "samples_001", "samples_002"]

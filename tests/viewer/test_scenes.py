@@ -264,7 +264,7 @@ def test_generated_columns_are_compared(scenes, tmp_path: Path) -> None:
     dataset = scenes("thirty")
     item = dataset.items[0]
     rows = dataset.store.read_clip(item.id, "edge151")
-    np.savez(tmp_path / "generated.npz", columns=dataset.store.normalizer("edge151").normalize(rows))
+    np.savez(tmp_path / "generated.npz", columns=dataset.store.scaler("edge151").normalize(rows))
     form = file_format(dataset.store, representation="edge151", normalized=True)
     comparison = comparison_of(tmp_path / "generated.npz", dataset, form)
     assert comparison_payload(comparison, dataset.scene(item))["mean"] < 0.01

@@ -125,7 +125,7 @@ def field_json(job: ExportJob, name: str, **more: Any) -> dict[str, Any]:
         and "train" in job.store.splits
         and len(job.store.windows("train", fields=(name,)))
     ):
-        scaler = job.store.normalizer(name)
+        scaler = job.store.scaler(name)
         entry |= {"scaler": scaler.state_dict(), "scaler_sha256": scaler.sha256}
     return entry
 
