@@ -25,7 +25,7 @@ WORDS = Layer("words", language="fr")
 @DATASETS.register("ensemble")
 @dataclass(frozen=True)
 class Ensemble(Dataset):
-    """Arrays `trans` (P, T, 3), `poses` (P, T, 24, 3) and `lengths` (P,) at 60 frames per second."""
+    """Arrays `trans` (P, T, 3), `poses` (P, T, 24, 3) and `lengths` (P,) at 60 FPS, and `start`, of the song."""
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = "none"
@@ -36,10 +36,10 @@ class Ensemble(Dataset):
         clips = []
         for path in sorted(source.glob("*.npz")):
             with np.load(path) as file:
-                size = len(file["lengths"])
+                size, start = len(file["lengths"]), Fraction(str(file["start"]))
             clips += [
                 ClipRef(member_id(path.stem, k), path, path.with_suffix(".wav"), "train", music=path.stem,
-                        group=path.stem, member=k, declared=(("place", str(k)),),
+                        group=path.stem, member=k, declared=(("place", str(k)),), audio_start=start,
                         role=("leader", "follower")[k] if size == 2 else "")
                 for k in range(size)
             ]  # fmt: skip

@@ -65,6 +65,7 @@ FOLDER = {
     "motion": {"edge151": {}}, "audio": {"librosa35": {}},
 }  # fmt: skip
 COPIES = {"mirror": True, "yaw": {}, "tempo": {"speeds": [0.9, 1.1]}}
+STILL = {"mirror": True, "yaw": {"max_degrees": 90}, "root_offset": {}, "noise": {}}  # copies that keep the time
 GROUPS = {**FOLDER, "dataset": {"ensemble": {}}, "plugins": [str(ENSEMBLE)], "fps": 30}
 SHORT = {**GROUPS, "windows": LENGTHS[1]}
 MOVING = {"length_s": 1, "stride_s": 0.5, "filter": {"movement": {"min_std": 0.0195}}}
@@ -126,7 +127,20 @@ CASES = {
         differs="copies turn about the middle of all dancers, also of one whom curate leaves out"),
     "groups-movement": Case("groups", {**SHORT, "motion": {"lodge139": {}}, "windows": MOVING}),
     "groups-repair": Case("groups", {
-        **SHORT, "repair": {"spikes": 0.2}, "curate": {"jitter": {"limit": 0.03}, "penetration": 0.2}}),
+        **SHORT, "repair": {"spikes": 0.2}, "curate": {"jitter": {"limit": 0.0166}, "penetration": 0.05}}),
+    "mixed": Case("captures", {
+        **FOLDER, "motion": OPTIONAL, "keymotion": {"lodge": {"optional": True}}, "augment": STILL,
+        "audio": {"librosa35": {}, "stft193": {}, "file.rows": ROWS}, "repair": {"spikes": 0.15, "gaps": True},
+        "curate": {"spikes": 0.05, "penetration": {"leave_out": "clip", "splits": ["test"]}},
+        "segments": {"facts": True}}),
+    "groups-mixed": Case("groups", {
+        **SHORT, **KEEP, "motion": OPTIONAL | {"joints": {}}, "keymotion": {"lodge": {"optional": True}},
+        "audio": {"librosa35": {}, "file.rows": ROWS | {"path": "rows/{music}.npy"}}, "augment": STILL,
+        "curate": {"sliding": 1.02}}),
+    "speeds": Case("captures", {
+        **FOLDER, "fps": 30, "motion": {"edge151": {}, "fact219": {}, "humanml263": {}},
+        "audio": {"librosa35": {}, "librosa35.60": {"fps": 60}, "bailando438": {}},
+        "augment": {"tempo.slow": {"speeds": [0.9]}, "tempo.fast": {"speeds": [1.2, 1.25], "seed": 3}}}),
     "slices-mirror": Case("aist++", "aist++-edge-exact", ("augment={mirror: true}",)),
     "slices-repair": Case("aist++", {**SLICES, "repair": {"spikes": 0.15}}),
 }  # fmt: skip
@@ -136,6 +150,10 @@ REAL = {
     "real-edge": Case("real_aistpp", "aist++-edge-exact", (ALL,)),
     "real-edge-mirror": Case("real_aistpp", "aist++-edge-exact", ("augment={mirror: true}",)),
     "real-slices-repair": Case("real_aistpp", {**SLICES, "repair": {"spikes": 0.15}}),
+    "real-slices-curate": Case("real_aistpp", {**SLICES, "curate": {"sliding": 0.6, "jitter": True}}),
+    "real-slices-movement": Case("real_aistpp", {
+        **SLICES, "windows": {**LENGTHS[2], "filter": {"movement": {
+            "min_std": 0.06, "splits": ["all"], "field": "edge151"}}}}),
     "real-lodge": Case("real_aistpp", "aist++-lodge", (ALL,)),
     "bvh": Case("real_bvh", {
         "dataset": {"folder": {"music": "optional", "unit": "cm"}}, "fps": 30, "retarget": {"skeleton": "smpl24"},
@@ -203,10 +221,11 @@ def captures(source: Path) -> None:
 
 
 def groups(source: Path) -> None:
-    """Write groups of 1 to 3 dancers 1.2 m apart: of unequal lengths, one with a dancer of NaN, one who floats."""
+    """Write groups of 1 to 3 dancers 1.2 m apart: unequal lengths, a dancer of NaN, one who floats, late songs."""
     import soundfile
 
     n, rng = 360, np.random.default_rng(3)
+    (source / "rows").mkdir()
     for name, lengths in {
         "a": (n, n, n), "b": (n, n), "c": (n,), "d": (n, n, n - 5), "e": (n, n - 60), "g": (n, n, n),
     }.items():  # fmt: skip
@@ -216,7 +235,9 @@ def groups(source: Path) -> None:
         if name == "g":
             trans[1, 5] = np.nan
         poses = np.cumsum(rng.normal(scale=0.01, size=(size, n, 24, 3)), axis=1)
-        np.savez(source / f"{name}.npz", trans=trans, poses=poses, lengths=np.array(lengths))
+        start = {"b": "1/3", "c": "-0.4", "d": "2.5"}.get(name, "0")  # seconds of the song at frame 0
+        np.savez(source / f"{name}.npz", trans=trans, poses=poses, lengths=np.array(lengths), start=np.array(start))
+        np.save(source / "rows" / f"{name}.npy", rng.normal(size=(220, 5)).astype(np.float32))
         soundfile.write(source / f"{name}.wav", rng.normal(scale=0.1, size=6 * 16_000), 16_000)
 
 
