@@ -244,6 +244,11 @@ class Motion:
         return motion
 
     @property
+    def is_cached(self) -> bool:
+        """Whether matrices and joint positions are cached, see `with_cache`."""
+        return self._poses is not None
+
+    @property
     def matrices(self) -> Float64Array:
         """Rotations (T, J, 3, 3) relative to the parents; read-only if they are cached."""
         if self._poses is None:

@@ -37,7 +37,7 @@ from dancedata.files.locks import (
 )
 
 #: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
-STAGES = ("features", "motion", "clips", "signals", "files")
+STAGES = ("features", "motion", "clips", "segments", "times", "signals", "files")
 TEMPORARY, LOCKS = "tmp", "locks"
 #: Folder of datasets that were fetched from addresses: <self_sha256>/ with the files of each.
 DATASETS = "datasets"
@@ -49,7 +49,7 @@ _MARK = b"A cache of dancedata, format 1. It only saves time: it may be deleted 
 #: removed, since the folder may hold other files too.
 ENTRY = re.compile(r"(?P<two>[0-9a-f]{2})[0-9a-f]{62}\.(npy|json)")
 _TEMPORARY_NAME = re.compile(r"dancedata-[0-9a-f]{32}\.(tmp|token)")
-_LOCK_NAME = re.compile(rf"({'|'.join((*STAGES, DATASETS))})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
+_LOCK_NAME = re.compile(rf"({'|'.join(('units', *STAGES, DATASETS))})-[0-9a-f]{{64}}|build-[0-9a-f]{{32}}")
 #: Prefix of the locks in LOCKS that builds hold as long as they run.
 RUNNING = "build-"
 #: Resolution of the time of last use: a use sooner after the last one writes nothing.

@@ -1,9 +1,13 @@
 """The stages in their order."""
 
+import os
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+from dancedata.building.recipe import parts_of
+from dancedata.building.source import takes_of
+from dancedata.building.spine import Groups, build_clips
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.segments import CLIP_END, Segment
 from dancedata.core.sided_words import with_mirrored_words
@@ -15,7 +19,7 @@ from dancedata.pipeline.curation import curate
 from dancedata.pipeline.encode import encode_clips
 from dancedata.pipeline.facts import compute_facts
 from dancedata.pipeline.features import extract_features, stored_clip
-from dancedata.pipeline.groups import sizes_of, whole_groups
+from dancedata.pipeline.groups import members_of, require_places, sizes_of, whole_groups
 from dancedata.pipeline.rejects import without_fields
 from dancedata.pipeline.sources import Sources
 from dancedata.pipeline.windows import cut_windows
@@ -23,6 +27,9 @@ from dancedata.recipes.copies import check_ids
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.segments import GENRE
 from dancedata.store import StoredClip
+
+#: Set, builds of scope track go through `building`: both exist until one does all.
+BUILDING = "DANCEDATA_BUILDING"
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,8 @@ class ComputedClips:
 
 def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress) -> ComputedClips:
     """Encode all motion, cut windows, extract all features."""
+    if recipe.scope == "track" and os.environ.get(BUILDING):
+        return _built(cache, recipe, sources, jobs=jobs, progress=progress)
     check_ids([(clip.ref.id, clip.ref.split) for clip in sources.clips], recipe.augment)
     encoded, unreadable = encode_clips(cache, recipe, sources, jobs=jobs, progress=progress)
     curated = curate(cache, recipe, encoded, sources.content, jobs=jobs, progress=progress)
@@ -85,6 +94,23 @@ def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs,
         ),
         quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.flags),
     )
+
+
+def _built(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress) -> ComputedClips:
+    """Compute the clips with `building`."""
+    scanned = sources.scan.clips
+    members, sizes = members_of(scanned), sizes_of(scanned)
+    if sizes:
+        require_places(recipe)
+    unlisted = {group: sizes[group] - len(ids) for group, ids in members.items()}
+    named = {
+        group: [*ids, *([f"{unlisted[group]} that the source lacks"] if unlisted[group] else [])]
+        for group, ids in members.items()
+    }
+    groups = Groups(named, sizes, recipe.incomplete_groups == "keep")
+    takes, unusable = takes_of(cache, recipe.dataset, sources, jobs=jobs, progress=progress)
+    clips, rejects, quality = build_clips(cache, takes, parts_of(recipe), groups, jobs=jobs, progress=progress)
+    return ComputedClips(tuple(clips), (*sources.rejects, *unusable, *rejects), tuple(quality))
 
 
 def _stated(recipe: Recipe, ref: ClipRef) -> list[Segment]:

@@ -116,6 +116,11 @@ class MotionField(FieldSpec):
         return self.representation.columns
 
     @property
+    def plugin(self) -> Representation:
+        """The representation."""
+        return self.representation
+
+    @property
     def version(self) -> tuple[int, int]:
         """Versions of representation and contact rule."""
         return self.representation.version, 0 if self.contacts is None else self.contacts.version
@@ -148,6 +153,11 @@ class KeyMotionField(FieldSpec):
     def columns(self) -> Columns:
         """The finder's columns."""
         return self.finder.columns
+
+    @property
+    def plugin(self) -> KeyMotionFinder:
+        """The finder."""
+        return self.finder
 
     @property
     def version(self) -> tuple[int, int]:

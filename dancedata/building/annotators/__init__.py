@@ -1,0 +1,1 @@
+"""Annotators: plug-ins, one file each."""

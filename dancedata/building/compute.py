@@ -1,0 +1,172 @@
+"""Results of takes: from the cache, or made by workers, each source loaded once for all that is made of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dancedata.building.plugins import Ask, Loadable, Maker
+from dancedata.building.result import Nothing, Result, Rows
+from dancedata.core.clip import Reject
+from dancedata.core.errors import DataError, UsageError
+from dancedata.execution.cache import DURABLE_FROM_S, Cache, CachedArray
+from dancedata.execution.executors import Executor
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
+from dancedata.pipeline.rejects import reject_of
+
+#: Parts of one source and maker in a unit of work: enough for what neighbours share to pay, few enough to share out
+#: a long song among workers.
+_PARTS = 128
+
+
+class Unit(NamedTuple):
+    """A unit of work: a source, and what is made of it.
+
+    `number`: Of the units that share the parts of a source.
+    `following`: Source of the next unit, to load ahead.
+    """
+
+    source: Loadable
+    wanted: Sequence[tuple[Maker, Sequence[Ask]]]
+    number: int = 0
+    following: Loadable | None = None
+
+
+def compute(
+    cache: Cache, results: Sequence[Result], makers: Sequence[Maker], *, jobs: Jobs, progress: Progress
+) -> list[Result]:
+    """Return results with what all makers make of takes that have windows; dancers that one cannot make go."""
+    asks = {(maker.place, r.take.place): maker.asks(r.take) for maker in makers for r in results if r.starts}
+    made: dict[str, Any] = {}
+    for lane in dict.fromkeys(maker.lane for maker in makers):
+        of_lane = [maker for maker in makers if maker.lane == lane]
+        made |= _run(cache, list(units_of(of_lane, asks)), of_lane[0], jobs, progress)
+    return [_with(result, makers, asks, made) for result in results]
+
+
+def make(cache: Cache, unit: Unit) -> dict[str, Any]:
+    """Load a source, make what is missing of it, and publish it; return all results by key."""
+    source, wanted = unit.source, unit.wanted
+    with cache.lock("units", Cache.key("unit", source=source.key, lane=wanted[0][0].lane, number=unit.number)):
+        made = {ask.key: _look_up(cache, maker, ask.key) for maker, asks in wanted for ask in asks}
+        missing = [(maker, [ask for ask in asks if made[ask.key] is None]) for maker, asks in wanted]
+        if not any(asks for _, asks in missing):
+            return made
+        try:
+            loaded = source.load()
+        except DataError as error:
+            reject = reject_of(error, file=source.path)
+            return {key: reject if found is None else found for key, found in made.items()}
+        if unit.following is not None:
+            unit.following.load_ahead()
+        for within in dict.fromkeys(ask.within for _, asks in missing for ask in asks):
+            for maker, asks in missing:
+                of_scene = [ask for ask in asks if ask.within == within]
+                for begin in range(0, len(of_scene), maker.batch):
+                    made |= _made(cache, source, maker, loaded, of_scene[begin : begin + maker.batch])
+    return made
+
+
+def units_of(makers: Sequence[Maker], asks: Mapping[tuple[str, tuple[str, str]], Sequence[Ask]]) -> Iterator[Unit]:
+    """Yield each source with what is made of it; many parts of one are shared out. `asks` are by maker and take."""
+    by_place = {maker.place: maker for maker in makers}
+    by_source: dict[str, tuple[Loadable, dict[str, dict[str, Ask]]]] = {}
+    for (place, _), of_take in asks.items():
+        for ask in of_take if place in by_place else ():
+            _, of_source = by_source.setdefault(ask.source.key, (ask.source, {}))
+            of_source.setdefault(place, {})[ask.key] = ask
+    for source, of_source in by_source.values():
+        of_makers = [(by_place[place], list(of.values())) for place, of in of_source.items()]
+        for number, begin in enumerate(range(0, max(len(of) for _, of in of_makers), _PARTS)):
+            cut = [(maker, of[begin : begin + _PARTS]) for maker, of in of_makers]
+            yield Unit(source, [(maker, of) for maker, of in cut if of], number)
+
+
+def _run(cache: Cache, units: Sequence[Unit], maker: Maker, jobs: Jobs, progress: Progress) -> dict[str, Any]:
+    """Return the results of the units of a lane by key; `maker` is one of the lane."""
+    cached = [_cached(cache, unit) for unit in units]
+    missing = [unit.source for unit, found in zip(units, cached, strict=True) if found is None]
+    following = iter([*missing[1:], None] if maker.looks_ahead else [None] * len(missing))
+    calls = [
+        (cache, unit._replace(following=next(following)) if found is None else unit)
+        for unit, found in zip(units, cached, strict=True)
+    ]
+    if missing:  # devices are looked up only if there is something to compute
+        jobs = replace(jobs, n=maker.workers(jobs.n)) if isinstance(jobs, Executor) else maker.workers(jobs)
+    of_units = run_units(
+        make,
+        calls,
+        cached=cached,
+        jobs=jobs,
+        label=maker.lane or "computing",
+        progress=progress,
+        exact=not maker.lane,
+    )
+    return {key: result for of_unit in of_units for key, result in of_unit.items()}
+
+
+def _with(
+    result: Result,
+    makers: Sequence[Maker],
+    asks: Mapping[tuple[str, tuple[str, str]], Sequence[Ask]],
+    made: Mapping[str, Any],
+) -> Result:
+    """Return a result with what was made of its take, without the dancers whose results are rejects."""
+    of_take: dict[str, list[Any]] = {}
+    for maker in makers if result.starts else ():
+        found = [(ask, made[ask.key]) for ask in asks[maker.place, result.take.place]]
+        rows = [Rows(x, ask.key, ask.offset) if isinstance(x, CachedArray) else x for ask, x in found]
+        of_take[maker.place] = rows or [()] * len(result.take.dancers)
+    lost = {k: [of[k] for of in of_take.values() if isinstance(of[k], Reject)] for k in result.stay}
+    return replace(result, made=of_take).without(lost)
+
+
+def _made(cache: Cache, source: Loadable, maker: Maker, loaded: Any, asks: Sequence[Ask]) -> dict[str, Any]:
+    """Make results of one maker and scene and publish them; a Reject of each that cannot be made."""
+    started = time.monotonic()
+    try:
+        results = maker.make(loaded, [ask.part for ask in asks])
+        source.check(cache)
+    except DataError as error:
+        return {ask.key: reject_of(error, file=source.path) for ask in asks}
+    except UsageError as error:  # ends the build
+        error.where = error.where or source.path
+        raise
+    durable = time.monotonic() - started > DURABLE_FROM_S * len(asks)
+    return {
+        ask.key: _publish(cache, maker, ask.key, result, durable) for ask, result in zip(asks, results, strict=True)
+    }
+
+
+def _publish(cache: Cache, maker: Maker, key: str, result: Any, durable: bool) -> Any:
+    if isinstance(result, Nothing) or maker.suffix == "json":
+        cache.put_json(maker.stage, key, result)
+        return result
+    return cache.put_array(maker.stage, key, np.asarray(result), durable=durable)
+
+
+def _look_up(cache: Cache, maker: Maker, key: str) -> Any:
+    """Return a result of a maker from the cache; None without one."""
+    if maker.suffix == "json":
+        return cache.json(maker.stage, key)
+    array = cache.array(maker.stage, key)
+    if array is not None:
+        return array
+    reason = cache.json(maker.stage, key)
+    return None if reason is None else Nothing(*reason)
+
+
+def _cached(cache: Cache, unit: Unit) -> dict[str, Any] | None:
+    """Return all that is made of a source by key; None if a part is missing."""
+    found = {}
+    for maker, asks in unit.wanted:
+        for ask in asks:
+            found[ask.key] = _look_up(cache, maker, ask.key)
+            if found[ask.key] is None:
+                return None
+    return found

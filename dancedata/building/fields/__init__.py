@@ -1,0 +1,1 @@
+"""Fields: of motion, of music, from files."""

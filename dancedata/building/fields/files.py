@@ -1,0 +1,137 @@
+"""Rows that were computed elsewhere, from a file of each clip or song."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+import numpy.typing as npt
+
+from dancedata.audio.file import FileRows, Placed
+from dancedata.building.plugins import Ask, Field, Reach
+from dancedata.building.take import Take, Time
+from dancedata.core.clip import Reject
+from dancedata.core.codebook import Codebook, DType
+from dancedata.core.columns import Columns
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.pipeline.feature_files import feature_of, file_key
+from dancedata.pipeline.rejects import reject_of
+from dancedata.recipes.fields import FeatureJob
+
+
+@dataclass(frozen=True)
+class FileField(Field):
+    """Rows from a file, cut and resampled to the take."""
+
+    stage: ClassVar[str] = "features"
+
+    job: FeatureJob
+
+    @property
+    def name(self) -> str:
+        """Name in the recipe and in the dataset."""
+        return self.job.name
+
+    @property
+    def kind(self) -> Literal["motion", "keymotion", "audio"]:
+        """Kind in the dataset: rows may describe the dancer."""
+        return self.job.stored_kind
+
+    @property
+    def grid(self) -> FrameGrid:
+        """Grid of the rows."""
+        return self.job.grid
+
+    @property
+    def columns(self) -> Columns:
+        """The D columns."""
+        return self.job.columns
+
+    @property
+    def dtype(self) -> DType:
+        """Type on disk."""
+        return self.job.dtype
+
+    @property
+    def codebook(self) -> Codebook | None:
+        """The codebook of codes; None for real values."""
+        return self.job.codebook
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all that shapes rows, beside the file and its place."""
+        return file_key(self.job, "", Placed(0, 0, Fraction(0), Fraction(1)))
+
+    @property
+    def from_files(self) -> bool:
+        """Whether rows are read from files, and may begin before frame 0."""
+        return True
+
+    @cached_property
+    def _feature(self) -> FileRows:
+        return feature_of(self.job)
+
+    def asks(self, take: Take) -> Sequence[Ask]:
+        """Return what is asked for each dancer: the rows of his file."""
+        asks = []
+        for k, dancer in enumerate(take.dancers):
+            file, placed = dancer.files[self.name], self._placed(take, k)
+            asks.append(Ask(file, file_key(self.job, file.sha256, placed), placed, -placed.first))
+        return asks
+
+    def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
+        """Return the frames that the file covers; a Reject where its length is not that of the motion."""
+        file = take.dancers[dancer].files[self.name]
+        wrong = self._wrong_length(take, dancer, grid)
+        if wrong is not None:
+            return wrong
+        try:
+            placed = self._placed(take, dancer)
+        except DataError as error:
+            return reject_of(error, file=file.path)
+        first = max(0, self.grid.rows_up(placed.first, of=grid))
+        end = self.grid.rows_down(placed.first + placed.n_rows, of=grid)
+        detail = f"the files of {self.name} reach from frame {first} to {end}"
+        short = f"{detail}: no window of the clip lies within"
+        return Reach(first, end, "no_audio", "short_feature", f"is beyond: {detail}", short)
+
+    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[Any]]:
+        """Read the rows of a file, for each place that it has."""
+        try:
+            return [self._feature.rows(loaded, placed) for placed in parts]
+        except OSError as error:
+            raise DataError(
+                "the file cannot be read", reason="broken_file", where=loaded, found=str(error)
+            ) from error
+
+    def _placed(self, take: Take, dancer: int) -> Placed:
+        of = take.dancers[dancer]
+        return self._feature.placed(of.files[self.name].n_rows, self._feature.begin_s(of.music.start), self.grid)
+
+    def _wrong_length(self, take: Take, dancer: int, grid: FrameGrid) -> Reject | None:
+        """Return why a file is not of this motion, by their lengths."""
+        feature, file, time = self._feature, take.dancers[dancer].files[self.name], take.time
+        file_s, tolerance = feature.grid.seconds(file.n_rows), feature.tolerance_s
+        is_short = self._is_short(take, dancer, time, grid)
+        if not is_short and (tolerance is None or abs(file_s - time.seconds) <= Fraction(tolerance)):
+            return None
+        numbers = {"feature_s": round(float(file_s), 3), "motion_s": round(float(time.seconds), 3)}
+        detail = f"field {self.name}: {file.path} has {file.n_rows} rows, {float(file_s):.3f} s; the motion has "
+        detail += f"{float(time.seconds):.3f} s; the tolerance is {tolerance} s"
+        detail += "; rows of motion last as long as it, or the field is of: music" if is_short else ""
+        fix = f"check audio.{self.name}.rate; set tolerance_s if the difference is known, null for whole songs"
+        return Reject("feature_length", file=str(file.path), detail=detail, numbers=numbers, fix=fix)
+
+    def _is_short(self, take: Take, dancer: int, time: Time, grid: FrameGrid) -> bool:
+        """Whether rows of motion do not reach into the last row of the take; codes end with the pad."""
+        if not self._feature.of_motion or self.codebook is not None:
+            return False
+        try:
+            placed = self._placed(take, dancer)
+        except DataError:
+            return False  # told of by itself
+        return grid.rows_down(time.frames_on(grid), of=self.grid) > placed.first + placed.n_rows

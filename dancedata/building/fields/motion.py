@@ -1,0 +1,129 @@
+"""Rows of a take's motion: representations and key motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, ClassVar, Literal, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.building.plugins import Ask, Field, Reach, maker_hash
+from dancedata.building.result import Nothing
+from dancedata.building.take import Take
+from dancedata.core.bodies import CROSSING, SMPLX52
+from dancedata.core.columns import Columns
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.recipes.fields import KeyMotionField, MotionField
+
+_FINGERS = frozenset(SMPLX52.joints[22:])
+#: Raised by hand when the stage gives other numbers for the same motion.
+_STAGE = 6
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class MotionRows(Field):
+    """Rows that are encoded of the motion of each dancer.
+
+    `without`: Names of transforms that it is made without, such as repairs.
+    """
+
+    stage: ClassVar[str] = "motion"
+
+    spec: MotionField | KeyMotionField
+    without: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name in the recipe and in the dataset."""
+        return self.spec.name
+
+    @property
+    def kind(self) -> Literal["motion", "keymotion"]:
+        """Kind in the dataset."""
+        return self.spec.kind
+
+    @property
+    def grid(self) -> FrameGrid:
+        """Grid of the rows."""
+        return self.spec.grid
+
+    @property
+    def optional(self) -> bool:
+        """Whether clips that it cannot take are kept without rows."""
+        return self.spec.optional
+
+    @property
+    def columns(self) -> Columns:
+        """The D columns."""
+        return self.spec.columns
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of all that shapes the rows of a motion."""
+        plugin = self.spec.plugin.name
+        return maker_hash(_STAGE, CROSSING, plugin, self.spec.version, self.spec.document(), str(self.grid))
+
+    def asks(self, take: Take) -> Sequence[Ask]:
+        """Return what is asked for each dancer."""
+        steps = [step for step in take.motion_steps if step.name not in self.without]
+        return [self.motion_ask(take, k, steps) for k in range(len(take.dancers))]
+
+    def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach:
+        """Return the frames that rows of another rate cover."""
+        beyond = f"ends after the last of the rows at {self.grid} per second"
+        return Reach(0, self.grid.rows_down(take.time.frames_on(self.grid), of=grid), beyond=beyond)
+
+    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[np.float32] | Nothing]:
+        """Encode the motion of dancers of one scene; those of a group on one floor."""
+        scene = loaded.after(parts[0][0])
+        motions = [self._try(partial(self._on_grid, motion)) for motion in scene.motions]
+        floor = self._floor(motions) if scene.refs[0].group else None
+        return [self._encoded(motions[k], floor) for _, k in parts]
+
+    def _on_grid(self, motion: Motion) -> Motion:
+        if self.optional and isinstance(self.spec, MotionField):
+            _require_fingers(self.spec, motion)
+        return motion.resampled(self.grid)
+
+    def _encoded(self, motion: Motion | Nothing, floor: float | None) -> npt.NDArray[np.float32] | Nothing:
+        if isinstance(motion, Nothing):
+            return motion
+        encode = partial(self.spec.encode, motion)
+        if floor is not None and isinstance(self.spec, MotionField):
+            encode = partial(self.spec.encode_above, motion, floor)
+        return self._try(lambda: np.asarray(encode()))
+
+    def _floor(self, motions: Sequence[Motion | Nothing]) -> float | None:
+        """Return the floor of a group, of the dancers that the field can take; None where rows have none."""
+        if not isinstance(self.spec, MotionField) or not self.spec.representation.grounded:
+            return None
+        floor = self.spec.representation.floor
+        floors = [self._try(partial(floor, m)) for m in motions if not isinstance(m, Nothing)]
+        return min((height for height in floors if not isinstance(height, Nothing)), default=0.0)
+
+    def _try(self, call: Callable[[], T]) -> T | Nothing:
+        """Return the result of a call; Nothing where an optional field cannot take a motion."""
+        try:
+            return call()
+        except (DataError, UsageError) as error:  # the latter where a plug-in cannot take the skeleton
+            if not self.optional:
+                raise
+            return Nothing(str(error))
+
+
+def _require_fingers(spec: MotionField, motion: Motion) -> None:
+    """Raise DataError for a field with fingers where the motion has none: they would not move.
+
+    The hands of SMPL's 24 joints, jaw and eyes are not required: few captures have them.
+    """
+    body, name = spec.representation.skeleton, spec.representation.name
+    fingers = [joint for joint in body.joints if joint in _FINGERS]
+    if fingers and not _FINGERS & set(motion.skeleton.joints):
+        found = f"{motion.skeleton.n_joints} joints, without {fingers[0]} and {len(fingers) - 1} more"
+        raise DataError(f"the motion has no fingers, which {name} has", reason="missing_joints", found=found)

@@ -1,0 +1,145 @@
+"""Rows of a take's music."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.networks.feature import NetworkFeature
+from dancedata.building.inputs import Music, Song
+from dancedata.building.plugins import Ask, Field, Reach
+from dancedata.building.take import Take
+from dancedata.core.clip import Reject
+from dancedata.core.codebook import Codebook, DType
+from dancedata.core.columns import Columns
+from dancedata.core.errors import StoreError
+from dancedata.core.grid import FrameGrid
+from dancedata.pipeline.audio import FeatureKeys, SignalId, timeline_of, window_samples
+from dancedata.recipes.fields import FeatureJob
+
+
+@dataclass(frozen=True)
+class MusicRows(Field):
+    """A feature of a song; of slices, each by itself, but those of a song in one call."""
+
+    stage: ClassVar[str] = "features"
+
+    job: FeatureJob
+
+    @property
+    def name(self) -> str:
+        """Name in the recipe and in the dataset."""
+        return self.job.name
+
+    @property
+    def kind(self) -> Literal["audio"]:
+        """Kind in the dataset."""
+        return "audio"
+
+    @property
+    def grid(self) -> FrameGrid:
+        """Grid of the rows."""
+        return self.job.grid
+
+    @property
+    def columns(self) -> Columns:
+        """The D columns."""
+        return self.job.columns
+
+    @property
+    def dtype(self) -> DType:
+        """Type on disk."""
+        return self.job.dtype
+
+    @property
+    def codebook(self) -> Codebook | None:
+        """The codebook of codes; None for real values."""
+        return self.job.codebook
+
+    @property
+    def lane(self) -> str:
+        """Its name, if results of processors differ."""
+        return "" if self.job.feature.exact else self.name
+
+    @property
+    def batch(self) -> int:
+        """Slices in a call."""
+        feature = self.job.feature
+        return (isinstance(feature, NetworkFeature) and feature.windows_per_call) or super().batch
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether the next song is decoded while a device computes."""
+        return isinstance(self.job.feature, NetworkFeature) and self.job.feature.prefetch
+
+    def workers(self, jobs: int) -> int:
+        """Return how many processes run its lane: of a network one for each card."""
+        feature = self.job.feature
+        return feature.workers(jobs) if isinstance(feature, NetworkFeature) else jobs
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all that shapes the rows of a song, its tempo not known."""
+        return self._keys.track(None, "")
+
+    def asks(self, take: Take) -> Sequence[Ask]:
+        """Return what is asked for each dancer: the rows of his song, or of a slice of it."""
+        return [self._ask(dancer.music) for dancer in take.dancers]
+
+    def _ask(self, music: Music) -> Ask:
+        signal = _signal(music)
+        if music.excerpt is not None:
+            key = self._keys.window(music.bpm, signal, music.excerpt)
+            return Ask(Song(signal), key, (music.bpm, music.excerpt))
+        signal, offset = timeline_of(signal, music.start, self.grid)
+        return Ask(Song(signal), self._keys.track(music.bpm, signal.sha256), (music.bpm, None), offset)
+
+    @cached_property
+    def _keys(self) -> FeatureKeys:
+        return FeatureKeys(self.job)
+
+    def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
+        """Return the frames that rows of the song cover."""
+        music, ref = take.dancers[dancer].music, take.dancers[dancer].ref
+        signal = _signal(music)
+        path = ref.audio_path or ref.motion_path
+        audio_s = round(signal.n_samples / signal.sample_rate, 3)
+        beyond = f"reaches beyond the end of {path.name}"
+        if music.excerpt is not None:
+            n_slices = len(window_samples(self.job, signal.n_samples, signal.sample_rate)[0])
+            first, end = 0, take.time.frames_on(grid) if music.excerpt < n_slices else 0
+        else:
+            timeline, offset = timeline_of(signal, music.start, self.grid)
+            rows = self.job.feature.n_rows(timeline.n_samples, timeline.sample_rate, self.grid)
+            first = max(0, self.grid.rows_up(-offset, of=grid))
+            end = self.grid.rows_down(rows - offset, of=grid)
+            if music.start:
+                beyond = f"is not within {path.name}, whose second {float(music.start):g} is frame 0"
+        short = f"{path}: the music is shorter than a window: {audio_s} s"
+        return Reach(first, end, "no_audio", "short_audio", beyond, short, str(path), {"audio_s": audio_s})
+
+    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[Any]]:
+        """Compute the rows of a whole song, or of slices of it, for each tempo that is stated."""
+        made: dict[Any, Any] = {}
+        for bpm in dict.fromkeys(bpm for bpm, _ in parts):
+            numbers = [number for of, number in parts if of == bpm and number is not None]
+            if (bpm, None) in parts:
+                made[bpm, None] = self.job.feature.extract(loaded, self.grid, start_bpm=bpm)
+            if numbers:
+                starts, length = window_samples(self.job, len(loaded.samples), loaded.sample_rate)
+                rows = self.job.feature.extract_windows(
+                    loaded, starts[np.array(numbers)], length, self.grid, self.job.window_rows, start_bpm=bpm
+                )
+                made |= {(bpm, number): of_slice for number, of_slice in zip(numbers, rows, strict=True)}
+        return [made[part] for part in parts]
+
+
+def _signal(music: Music) -> SignalId:
+    if music.signal is None:
+        raise StoreError("a take without music reached the features of music", where=music.name)
+    return music.signal

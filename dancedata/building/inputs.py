@@ -1,0 +1,107 @@
+"""Songs and files of rows that takes are made of, as workers load them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from dancedata.audio.silence import without_sound
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import DataError
+from dancedata.core.quality import music_flags
+from dancedata.execution.cache import Cache
+from dancedata.pipeline.audio import SignalId, decode_again, decode_ahead
+from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
+
+
+@dataclass(frozen=True)
+class Song:
+    """A decoded song, or a part of it that begins between two rows, at a speed."""
+
+    signal: SignalId
+
+    @property
+    def key(self) -> str:
+        """Hash of its samples, or of what makes them."""
+        return self.signal.sha256
+
+    @property
+    def path(self) -> Path:
+        """The audio file."""
+        return self.signal.path
+
+    def load(self) -> AudioSignal:
+        """Decode it; DataError if the file has changed."""
+        return decode_again(self.signal)
+
+    def load_ahead(self) -> None:
+        """Begin to decode it in another thread."""
+        decode_ahead(self.signal.path)
+
+    def check(self, cache: Cache) -> None:
+        """Do nothing: `load` has compared the samples."""
+
+
+@dataclass(frozen=True)
+class RowsFile:
+    """A file with rows of a field; `sha256` is "" where a plan has not read it."""
+
+    path: Path
+    sha256: str
+    n_rows: int
+
+    @property
+    def key(self) -> str:
+        """Hash of its content."""
+        return self.sha256
+
+    def load(self) -> Path:
+        """Return the path: fields read the rows, each in its way."""
+        return self.path
+
+    def load_ahead(self) -> None:
+        """Do nothing: reading rows takes no time worth a thread."""
+
+    def check(self, cache: Cache) -> None:
+        """Raise DataError if it has changed."""
+        if cache.file_sha256(self.path) != self.sha256:
+            raise DataError(CHANGED, reason="changed", where=self.path, fix=BUILD_AGAIN)
+
+
+@dataclass(frozen=True)
+class Music:
+    """The music of a dancer.
+
+    `signal`: None where no field needs music.
+    `start`: Second of the song at frame 0, exact.
+    `bpm`: Tempo, beats per minute; None if unknown.
+    `excerpt`: Number of the slice that the take is; None where the whole song is heard.
+    `is_file`: Whether it is the sound of a file, not stretched.
+    """
+
+    signal: SignalId | None
+    start: Fraction = Fraction(0)
+    bpm: float | None = None
+    name: str = ""
+    excerpt: int | None = None
+    is_file: bool = True
+
+    def at_speed(self, speed: Fraction, name: str) -> Music:
+        """Return the music at a speed, under another name."""
+        return replace(
+            self,
+            signal=self.signal and self.signal.at_speed(speed),
+            start=self.start / speed,
+            bpm=None if self.bpm is None else float(Fraction(self.bpm) * speed),
+            name=name,
+            is_file=False,
+        )
+
+    def flags(self, seconds: Fraction) -> list[dict[str, Any]]:
+        """Return the flags of the music of a take of this length, as JSON."""
+        if self.signal is None:
+            return []
+        silent = without_sound(self.signal.levels, self.start, seconds)
+        return [flag.to_json() for flag in music_flags([*silent, *self.signal.findings])]

@@ -1,0 +1,298 @@
+"""Bases of what a build is made of, beside transforms: fields, annotators, window rules."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.building.result import Result
+from dancedata.building.take import Scene, Take, Transform
+from dancedata.core.clip import Reject
+from dancedata.core.codebook import Codebook, DType
+from dancedata.core.columns import Columns
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import Plugin
+from dancedata.core.registry import Registry
+from dancedata.core.segments import Segment
+from dancedata.execution.arithmetic import expected
+from dancedata.execution.cache import Cache, package_version
+from dancedata.recipes.documents import document_of
+
+
+class Loadable(Protocol):
+    """Something that a worker loads once for all that is made of it."""
+
+    @property
+    def key(self) -> str:
+        """Hash of its content."""
+
+    @property
+    def path(self) -> Path:
+        """A file of it, for messages."""
+
+    def load(self) -> Any:
+        """Load it; DataError if it cannot be loaded."""
+
+    def load_ahead(self) -> None:
+        """Begin to load it, in another thread."""
+
+    def check(self, cache: Cache) -> None:
+        """Raise DataError if it has changed since it was identified."""
+
+
+class Ask(NamedTuple):
+    """One result that a maker is asked for: what it is made of, its key, which part, and where that begins.
+
+    `offset`: The row at frame 0.
+    `within`: Parts of one source within the same scene are made together.
+    """
+
+    source: Loadable
+    key: str
+    part: Any = None
+    offset: int = 0
+    within: Any = None
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The frames [first, end) that a field covers, and what is said of windows beyond.
+
+    `window`, `clip`: Reasons of rejects: of a window beyond, of a clip without any window.
+    `beyond`: Of a window: "reaches beyond the end of song.wav".
+    `short`: Of the clip: "the music is shorter than a window: 1.5 s".
+    `file`: That ends too early; "" for the motion.
+    """
+
+    first: int
+    end: int
+    window: str = "short_field"
+    clip: str = "too_short"
+    beyond: str = ""
+    short: str = ""
+    file: str = ""
+    numbers: Mapping[str, float | int] = field(default_factory=dict)
+
+
+class Maker(ABC):
+    """Makes results of takes: rows of a field, or segments. All are computed, cached and shared in one way.
+
+    Attributes
+    ----------
+    stage
+        Folder of its results in the cache.
+    suffix
+        "npy" for arrays, "json" for JSON data.
+    """
+
+    stage: ClassVar[str]
+    suffix: ClassVar[Literal["npy", "json"]]
+
+    @property
+    def batch(self) -> int:
+        """Results at most that are computed before they are published; a killed build loses at most these."""
+        return 128
+
+    @property
+    def lane(self) -> str:
+        """Makers of one lane run together; "" for those whose results are the same on every processor.
+
+        A network has a lane of its own.
+        """
+        return ""
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether the next source is loaded while this one is computed."""
+        return False
+
+    @property
+    @abstractmethod
+    def place(self) -> str:
+        """What tells it from all other makers of a recipe."""
+
+    @property
+    @abstractmethod
+    def sha256(self) -> str:
+        """Hash of all that shapes its results, beside the source and the part."""
+
+    def workers(self, jobs: int) -> int:
+        """Return how many processes run its lane, of `jobs`."""
+        return jobs
+
+    @abstractmethod
+    def asks(self, take: Take) -> Sequence[Ask]:
+        """Return what is asked for each dancer, or nothing at all; equal keys are computed once."""
+
+    @abstractmethod
+    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[Any]:
+        """Return an array or JSON data, or Nothing, for each part of what was loaded. DataError rejects them all."""
+
+    def motion_ask(self, take: Take, dancer: int, steps: Sequence[Transform]) -> Ask:
+        """Return what is asked of a take's motion: of its recording, after steps."""
+        within = tuple(step.sha256 for step in steps)
+        of = {"maker": self.sha256, "recording": take.recording.key, "steps": within, "dancer": dancer}
+        return Ask(take.recording, Cache.key(self.stage, **of), (steps, dancer), within=within)
+
+
+class Field(Maker):
+    """A field: rows on a grid.
+
+    `name` is unique in a recipe; the other attributes are those of the field in a dataset.
+    """
+
+    suffix = "npy"
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name in the recipe and in the dataset."""
+
+    @property
+    @abstractmethod
+    def kind(self) -> Literal["motion", "keymotion", "audio"]:
+        """Kind in the dataset."""
+
+    @property
+    @abstractmethod
+    def grid(self) -> FrameGrid:
+        """Grid of the rows."""
+
+    @property
+    @abstractmethod
+    def columns(self) -> Columns:
+        """The D columns."""
+
+    @property
+    def place(self) -> str:
+        """What tells it from all other makers of a recipe."""
+        return f"field {self.name}"
+
+    @property
+    def dtype(self) -> DType:
+        """Type on disk."""
+        return "float32"
+
+    @property
+    def codebook(self) -> Codebook | None:
+        """The codebook of codes; None for real values."""
+        return None
+
+    @property
+    def optional(self) -> bool:
+        """Whether clips that it cannot take are kept without rows."""
+        return False
+
+    @property
+    def from_files(self) -> bool:
+        """Whether rows are read from files, and may begin before frame 0."""
+        return False
+
+    @abstractmethod
+    def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
+        """Return the frames of a grid that the field covers, or why a dancer cannot have it; of lengths alone."""
+
+
+class Annotator(Plugin, Maker):
+    """Finds segments of the dancers of a take, of their motion.
+
+    Attributes
+    ----------
+    copies
+        What a copy gets: "own" found in its motion, the "parent"'s changed by the step, or "none".
+    stored
+        Whether segments are stored, or only judge windows.
+    """
+
+    stage = "segments"
+    suffix = "json"
+    copies: ClassVar[Literal["own", "parent", "none"]] = "parent"
+    stored: ClassVar[bool] = True
+
+    @property
+    def place(self) -> str:
+        """What tells it from all other makers of a recipe."""
+        return f"annotator {self.name}"
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of name, version and parameters."""
+        return maker_hash(self.name, self.version, document_of(self))
+
+    def asks(self, take: Take) -> Sequence[Ask]:
+        """Return what is asked for each dancer: of slices that of the whole."""
+        steps = [step for step in take.motion_steps if not step.cuts]
+        return [self.motion_ask(take, k, steps) for k in range(len(take.dancers))]
+
+    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[Any]:
+        """Return the rows of dancers of one scene."""
+        of_dancers = self.annotate(loaded.after(parts[0][0]))
+        return [of_dancers[k] for _, k in parts]
+
+    @abstractmethod
+    def annotate(self, scene: Scene) -> list[list[Any]]:
+        """Return JSON rows of each dancer."""
+
+    @abstractmethod
+    def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
+        """Return segments of a dancer's JSON rows; of none, where nothing is asked for."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a rule judges by: a take with its rows and segments, and the grid and length of windows.
+
+    `segments`: Of each dancer, of all annotators.
+    """
+
+    result: Result
+    fields: Sequence[Field]
+    grid: FrameGrid
+    length: int
+    segments: Sequence[Sequence[Segment]]
+
+    def field(self, name: str) -> Field:
+        """Return a field by its name."""
+        return next(f for f in self.fields if f.name == name)
+
+    def rows(self, chosen: Field, dancer: int) -> npt.NDArray[Any]:
+        """Return the rows of a field, as they are stored."""
+        take = self.result.take
+        rows = np.asarray(self.result.made[chosen.place][dancer].array)
+        for step in take.row_steps:
+            rows = step.rows(rows, chosen.columns, chosen.kind, take, dancer)
+        return rows
+
+
+class WindowRule(Plugin):
+    """Leaves out windows, or dancers, by segments or rows.
+
+    Attributes
+    ----------
+    of_group
+        Whether a window goes if the rule names it for "any" dancer, or only for "all".
+    """
+
+    of_group: ClassVar[Literal["any", "all"]] = "any"
+
+    @abstractmethod
+    def judge(self, seen: Seen, dancer: int, starts: Sequence[int]) -> list[Reject]:
+        """Return rejects of windows of a dancer, or of the dancer, which name no window."""
+
+
+TRANSFORMS: Registry[Any] = Registry("transform", "dancedata.building.transforms", Transform)
+ANNOTATORS: Registry[Any] = Registry("annotator", "dancedata.building.annotators", Annotator)
+RULES: Registry[Any] = Registry("window rule", "dancedata.building.rules", WindowRule)
+
+
+def maker_hash(*shaping: Any) -> str:
+    """Return the hash of what shapes results of motion, with the packages and instructions that compute them."""
+    return json_sha256([*shaping, {name: package_version(name) for name in ("numpy", "scipy")}, expected()])

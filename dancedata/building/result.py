@@ -1,0 +1,57 @@
+"""What a build knows of a take so far: its windows, its dancers, what was made of it, and what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from dancedata.building.take import Take
+from dancedata.core.clip import Reject
+from dancedata.core.segments import Segment
+from dancedata.store.stored_clip import LazyArray
+
+
+class Nothing(NamedTuple):
+    """No rows, and why."""
+
+    reason: str
+
+
+class Rows(NamedTuple):
+    """Rows in the cache, their key, and the row at frame 0."""
+
+    array: LazyArray
+    key: str
+    offset: int = 0
+
+
+@dataclass(frozen=True)
+class Result:
+    """A take on its way through a build; each stage returns another one.
+
+    There are no `starts` without `stay`, nor the reverse; a copy comes after its parent.
+
+    `starts`: First frames of the windows that are left; () for a take that is left out.
+    `stay`: Places of the dancers that are left.
+    `made`: By place of the maker, for each dancer: Rows, Nothing, a Reject, or JSON data of an annotator.
+    `segments`: Of each dancer, by annotator.
+    """
+
+    take: Take
+    starts: tuple[int, ...] = ()
+    stay: tuple[int, ...] = ()
+    rejects: tuple[Reject, ...] = ()
+    made: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    segments: Mapping[str, Sequence[Sequence[Segment]]] = field(default_factory=dict)
+
+    def without(self, lost: Mapping[int, Sequence[Reject]]) -> Result:
+        """Return the result without the dancers that have a reject; without any, there are no windows."""
+        gone = {k: of[0] for k, of in lost.items() if of and k in self.stay}
+        stay = tuple(k for k in self.stay if k not in gone)
+        rejects = [replace(reject, clip=self.take.dancers[k].id) for k, reject in gone.items()]
+        return replace(self, starts=self.starts if stay else (), stay=stay, rejects=(*self.rejects, *rejects))
+
+    def left_out(self, rejects: Sequence[Reject]) -> Result:
+        """Return the result without windows, for these reasons."""
+        return replace(self, starts=(), stay=(), rejects=(*self.rejects, *rejects))

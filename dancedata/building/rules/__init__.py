@@ -1,0 +1,1 @@
+"""Window rules: plug-ins, one file each."""

@@ -1,0 +1,101 @@
+"""A source as takes: its clips measured, dancers of a group together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import NamedTuple
+
+from dancedata.building.inputs import Music, RowsFile
+from dancedata.building.take import Dancer, Reader, Recording, Take, Time
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.plugins import Dataset
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs, run_units
+from dancedata.pipeline.groups import TOLERANCE_S
+from dancedata.pipeline.motion_keys import clip_identity
+from dancedata.pipeline.rejects import attempt
+from dancedata.pipeline.sources import SourceClip, Sources
+
+
+class _Measured(NamedTuple):
+    """A dancer, and the time of his motion."""
+
+    dancer: Dancer
+    time: Time
+
+
+def takes_of(
+    cache: Cache, dataset: Dataset, sources: Sources, *, jobs: Jobs, progress: Progress
+) -> tuple[list[Take], list[Reject]]:
+    """Measure the motion of identified clips, and form takes of those that can be used.
+
+    Motion whose music is unusable is measured nevertheless, so that a build names all problems.
+    """
+    reader = Reader(dataset, sources.content)
+    calls = [(cache, reader, clip.ref, clip.motion_sha256) for clip in sources.clips]
+    cached = [known_time(*call) for call in calls]
+    times = run_units(measure, calls, cached=cached, jobs=jobs, label="measuring motion", progress=progress)
+    rejects, units = [], dict[tuple[str, str], list[_Measured]]()
+    for clip, time in zip(sources.clips, times, strict=True):
+        if isinstance(time, Reject):
+            rejects.append(replace(time, clip=clip.ref.id))
+        elif clip.music_problem is None:
+            place = clip.ref.group, "" if clip.ref.group else clip.ref.id
+            units.setdefault(place, []).append(_Measured(_dancer(clip), time))
+    takes = []
+    for members in units.values():
+        take = _take(reader, sorted(members, key=lambda member: member.dancer.ref.member))
+        if isinstance(take, Reject):
+            files = [(member.dancer.id, str(member.dancer.ref.motion_path)) for member in members]
+            rejects += [replace(take, clip=name, file=file) for name, file in files]
+        else:
+            takes.append(take)
+    return takes, rejects
+
+
+def measure(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | Reject:
+    """Return the time of a clip's motion, loaded once until its file changes; a Reject where it cannot be loaded."""
+    motion = attempt(lambda: reader.dataset.load(ref), ref.motion_path, ref.id)
+    if isinstance(motion, Reject):
+        return motion
+    time = Time(motion.n_frames, motion.grid.rate, motion.trim_start)
+    cache.put_json("times", _time_key(reader, ref, sha256), [time.n_frames, str(time.rate), time.trim])
+    return time
+
+
+def known_time(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | None:
+    """Return the cached result of `measure`, None if there is none."""
+    row = cache.json("times", _time_key(reader, ref, sha256))
+    return None if row is None else Time(row[0], Fraction(row[1]), row[2])
+
+
+def _time_key(reader: Reader, ref: ClipRef, sha256: str) -> str:
+    return Cache.key("time", version=1, reader=reader.key, clip=clip_identity(ref), file=sha256)
+
+
+def _dancer(clip: SourceClip) -> Dancer:
+    ref = clip.ref
+    music = Music(clip.signal, ref.audio_start, ref.tempo_bpm, ref.music)
+    files = {name: RowsFile(file.path, file.sha256, file.n_rows) for name, file in clip.files.items()}
+    return Dancer(ref.id, ref, clip.motion_sha256, music, files, clip.made_of)
+
+
+def _take(reader: Reader, members: Sequence[_Measured]) -> Take | Reject:
+    """Form the take of a single dancer, or of a group in one time; a Reject where there is none."""
+    dancers, times = tuple(m.dancer for m in members), [m.time for m in members]
+    shortest, longest = min(t.n_frames for t in times), max(t.n_frames for t in times)
+    group, grid = dancers[0].ref.group, times[0].grid
+    rates = sorted({str(time.grid) for time in times})
+    if len(rates) > 1:
+        detail = f"group {group}: the dancers of a group differ in their rate: {', '.join(rates)} per second"
+        return Reject("other_rate", detail=detail)
+    if grid.seconds(longest - shortest) > TOLERANCE_S:
+        lengths = ", ".join(f"{d.id} {t.n_frames} frames" for d, t in zip(dancers, times, strict=True))
+        detail = f"group {group}: the dancers of a group differ in length: {lengths}; at most "
+        return Reject("length_mismatch", detail=f"{detail}{float(TOLERANCE_S):g} s of difference are allowed")
+    recording = Recording(reader, tuple((d.ref, d.sha256) for d in dancers))
+    trim = min(max(time.trim for time in times), shortest - 1)
+    return Take(recording, dancers, Time(shortest, times[0].rate, trim), group=group)

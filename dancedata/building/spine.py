@@ -1,0 +1,72 @@
+"""A build, stage by stage: takes, transforms, windows, fields and segments, rules, groups, clips to store."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from dancedata.building.compute import compute
+from dancedata.building.groups import whole
+from dancedata.building.judging import judged
+from dancedata.building.plugins import Annotator, Field, WindowRule
+from dancedata.building.segments import annotated
+from dancedata.building.stored import Clips, stored
+from dancedata.building.take import Take, Transform
+from dancedata.building.windows import cut
+from dancedata.core.errors import SourceError
+from dancedata.core.sided_words import Lexicon
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs
+from dancedata.recipes.fields import WindowSpec
+
+
+class Parts(NamedTuple):
+    """The parts of a recipe, in the order in which a build uses them."""
+
+    transforms: Sequence[Transform]
+    fields: Sequence[Field]
+    annotators: Sequence[Annotator]
+    rules: Sequence[WindowRule]
+    windows: WindowSpec
+    lexicons: Sequence[Lexicon]
+
+
+class Groups(NamedTuple):
+    """The groups of a source.
+
+    `members`: Ids of each group's dancers, and a text for those that the source does not list.
+    `sizes`: Their numbers.
+    `keep`: Whether a group is stored without the dancers that were left out.
+    """
+
+    members: Mapping[str, Sequence[str]]
+    sizes: Mapping[str, int]
+    keep: bool
+
+
+def build_clips(
+    cache: Cache, takes: Sequence[Take], parts: Parts, groups: Groups, *, jobs: Jobs, progress: Progress
+) -> Clips:
+    """Return the clips of a source's takes."""
+    transforms, fields, annotators, rules, windows, lexicons = parts
+    results = cut(expand(takes, transforms), fields, windows)
+    results = compute(cache, results, [*fields, *annotators], jobs=jobs, progress=progress)
+    results = judged(results, rules, fields, annotators, windows)
+    results = whole(results, groups.members, groups.keep)
+    results = annotated(results, annotators, lexicons, windows.grid)
+    return stored(results, fields, annotators, lexicons, groups.sizes, windows.grid)
+
+
+def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]:
+    """Return the takes that transforms make, parents before their copies; SourceError if two dancers have one id."""
+    for transform in transforms:
+        takes = [made for take in takes for made in transform.expand(take)]
+    by_id: dict[str, Take] = {}
+    for take in takes:
+        for dancer in take.dancers:
+            if by_id.setdefault(dancer.id, take) is not take:
+                raise SourceError("two clips would get the same id", where=f"clip {dancer.id}",
+                                  found=f"{dancer.ref.id} and its copies, or another clip",
+                                  fix="rename a clip, or leave out the transform that makes the copy")  # fmt: skip
+    return sorted(takes, key=lambda take: take.parent is not None)

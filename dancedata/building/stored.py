@@ -1,0 +1,133 @@
+"""Takes -> clips to store."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from dancedata.building.annotators.vitals import VITALS
+from dancedata.building.plugins import Annotator, Field
+from dancedata.building.result import Nothing, Result
+from dancedata.building.rows import stored_rows
+from dancedata.building.segments import unmirrored
+from dancedata.core.clip import Reject
+from dancedata.core.grid import FrameGrid
+from dancedata.core.licence import Licence
+from dancedata.core.sided_words import Lexicon
+from dancedata.store import AudioBlock, Signal, StoredClip
+
+
+class Clips(NamedTuple):
+    """The content of a dataset.
+
+    `clips`: Sorted by id; copies, such as mirrored ones, after all others.
+    `rejects`: Everything that was left out.
+    `quality`: Rows of quality.jsonl.
+    """
+
+    clips: Sequence[StoredClip]
+    rejects: Sequence[Reject]
+    quality: Sequence[dict[str, Any]]
+
+
+class _Place(NamedTuple):
+    """A dancer to store: his take, that of the source, and his number."""
+
+    result: Result
+    root: Result
+    k: int
+
+    @property
+    def id(self) -> str:
+        """Id to store it under."""
+        return self.result.take.dancers[self.k].id
+
+    @property
+    def flags(self) -> list[dict[str, Any]]:
+        """Quality flags of motion and music; of a copy those of its source."""
+        take = self.root.take
+        _, *of_motion = self.root.made[VITALS][self.k]
+        return [*of_motion, *take.dancers[self.k].music.flags(take.time.seconds)]
+
+
+def stored(
+    results: Sequence[Result],
+    fields: Sequence[Field],
+    annotators: Sequence[Annotator],
+    lexicons: Sequence[Lexicon],
+    sizes: Mapping[str, int],
+    grid: FrameGrid,
+) -> Clips:
+    """Return the clips of the dancers that stay, all rejects, and the quality flags of clips that are no copies.
+
+    `sizes`: Dancers of each group in the source.
+    """
+    roots = {r.take.place: r for r in results}
+    places = [_Place(r, roots[r.take.root.place], k) for r in results for k in r.stay]
+    places.sort(key=lambda place: (place.result is not place.root, place.id))
+    return Clips(
+        [_clip(place, fields, annotators, sizes, grid) for place in places],
+        [
+            *(reject for r in results for reject in r.rejects),
+            *(reject for place in places for reject in _without(place, fields)),
+            *unmirrored(results, annotators, lexicons),
+        ],
+        [{"clip": p.id, **flag} for p in places if p.result is p.root for flag in p.flags],
+    )
+
+
+def _clip(
+    place: _Place,
+    fields: Sequence[Field],
+    annotators: Sequence[Annotator],
+    sizes: Mapping[str, int],
+    grid: FrameGrid,
+) -> StoredClip:
+    result, root, k = place
+    take, dancer = result.take, result.take.dancers[k]
+    ref, music, is_copy = dancer.ref, dancer.music, result is not root
+    signal = music.signal if music.is_file else None
+    made = [(f, result.made[f.place][k]) for f in fields]
+    return StoredClip(
+        id=dancer.id,
+        split=ref.split,
+        genre=ref.genre,
+        music=music.name,
+        dancer=ref.dancer,
+        tempo_bpm=music.bpm,
+        source=root.take.dancers[k].id if is_copy else "",
+        n_flags=len(place.flags),
+        trim_start=take.time.trim_on(grid),
+        height_m=result.made[VITALS][k][0],
+        source_rate=str(root.take.time.rate),
+        lists=ref.lists,
+        n_frames=take.time.frames_on(grid),
+        starts=result.starts,
+        motion={f.name: stored_rows(rows, f, take, k, grid) for f, rows in made if f.kind != "audio"},
+        audio={f.name: (AudioBlock(r.key, r.array, r.offset),) for f, r in made if f.kind == "audio"},
+        group=take.group,
+        member=ref.member,
+        role=ref.role,
+        song="" if signal is None else music.name or signal.sha256[:12],
+        signal=None if signal is None else Signal(signal.sha256, signal.sample_rate, signal.n_samples),
+        source_start=ref.source_start,
+        source_end=ref.source_end,
+        audio_start=music.start,
+        audio_start_by=ref.audio_start_by,
+        terms=Licence(ref.licence, ref.citation) if ref.licence or ref.citation else None,
+        made_of="" if is_copy else dancer.made_of,
+        columns={**dict(ref.keys), **dict(ref.columns)},
+        segments=tuple(s for a in annotators if a.stored for s in result.segments[a.name][k]),
+        group_size=sizes.get(ref.group, 0),
+    )
+
+
+def _without(place: _Place, fields: Sequence[Field]) -> list[Reject]:
+    """Return a reject for each field that a dancer is kept without; of a copy none that its source lacks, too."""
+    rejects = []
+    for field in fields:
+        rows, of_root = place.result.made[field.place][place.k], place.root.made[field.place][place.k]
+        if isinstance(rows, Nothing) and (place.result is place.root or not isinstance(of_root, Nothing)):
+            file = str(place.result.take.dancers[place.k].ref.motion_path)
+            rejects.append(Reject("no_field", place.id, file, detail=f"kept without {field.name}: {rows.reason}"))
+    return rejects

@@ -1,0 +1,282 @@
+"""Takes: 1..n dancers in one world and one time; described here, loaded by workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dancedata.building.inputs import Music, RowsFile
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset, Plugin
+from dancedata.core.quality import Flag
+from dancedata.core.segments import Segment
+from dancedata.execution.cache import Cache
+from dancedata.pipeline.motion_keys import clip_identity, content_hashes
+from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
+from dancedata.recipes.documents import document_of
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from dancedata.core.columns import Columns
+
+#: Up to this many values, motions remember matrices and joints: 200 MB.
+_REMEMBERED = 2**23
+
+
+@dataclass(frozen=True)
+class Time:
+    """Frames of a motion, their exact rate, and the first that belongs to the dance."""
+
+    n_frames: int
+    rate: Fraction
+    trim: int = 0
+
+    @property
+    def grid(self) -> FrameGrid:
+        """The grid of the frames."""
+        return FrameGrid(self.rate)
+
+    @property
+    def seconds(self) -> Fraction:
+        """The length."""
+        return self.n_frames / self.rate
+
+    def frames_on(self, grid: FrameGrid) -> int:
+        """Return the number of frames on another grid."""
+        return self.grid.resampled_length(self.n_frames, grid)
+
+    def trim_on(self, grid: FrameGrid) -> int:
+        """Return the first frame of the dance on another grid."""
+        return min(self.grid.rows_up(self.trim, of=grid), self.frames_on(grid) - 1)
+
+    def part(self, start: int, stop: int) -> Time:
+        """Return the time of frames start .. stop - 1."""
+        trim = self.trim - start
+        return replace(self, n_frames=stop - start, trim=trim if 0 < trim < stop - start else 0)
+
+
+@dataclass(frozen=True)
+class Dancer:
+    """A dancer of a take: the id to store it under, the clip on disk, and the state of its files.
+
+    `sha256`: Of the motion file.
+    `files`: Files with rows, by field.
+    `made_of`: What `StoredClip.made_of` tells of it.
+    """
+
+    id: str
+    ref: ClipRef
+    sha256: str
+    music: Music
+    files: Mapping[str, RowsFile] = field(default_factory=dict)
+    made_of: str = ""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A dataset's reader, and the hashes of the files that its parameters name, such as a body model."""
+
+    dataset: Dataset
+    content: Mapping[str, str]
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of all that shapes what it reads, except the clip."""
+        dataset = self.dataset
+        return json_sha256([dataset.name, dataset.version, document_of(dataset, loading=True), dict(self.content)])
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a worker loads for a take: the motion files of its dancers. Copies and slices of it share one."""
+
+    reader: Reader
+    dancers: tuple[tuple[ClipRef, str], ...]
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of all that shapes what is loaded."""
+        files = [[*clip_identity(ref), sha256] for ref, sha256 in self.dancers]
+        return Cache.key("recording", reader=self.reader.key, dancers=files)
+
+    @property
+    def path(self) -> Path:
+        """A file of it, for messages."""
+        return self.dancers[0][0].motion_path
+
+    def load(self) -> Scenes:
+        """Load the dancers into one world, cut to one length; DataError for one that cannot be loaded."""
+        refs = tuple(ref for ref, _ in self.dancers)
+        motions = [self.reader.dataset.load(refs[0])] if not refs[0].group else self.reader.dataset.load_group(refs)
+        length, trim = min(m.n_frames for m in motions), max(m.trim_start for m in motions)
+        cut = [m if m.n_frames == length else m.part(0, length) for m in motions]
+        trim = min(trim, length - 1)
+        cut = [m if m.trim_start == trim else replace(m, trim_start=trim) for m in cut]
+        return Scenes(Scene(tuple(cut), refs, ((),) * len(cut)))
+
+    def load_ahead(self) -> None:
+        """Do nothing: loading motion takes no time worth a thread."""
+
+    def check(self, cache: Cache) -> None:
+        """Raise DataError if a file has changed since it was hashed."""
+        for ref, sha256 in self.dancers:
+            if cache.file_sha256(ref.motion_path) != sha256:
+                raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
+        content = content_hashes(self.reader.dataset, cache.file_sha256)
+        for named in sorted({*content, *self.reader.content}):
+            if content.get(named) != self.reader.content.get(named):
+                raise DataError(CHANGED, reason="changed", where=f"{self.path} ({named})", fix=BUILD_AGAIN)
+
+
+@dataclass(frozen=True)
+class Take:
+    """1..n dancers in one world and one time: what is known of them before they are loaded.
+
+    `recording`: The files that it is loaded from.
+    `dancers`: Their ids are unique in a build.
+    `time`: Of its motion, all steps applied.
+    `steps`: Transforms that make it of the recording, in order.
+    `parent`: The take that it is a copy of; None for one of the source.
+    `group`: Name of the group; "" for a single dancer.
+    """
+
+    recording: Recording
+    dancers: tuple[Dancer, ...]
+    time: Time
+    steps: tuple[Transform, ...] = ()
+    parent: Take | None = None
+    group: str = ""
+
+    @property
+    def split(self) -> str:
+        """Split of all its dancers."""
+        return self.dancers[0].ref.split
+
+    @property
+    def name(self) -> str:
+        """The group, or the single dancer."""
+        return self.group or self.dancers[0].id
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """What tells it from all other takes; a group may have the name of a clip."""
+        return self.group, "" if self.group else self.dancers[0].id
+
+    @property
+    def root(self) -> Take:
+        """Its parent, or itself."""
+        return self.parent or self
+
+    def then(self, step: Transform, **changes: Any) -> Take:
+        """Return the take with one more step."""
+        return replace(self, steps=(*self.steps, step), **changes)
+
+    def copy(self, step: Transform, rename: Callable[[str], str], **changes: Any) -> Take:
+        """Return a copy of the take, its dancers renamed."""
+        dancers = tuple(replace(d, id=rename(d.id)) for d in changes.pop("dancers", self.dancers))
+        group = rename(self.group) if self.group else ""
+        return self.then(step, dancers=dancers, group=group, parent=self, **changes)
+
+    @property
+    def motion_steps(self) -> tuple[Transform, ...]:
+        """The steps that change motion."""
+        return tuple(step for step in self.steps if step.moves)
+
+    @property
+    def row_steps(self) -> tuple[Transform, ...]:
+        """The steps that change rows."""
+        return tuple(step for step in self.steps if step.changes_rows)
+
+
+class Transform(Plugin):
+    """Take -> takes: changes motion and music, or makes a copy or several.
+
+    Attributes
+    ----------
+    moves
+        Whether `scene` changes motion.
+    changes_rows
+        Whether `rows` changes rows.
+    keeps_time
+        Whether windows of a copy are those of its parent.
+    cuts
+        Whether it takes a part of the motion: segments are those of the whole, changed by `segment`.
+    """
+
+    moves: ClassVar[bool] = True
+    changes_rows: ClassVar[bool] = False
+    keeps_time: ClassVar[bool] = True
+    cuts: ClassVar[bool] = False
+
+    def expand(self, take: Take) -> Sequence[Take]:
+        """Return the takes that become of one; by default it is replaced."""
+        return [take.then(self)]
+
+    def scene(self, scene: Scene) -> Scene:
+        """Change the loaded motion, in a worker."""
+        return scene
+
+    def rows(self, rows: npt.NDArray[Any], columns: Columns, kind: str, take: Take, dancer: int) -> npt.NDArray[Any]:
+        """Change (T, D) rows of a field of a kind when they are written."""
+        return rows
+
+    def segment(self, segment: Segment, take: Take) -> Segment | None:
+        """Return a segment of the parent in a copy; None if it has none."""
+        return segment
+
+    def key(self) -> list[Any]:
+        """Return all that shapes what it does, as JSON."""
+        return [self.name, self.version, document_of(self)]
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of `key`, computed once."""
+        return json_sha256(self.key())
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The loaded motions of a take's dancers, their clips, and flags of what was done to each."""
+
+    motions: tuple[Motion, ...]
+    refs: tuple[ClipRef, ...]
+    flags: tuple[tuple[Flag, ...], ...]
+
+    def with_motions(self, motions: Sequence[Motion], flags: Sequence[Sequence[Flag]] = ()) -> Scene:
+        """Return the scene with other motions, and further flags of each dancer."""
+        further = flags or ((),) * len(motions)
+        joined = tuple((*a, *b) for a, b in zip(self.flags, further, strict=True))
+        return Scene(tuple(motions), self.refs, joined)
+
+    def remembered(self) -> Scene:
+        """Return the scene with matrices and joints remembered, if they are not too large."""
+        motions = (m if m.is_cached or m.rotations.size * 3 > _REMEMBERED else m.with_cache() for m in self.motions)
+        return replace(self, motions=tuple(motions))
+
+
+class Scenes:
+    """A loaded recording, and its scenes after steps; only those on the way to the last one asked for are kept."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._made: dict[tuple[str, ...], Scene] = {(): scene}
+
+    def after(self, steps: Sequence[Transform]) -> Scene:
+        """Return the scene after steps, with matrices and joints remembered."""
+        wanted = tuple(step.sha256 for step in steps)
+        self._made = {made: scene for made, scene in self._made.items() if made == wanted[: len(made)]}
+        scene = self._made[()]
+        for n, step in enumerate(steps, 1):
+            if wanted[:n] not in self._made:
+                self._made[wanted[:n]] = step.scene(scene)
+            scene = self._made[wanted[:n]]
+        self._made[wanted] = scene.remembered()
+        return self._made[wanted]

@@ -1,0 +1,1 @@
+"""Transforms: plug-ins, one file each."""
