@@ -1,1 +1,1 @@
-"""Builds: takes of a source, transformed, encoded as fields, cut into windows, judged by rules."""
+"""The spine of a build: takes of a source become clips to store."""
