@@ -1,1 +1,1 @@
-"""The spine of a build: takes of a source become clips to store."""
+"""The spine of a build: takes of a source become clips."""
