@@ -3,11 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
-from dancedata.datasets.aistpp import parse_name
 from dancedata.evaluation.inputs.clip import ClipSet
-from dancedata.evaluation.inputs.songs import clip_of
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
@@ -46,13 +44,15 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
     if inputs.save_pool is not None and pool is not None:
         save_pool(inputs.save_pool, protocol, pool)
     measured, rejects = measure_clips(resources, protocol, clip_set, inputs.numbers, music)
-    matched, unmatched = _matched(inputs)
+    if clip_set.nothing_matched is not None:
+        raise clip_set.nothing_matched
     if inputs.music is not None and not any(clip.fps for clip in measured):
         raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
     return report_of(
         protocol, measured, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
         numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
-        warnings=[*unmatched, *problems, *_short_music(measured, music), *_in_pool(inputs)], matched=matched,
+        warnings=[*clip_set.warnings, *problems, *_short_music(measured, music), *_in_pool(inputs)],
+        matched=clip_set.matched,
     )  # fmt: skip
 
 
@@ -66,35 +66,6 @@ def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> P
         return measured_pool(resources, request.protocol, pool, numbers)
 
     return with_lost_entries(root, measured, progress)
-
-
-def _matched(inputs: Inputs) -> tuple[str, list[str]]:
-    """Return how many files are of a clip, window or song of the dataset that they are like; a warning if not all.
-
-    DataError if that is true of all: their music and the truth are then not known.
-    """
-    judged, music = inputs.clip_set, inputs.music
-    like = None if music is None else music.like
-    if music is None or like is None or judged.store is not None or not any(clip.file for clip in judged.clips):
-        return "", []
-    known = {name for clip in like.clips for name in (clip.id, clip.group, clip.music) if name}
-    stated = {*music.songs, *music.beats, *music.files}
-    without = [
-        clip.id
-        for clip in judged.clips
-        if clip.id not in known | stated and clip_of(clip.id) not in known and parse_name(clip.id) is None
-    ]
-    n = len(judged.clips)
-    if len(without) < n or music.files:
-        left = f"{len(without)} of {counted(n, 'file')} have no clip, window or song of {like.path.name}"
-        matched = f"{n - len(without)} of {counted(n, 'file')} matched in {like.path.name}"
-        return matched, ([f"{left}, so no music: {listed(without)}"] if without else [])
-    raise DataError(
-        f"none of {counted(n, 'file')} is named as a clip, window or song of the dataset", reason="nothing_matched",
-        where=judged.source, found=listed(without), allowed=f"names such as {listed([c.id for c in like.clips], 2)}",
-        fix="name the files as the clips, or their songs in a list, --music-of FILE.csv; or choose metrics without "
-        "music",
-    )  # fmt: skip
 
 
 def _in_pool(inputs: Inputs) -> list[str]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import count, islice
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -14,33 +12,30 @@ import numpy.typing as npt
 
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.text import counted, listed
+from dancedata.core.text import counted, listed, shown
 from dancedata.evaluation.evaluate import pool_for
 from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.store import columns_problem, reader_for
+from dancedata.evaluation.inputs.naming import of_sample
+from dancedata.evaluation.inputs.store import reader_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
-from dancedata.evaluation.music import ClipMusic, about_windows, beat_field
-from dancedata.evaluation.pool import Pool
+from dancedata.evaluation.music import ClipMusic, about_windows, beat_field, music_of
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.request import Request
-from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, process_rank, sample_lengths
+from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, sample_lengths
 from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.like import Reader, opened, scaling_of, store_of
-from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import Scaler
-from dancedata.store.schema import Field
+from dancedata.store.samples import Sample, Samples
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 #: Takes a list of objects of this process and returns those of all, as accelerate.utils.gather_object does.
 Gather = Callable[[list[Any]], list[Any]]
-#: Samples of a process: measured, left out with the reason, names that the process chose, and traces.
-_Part = tuple[list[MeasuredClip], list[tuple[str, str]], list[str], dict[str, Trace]]
-#: End of the ids of readers, after that of the clip: first frame, length, and augmentations.
-_WINDOW = re.compile(r"@\d+\+\d+(:.*)?$", re.DOTALL)
+#: Samples of a process: measured, left out with the reason, and traces.
+_Part = tuple[list[MeasuredClip], list[tuple[str, str]], dict[str, Trace]]
 #: Largest difference in length of music and motion, rows.
 _ROWS = 2
 
@@ -59,63 +54,60 @@ def _of_dancers(protocol: str | Protocol) -> Protocol:
 class Evaluator:
     """Collects the numbers of generated samples over an epoch, and compares them with a pool at its end.
 
-    Samples are decoded and measured as they come; only their numbers are kept. Made by `Evaluator.of`.
+    Samples are decoded and measured as they come; only their numbers are kept. Their ids say which dances of the
+    dataset they are of: the same samples have the same numbers here and as files of these names.
 
     Parameters
     ----------
+    like
+        The dataset that the model was trained on, or a reader of it: its columns, scaler and rate are those of the
+        samples. A reader states whether samples are normalised, as its own are.
+    field
+        Motion field that the model generates. Default: the first one that has the protocol's joints.
     protocol
         Name of a protocol, or an object of one.
-    reader
-        Reader of the columns.
     pool
-        Numbers that samples are compared with; None: metrics that need a pool are not computed.
-    music_field
-        Audio field that rows of music are of; None without music.
+        Another dataset, or a file of ``--save-pool``, to compare samples with. Default: `like`.
+    split
+        Splits of the pool. Default: the protocol's, such as train.
+    music
+        Audio field of the beats, of which `update` may get other rows. Default: the one with the protocol's beats.
+    normalized
+        Whether samples are normalised by the dataset's scaler; with a dataset it has to be stated.
+    scaler
+        Another scaler, or the file of its ``save``: samples are normalised by it.
+    clip
+        Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
+    jobs, cache
+        As in `dancedata.evaluate`, for the pool, which is measured now.
 
     Attributes
     ----------
     store, field
-        Dataset that `of` was given, and its motion field; None and "" for an evaluator that was made otherwise.
+        The dataset, and its motion field.
+
+    Raises
+    ------
+    UsageError
+        If the field does not have the protocol's joints, the pool is of another protocol, version, rate or scaler, or
+        nothing states whether samples are normalised.
 
     Examples
     --------
     >>> from torch.utils.data import DataLoader
     >>> from dancedata import Evaluator
     >>> from dancedata.readers import WindowDataset
-    >>> evaluator = Evaluator.of("data/aistpp", "edge151", protocol="dancedata", normalized=True)
+    >>> evaluator = Evaluator("data/aistpp", "edge151", normalized=True)
     >>> for batch in DataLoader(WindowDataset("data/aistpp", "val", normalize=True), batch_size=4):
     ...     samples = batch["edge151"]  # of a model that has heard batch["librosa35"]
-    ...     evaluator.update(samples, music=batch["librosa35"], ids=batch["id"])
+    ...     evaluator.update(samples, batch["id"])
     >>> evaluator.gather().compute()["fid_k"] >= 0
     True
     """
 
     def __init__(
         self,
-        protocol: str | Protocol,
-        reader: ColumnsReader,
-        pool: Pool | None = None,
-        *,
-        music_field: Field | None = None,
-    ) -> None:
-        self.protocol = _of_dancers(protocol)
-        self.reader = reader
-        self.pool = pool
-        self.music_field = music_field
-        self.store: Store | None = None
-        self.field = ""
-        self._about_music: tuple[str, ...] = ()
-        problem = columns_problem(reader, self.protocol.motion)
-        if problem:
-            raise UsageError(f"{self.protocol.name} cannot be computed from these columns", found=problem)
-        if pool is not None:
-            pool.require(self.protocol, str(self.protocol.motion.grid or reader.grid))
-        self.reset()
-
-    @classmethod
-    def of(
-        cls,
-        store: str | Path | Store | Reader,
+        like: str | Path | Store | Reader,
         field: str | None = None,
         *,
         protocol: str | Protocol = "dancedata",
@@ -127,64 +119,34 @@ class Evaluator:
         clip: bool = False,
         jobs: int = 1,
         cache: str | Path | None = None,
-    ) -> Self:
-        """Make the evaluator of a model that was trained on a dataset.
-
-        Parameters
-        ----------
-        store
-            The dataset, or a reader of it: its columns, scaler and rate are those of the samples. A reader states
-            whether samples are normalised, as its own are.
-        field
-            Motion field that the model generates. Default: the first one that has the protocol's joints.
-        protocol
-            Name of a protocol, or an object of one.
-        pool
-            Another dataset, or a file of ``--save-pool``, to compare samples with. Default: `store`.
-        split
-            Splits of the pool. Default: the protocol's, such as train.
-        music
-            Audio field that `update` gets rows of. Default: the one with the protocol's beats, if the dataset has it.
-        normalized
-            Whether samples are normalised by the dataset's scaler; with a dataset it has to be stated.
-        scaler
-            Another scaler, or the file of its ``save``: samples are normalised by it.
-        clip
-            Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
-        jobs, cache
-            As in `dancedata.evaluate`, for the pool, which is measured now.
-
-        Raises
-        ------
-        UsageError
-            If the field does not have the protocol's joints, the pool is of another protocol, version, rate or
-            scaler, or nothing states whether samples are normalised.
-        """
-        rules = _of_dancers(protocol)
-        like = opened(store)
-        dataset = store_of(like)
-        name, reader = reader_for(dataset, rules.motion, field)
-        columns = reader.representation.columns.labels
-        scaling = scaling_of(like, name, columns, normalized=normalized, scaler=scaler, clip=clip)
+    ) -> None:
+        self.protocol = rules = _of_dancers(protocol)
+        reader = opened(like)
+        self.store = store_of(reader)
+        self.field, columns = reader_for(self.store, rules.motion, field)
+        labels = columns.representation.columns.labels
+        scaling = scaling_of(reader, self.field, labels, normalized=normalized, scaler=scaler, clip=clip)
         if scaling.normalized is None:
-            raise scaling.unstated(f"{dataset.path}, field {name}")
-        reader = replace(reader, scaling=scaling)
-        beats = music or (None if rules.music is None else beat_field(dataset, rules.music, rules.generated))
+            raise scaling.unstated(f"{self.store.path}, field {self.field}")
+        self.reader = replace(columns, scaling=scaling)
         request = Request(
             what={},
             protocol=rules,
             pool=pool,
             pool_split=split,
-            like=dataset,
-            field=name,
+            like=self.store,
+            field=self.field,
             normalized=scaling.normalized,
             scaler=scaling.scaler if scaling.normalized else None,
         )
-        pool_of_truth = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
-        evaluator = cls(rules, reader, pool_of_truth, music_field=None if beats is None else dataset.field(beats))
-        evaluator.store, evaluator.field = dataset, name
-        evaluator._about_music = () if rules.music is None else tuple(about_windows(dataset, rules.music))
-        return evaluator
+        self.pool = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
+        if self.pool is not None:
+            self.pool.require(rules, str(rules.motion.grid or self.reader.grid))
+        self._samples = Samples(self.store)
+        name = music or (None if rules.music is None else beat_field(self.store, rules.music, rules.generated))
+        self.music_field = None if name is None else self.store.field(name)
+        self._music_of = lru_cache(maxsize=4096)(partial(music_of, self.store, name or ""))
+        self.reset()
 
     def __len__(self) -> int:
         """Return the number of samples, those of other processes too after `gather`."""
@@ -197,83 +159,84 @@ class Evaluator:
         """Forget all samples, for the next epoch."""
         self._measured: dict[str, MeasuredClip] = {}
         self._left_out: dict[str, str] = {}
-        self._unnamed: list[str] = []
         self._traces: dict[str, Trace] = {}
 
     def update(
         self,
-        motion: npt.ArrayLike | Tensor,
+        samples: npt.ArrayLike | Tensor,
+        ids: Sequence[str],
         *,
-        ids: Sequence[str] | None = None,
-        music: npt.ArrayLike | Tensor | None = None,
         lengths: npt.ArrayLike | Tensor | None = None,
+        music: npt.ArrayLike | Tensor | None = None,
     ) -> None:
         """Measure a batch.
 
         Parameters
         ----------
-        motion
+        samples
             (B, L, D) columns, torch or numpy, on any device.
         ids
-            Names of the samples: ``batch["id"]`` of a reader. A repeated one, with the same motion, counts once:
-            samplers repeat samples to fill up. Default: the number of the process and of the sample.
-        music
-            (B, M, D') rows of the audio field, or (B, M) its column of beats; None: beat metrics are not computed.
-            They have the motion's length at the field's rate, within two rows.
+            What the samples are of the dataset: ``batch["id"]`` of a reader. A repeated one, with the same motion,
+            counts once: samplers repeat samples to fill up. Further samples of a window are numbered, ``~s1``.
         lengths
             (B,) rows of motion that each sample has, where it is padded: ``batch["lengths"]["edge151"]`` of
             `pad_clips`. Motion and music after them do not count. Default: all.
+        music
+            Other music than that of the dataset: (B, M, D') rows of the audio field, or (B, M) its column of beats.
+            They have the motion's length at the field's rate, within two rows.
 
         Raises
         ------
         UsageError
             For arrays that are not such a batch, padded motion without lengths, music of another length, or another
-            motion or music under a name that exists.
+            motion or music under an id that exists.
+        DataError
+            "no_clip" and "outside", for ids that are not of the dataset.
         """
-        batch = as_numpy(motion)
+        batch = as_numpy(samples)
         if batch.ndim != 3:
             raise UsageError("a batch of motion has three axes", found=f"shape {batch.shape}", allowed="(B, L, D)")
         width = self.reader.representation.columns.width
         if batch.shape[2] != width:
             raise UsageError(f"a batch of motion is not columns of {self.reader.representation.name}",
                              found=f"shape {batch.shape}", allowed=f"(B, L, {width})")  # fmt: skip
-        named = self._numbered(len(batch)) if ids is None else [str(i) for i in ids]
-        if len(named) != len(batch):
-            raise UsageError("ids and motion differ in length", found=f"{len(named)} and {len(batch)}")
-        sizes = sample_lengths(batch, named, None if lengths is None else as_numpy(lengths))
+        if isinstance(ids, str) or len(ids) != len(batch):
+            raise UsageError("ids are not those of the samples", found=shown(ids),
+                             allowed=f'{len(batch)}, as batch["id"] has them')  # fmt: skip
+        of_dataset = [self._samples.require(name) for name in ids]
+        sizes = sample_lengths(batch, ids, None if lengths is None else as_numpy(lengths))
         rows = None if music is None else self._beats(as_numpy(music), batch.shape[1], sizes, lengths is not None)
-        if ids is None:
-            self._unnamed += named
-        for k, name in enumerate(named):
+        for k, sample in enumerate(of_dataset):
             beats, columns = None if rows is None else rows[k], batch[k, : sizes[k]]
-            if not self._repeats(name, Trace.of(columns, beats)):
-                self._measure(name, columns, beats)
-
-    def _numbered(self, n: int) -> list[str]:
-        """Return unique names for samples without ids."""
-        numbers = (f"{process_rank()}/{k}" for k in count(len(self)))
-        return list(islice((name for name in numbers if name not in self._traces), n))
+            if not self._repeats(str(sample.id), Trace.of(columns, beats)):
+                self._measure(sample, columns, None if beats is None else ClipMusic(beats))
 
     def _repeats(self, name: str, trace: Trace) -> bool:
-        """Whether a sample is a repeated one; UsageError if it has the name of another one."""
+        """Whether a sample is a repeated one; UsageError if it has the id of another one."""
         first = self._traces.setdefault(name, trace)
         if not first.same(trace):
-            raise UsageError(
-                "samples that differ have one id", found=name, fix='give each its own, as readers do: ids=batch["id"]'
-            )
+            raise UsageError("samples that differ have one id", found=name,
+                             fix=f"number them: {name}, {name}~s1 and so on")  # fmt: skip
         return first is not trace
 
-    def _measure(self, name: str, columns: npt.NDArray[Any], beats: MusicBeats | None) -> None:
-        music = None if beats is None else ClipMusic(beats)
+    def _measure(self, sample: Sample, columns: npt.NDArray[Any], music: ClipMusic | None) -> None:
+        name = str(sample.id)
         try:
             pose = self.reader.pose(columns, where=f"sample {name}")
+            clip = of_sample(MemoryClip(id=name, joints=pose.joints, grid=pose.grid), sample)
+            pose = clip.as_stated(pose)
+            if music is None and self.music_field is not None:
+                music = self._music(sample)
             numbers = measure_pose(self.protocol, "generated", range(len(self.protocol.measures)), pose, music)
         except DataError as error:
             self._left_out[name] = str(error)
             return
-        measured = MeasuredClip.of(MemoryClip(id=name, joints=pose.joints, grid=pose.grid), numbers)
-        # Windows of a clip are not independent: intervals leave out the clip as a whole.
-        self._measured[name] = replace(measured, clip=_WINDOW.sub("", name))
+        self._measured[name] = MeasuredClip.of(clip, numbers)
+
+    def _music(self, sample: Sample) -> ClipMusic:
+        if self.store.scope == "window":
+            return self._music_of(sample.windows[0])
+        return self._music_of(sample.clip.id).from_second(sample.music_start_s - sample.clip.audio_start)
 
     def _beats(self, music: npt.NDArray[Any], whole: int, sizes: Sequence[int], padded: bool) -> list[MusicBeats]:
         """Return the beats of each sample, of motion of `sizes` rows in a batch of `whole` rows."""
@@ -281,7 +244,7 @@ class Evaluator:
         if field is None:
             raise UsageError(
                 "the dataset has no beats of this protocol", found=f"protocol {self.protocol.name}",
-                fix="leave out music, or name the audio field: Evaluator.of(..., music=FIELD)",
+                fix="leave out music, or name the audio field: Evaluator(..., music=FIELD)",
             )  # fmt: skip
         if music.ndim not in (2, 3):
             raise UsageError(
@@ -301,7 +264,7 @@ class Evaluator:
                 "music and motion of a batch differ in length",
                 found=f"{n} rows of music, {whole} of motion",
                 allowed=f"{longest} rows of {field.name}, which has {field.grid.rate} per second, within {_ROWS}",
-                fix="give the rows of the same frames; a field of another rate: Evaluator.of(..., music=FIELD)",
+                fix="give the rows of the same frames; a field of another rate: Evaluator(..., music=FIELD)",
             )  # fmt: skip
         return [field_beats(rows[:end], field) for rows, end in zip(music, ends, strict=True)]
 
@@ -320,16 +283,10 @@ class Evaluator:
         Raises
         ------
         UsageError
-            If samples without ids have equal numbers in two processes: they run without torch.distributed. If samples
-            that differ have one id.
+            If samples that differ have one id.
         """
-        part: _Part = (list(self._measured.values()), list(self._left_out.items()), self._unnamed, self._traces)
+        part: _Part = (list(self._measured.values()), list(self._left_out.items()), self._traces)
         parts: list[_Part] = (gather or gather_by_torch)([part])
-        unnamed = Counter(name for _, _, names, _ in parts for name in names)
-        twice = [name for name, n in unnamed.items() if n > 1]
-        if twice:
-            raise UsageError("samples of two processes have one name", found=listed(twice),
-                             fix="name them: update(..., ids=[...])")  # fmt: skip
         first: dict[str, Trace] = {}
         differ = {
             name
@@ -346,7 +303,7 @@ class Evaluator:
         # The first process that has a sample counts: the same one in every process.
         self.reset()
         self._traces = first
-        for measured, left_out, _, _ in parts:
+        for measured, left_out, _ in parts:
             for clip in measured:
                 if clip.id not in self._left_out:
                     self._measured.setdefault(clip.id, clip)
@@ -372,18 +329,14 @@ class Evaluator:
             reason = next(iter(self._left_out.values()), "no batch was given to update")
             raise UsageError("no sample could be measured", found=reason)
         clips = [self._measured[name] for name in sorted(self._measured)]
-        with_music = any(trace.beats is not None for trace in self._traces.values())
         return report_of(
             self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap,
-            warnings=self._about_music if with_music else self._without_music(),
-            left_out=sorted(self._left_out.items()),
+            warnings=self._about_music(), left_out=sorted(self._left_out.items()),
         )  # fmt: skip
 
-    def _without_music(self) -> list[str]:
-        """Return a warning if all samples are without music, and the protocol takes it."""
-        if not any(measure.metric.needs_music for measure in self.protocol.measures):
-            return []
-        field = self.music_field
-        if field is None:
-            return ["no beats of music: the dataset has no audio field with those of this protocol"]
-        return [f"no beats of music: give update(..., music=batch[{field.name!r}])"]
+    def _about_music(self) -> list[str]:
+        """Return what is to be known of the beats of the dataset."""
+        if self.protocol.music is None or self.music_field is None:
+            needed = any(measure.metric.needs_music for measure in self.protocol.measures)
+            return ["no beats of music: the dataset has no audio field with those of this protocol"] * needed
+        return about_windows(self.store, self.protocol.music)

@@ -52,7 +52,7 @@ class Measurement(NamedTuple):
 class MeasuredClip:
     """The numbers of a clip.
 
-    `clip`: Id that resampling draws by; several windows may share one.
+    `clip`: Recording that resampling draws; several clips may share one.
     `fps`: Rate that was measured; "" if only metrics of music are computed, and the clip has none.
     `cuts`: First frame and length of each piece.
     `rows`: By the number of a protocol's measure, the outcome of each piece; None if the measure needs music and the
@@ -90,7 +90,7 @@ class MeasuredClip:
             last = Measurement(*result)  # of the cache it is a list
             rows[number] = tuple(piece if isinstance(piece, str) else tuple(piece) for piece in last.outcomes)
         cuts = tuple((start, length) for start, length in last.cuts)
-        return cls(clip.id, clip.clip, str(last.fps), cuts, rows, tuple(last.notes))
+        return cls(clip.id, clip.recording or clip.clip, str(last.fps), cuts, rows, tuple(last.notes))
 
 
 def measure_pose(

@@ -16,9 +16,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
-from dancedata.datasets.aistpp import parse_name, tempo_bpm
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
-from dancedata.evaluation.inputs.songs import MusicSources, Song, begin_of, of_known
+from dancedata.evaluation.inputs.songs import MusicSources, Song
 from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
 from dancedata.execution.cache import Cache
@@ -87,6 +86,10 @@ class ClipMusic:
         end_s = None if self.end_s is None else self.end_s - float(grid.seconds(row))
         return replace(self, beats=beats_after(self.beats, row, grid), end_s=end_s)
 
+    def from_second(self, begin: Fraction) -> Self:
+        """Return the beats of music whose second `begin` is at the clip's frame 0."""
+        return self.from_row(begin.numerator, FrameGrid.of(begin.denominator))  # second p / q is row p of q a second
+
     def identity(self, *, instants: bool) -> list[Any]:
         """Return JSON data for cache keys: frames, and where a metric reads them the instants."""
         pieces = None
@@ -115,10 +118,7 @@ def clip_music(
     rule, role = protocol.music, clip_set.role
     if rule is None or sources is None:
         return {}, []
-    stores = [store for store in (clip_set.store, sources.like) if store is not None]
-    known = {*sources.files, *(clip.music for store in stores for clip in store.clips)}
-    sources = replace(sources, songs=of_known(sources.songs, known))
-    clips = named_songs(clip_set.clips, sources.songs, sources.like or clip_set.store)
+    clips = clip_set.clips
     music = {clip: ClipMusic(_beats_of(clip, beats, protocol)) for clip, beats in sources.beats.items()}
     problems: list[str] = []
     if sources.files:
@@ -128,9 +128,8 @@ def clip_music(
     for store in (clip_set.store, sources.like):
         without = [clip for clip in clips if clip.id not in music]
         if store is not None and without:
-            stored = stored_beats(
-                store, rule, protocol.pieces(role), without, sources.songs, resources.cache.file_sha256
-            )
+            own = replace(clip_set, clips=tuple(without))
+            stored = stored_beats(store, rule, protocol.pieces(role), own, sources.songs, resources.cache.file_sha256)
             problems += about_windows(store, rule) if stored else []
             music |= stored
     silent = sorted({clip.music for clip in clips if clip.id in sources.songs and clip.id not in music})
@@ -173,7 +172,7 @@ def song_beats(
     """Compute the beats of songs that have a file; return them by the id of the clip, and problems in words."""
     job = _job(protocol, rule, role)
     clips_with_file = [clip for clip in clips if clip.music in files]
-    missing = sorted({clip.music for clip in clips} - set(files))
+    missing = sorted({clip.music or clip.id for clip in clips} - set(files))
     problems = [f"no music file for {listed(missing)}"] if missing else []
     paths = sorted({files[clip.music] for clip in clips_with_file})
     calls = [(resources.cache, path) for path in paths]
@@ -273,54 +272,43 @@ def _run(
 
 
 def stored_beats(
-    store: Store,
-    rule: MusicRule,
-    pieces: Pieces,
-    clips: Sequence[ClipInput],
-    songs: Mapping[str, str],
-    sha256: FileHash,
+    store: Store, rule: MusicRule, pieces: Pieces, clip_set: ClipSet, songs: Mapping[str, str], sha256: FileHash
 ) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
-    They are of the clip's rows or, if it is not in the store or `songs` names another song for it, of the longest
-    clip with that song. StoreError if their shards have other bytes than the build wrote, by `sha256` of files.
+    They are those of the clip that a clip is, or is a sample of; or, where it is none of the store, or `songs` names
+    another song for it, those of the longest clip with that song. StoreError if their shards have other bytes than
+    the build wrote, by `sha256` of files.
     """
     name = beat_field(store, rule, pieces)
     if name is None:
         return {}
-    field = store.field(name)
     records = _records(store)
     # A clip that only names a song begins with it: the rows of a clip that begins elsewhere are not its.
     whole = sorted(
         (c for c in store.clips if c.music and not c.source and not c.audio_start), key=lambda c: (c.n_frames, c.id)
     )
     longest = {c.music: c.id for c in whole}
-    sources: dict[str, str | Window] = {}
-    begins: dict[str, Fraction] = {}
-    for clip in clips:
-        record = records.get(clip.clip)
-        song = songs.get(clip.id)
-        same_song = record is not None and song in (None, record.music) and not _is_placed(song)
-        if same_song and isinstance(clip, StoreClip) and clip.window and clip.reference == store.reference:
-            sources[clip.id] = clip.window
-            continue
-        if record is not None and same_song:
-            source: str | None = record.id
-        else:
-            source, begins[clip.id] = longest.get(clip.music), clip.audio_start
-        if source is not None and store.scope == "track":
-            sources[clip.id] = source
-    store.require_intact({s.clip if isinstance(s, Window) else s for s in sources.values()}, sha256=sha256)
-    read = {
-        c: (0, store.read(s, name)) if isinstance(s, Window) else store.rows_within(s, name)
-        for c, s in sources.items()
-    }
-    music = {}
-    for clip_id, (first, rows) in read.items():
-        begin = begins.get(clip_id, Fraction(0))  # second p / q is row p of q rows per second
-        of_clip = ClipMusic.of_rows(rows, field).from_row(-first, field.grid)
-        music[clip_id] = of_clip.from_row(begin.numerator, FrameGrid.of(begin.denominator))
-    return music
+    sources: dict[str, tuple[str | Window, Fraction]] = {}
+    for clip in clip_set.clips:
+        sample, song = clip_set.samples.get(clip.id), songs.get(clip.id)
+        record = records.get(clip.clip) if sample is None or sample.store is not store else sample.clip
+        if record is not None and song in (None, record.music) and not _is_placed(song):
+            if isinstance(clip, StoreClip) and clip.window and store.scope == "window":
+                sources[clip.id] = clip.window, Fraction(0)
+            elif store.scope == "track":
+                sources[clip.id] = record.id, clip.audio_start - record.audio_start
+        elif clip.music in longest and store.scope == "track":
+            sources[clip.id] = longest[clip.music], clip.audio_start
+    store.require_intact({s.clip if isinstance(s, Window) else s for s, _ in sources.values()}, sha256=sha256)
+    read = {s: music_of(store, name, s) for s in dict.fromkeys(s for s, _ in sources.values())}
+    return {clip: read[s].from_second(begin) for clip, (s, begin) in sources.items()}
+
+
+def music_of(store: Store, field: str, of: str | Window) -> ClipMusic:
+    """Return the beats that a field has of a clip, or of a window alone."""
+    first, rows = (0, store.read(of, field)) if isinstance(of, Window) else store.rows_within(of, field)
+    return ClipMusic.of_rows(rows, store.field(field)).from_row(-first, store.field(field).grid)
 
 
 def _is_placed(song: str | None) -> bool:
@@ -328,9 +316,9 @@ def _is_placed(song: str | None) -> bool:
     return isinstance(song, Song) and song.start is not None
 
 
-def _records(store: Store, *, copies: bool = False) -> dict[str, ClipView]:
-    """Return the clips of a store by id, and of each group the first one by the group's."""
-    clips = [c for c in store.clips if copies or not c.source]
+def _records(store: Store) -> dict[str, ClipView]:
+    """Return the clips of a store by id, and of each group the first one by the group's; no copies."""
+    clips = [c for c in store.clips if not c.source]
     return {c.group: c for c in reversed(clips) if c.group} | {c.id: c for c in clips}
 
 
@@ -353,25 +341,3 @@ def about_windows(store: Store, rule: MusicRule) -> list[str]:
         "beats are those of each window by itself, as the dataset is of window scope; the protocol takes those of "
         "whole songs: scores of beats only compare with those of such datasets"
     ]
-
-
-def named_songs(clips: Sequence[ClipInput], songs: Mapping[str, str], like: Store | None) -> tuple[ClipInput, ...]:
-    """Return clips with the names, tempos and beginnings of their songs.
-
-    The name is from `songs`, the clip itself, the clip of that id in a store, or AIST++'s name of a sequence;
-    otherwise it is the clip's id. The tempo is of this song, where the clip, a clip of the store or AIST++ states it.
-    """
-    records = {} if like is None else _records(like, copies=True)
-    tempos = {c.music: c.tempo_bpm for c in records.values() if c.music and c.tempo_bpm}
-    named = []
-    for clip in clips:
-        record, name, song = records.get(clip.id), parse_name(clip.id), songs.get(clip.id)
-        names = (song, clip.music, record and record.music, name and name.music, clip.id)
-        music = next(text for text in names if text)
-        same = [c for c in (clip, record) if c is not None and song in (None, c.music)]
-        tempo = next((c.tempo_bpm for c in same if c.tempo_bpm), None) or tempos.get(music) or tempo_bpm(music)
-        start = next((c.audio_start for c in same if c.audio_start), Fraction(0))
-        if song is not None and (_is_placed(song) or not (same or isinstance(clip, StoreClip))):
-            start = begin_of(clip.id, song, like)
-        named.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
-    return tuple(named)

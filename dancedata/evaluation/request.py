@@ -1,7 +1,7 @@
 """Options of an evaluation, and the set, the pool and the music that they name, as clips that can be measured."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import METRICS, REPRESENTATIONS
-from dancedata.core.text import listed, quoted, shown
+from dancedata.core.text import counted, listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, GroupClip, MemoryClip
-from dancedata.evaluation.inputs.files import FileClip, FileFormat, folder_clips
+from dancedata.evaluation.inputs.files import FileFormat, file_clip, folder_clips
+from dancedata.evaluation.inputs.naming import named_clips
 from dancedata.evaluation.inputs.songs import MusicSources, song_files
-from dancedata.evaluation.inputs.store import named_reader, store_clips, without_field
+from dancedata.evaluation.inputs.store import named_reader, store_clips, truth_of, without_field
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
@@ -44,6 +45,7 @@ class Inputs:
     `numbers`, `pool_numbers`: Measures of the protocol that are computed of the set and of the pool.
     `pool`: Clips, or the pool of a file; None: metrics that need one are not computed.
     `music`: Sources of beats; None: no metric takes them.
+    `truth`: The dances of the dataset that generated ones are of, or to the same songs; None without a dataset.
     `save_pool`: File to write the pool to.
     """
 
@@ -53,6 +55,7 @@ class Inputs:
     pool: ClipSet | Pool | None
     pool_numbers: list[int]
     music: MusicSources | None
+    truth: ClipSet | None = None
     draws: int = 200
     save_pool: Path | None = None
 
@@ -127,10 +130,42 @@ class Request:
             raise UsageError("the list of songs names unknown clips", found=listed(unknown))
         if music is not None and (unknown := sorted(set(music.beats) - ids)):
             raise UsageError("beats given for unknown clips", found=listed(unknown))
+        clip_set = self._named(clip_set, music)
         return Inputs(
             protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
-            music=music, draws=self.draws, save_pool=self.save_pool,
+            music=music, truth=self._truth(clip_set), draws=self.draws, save_pool=self.save_pool,
         )  # fmt: skip
+
+    def _named(self, clip_set: ClipSet, music: MusicSources | None) -> ClipSet:
+        """Return clips with what their names say."""
+        files = frozenset() if music is None else frozenset(music.files)
+        named = named_clips(clip_set.clips, self.songs, self.like or clip_set.store, files)
+        clip_set = replace(clip_set, clips=named.clips, samples=named.samples)
+        if self.like is None or clip_set.store is not None:
+            return clip_set
+        nothing = None
+        if music is not None and not {*music.songs, *music.beats, *music.files}:
+            nothing = named.nothing_matched(clip_set.source, self.like)
+        unknown = [clip for clip in named.unknown if music is None or clip not in music.beats]
+        left = f"{counted(len(unknown), 'file')} of {len(named.clips)} without a clip, window or song of "
+        warning = [f"{left}{self.like.path.name}, so without music: {listed(unknown)}"] if unknown else []
+        return replace(clip_set, matched=named.found(Path(clip_set.source).name, self.like), warnings=tuple(warning),
+                       nothing_matched=nothing)  # fmt: skip
+
+    def _truth(self, clip_set: ClipSet) -> ClipSet | None:
+        """Return the dances of the dataset that samples are of; else those of its split test to their songs."""
+        like = self.like
+        if like is None or clip_set.role == "truth" or clip_set.store is not None:
+            return None
+        if clip_set.samples and self.split is None and like.scope == "track":
+            clips = truth_of(clip_set.samples, self.protocol, self.field)
+            samples = {str(replace(of.id, take=0)): of for of in clip_set.samples.values()}
+            return ClipSet(clips, f"the same of {like.path.name}", clip_set.role, like, samples=samples)
+        split = self.split or ("test" if "test" in like.splits else None)
+        truth = self._clip_set(like, split, "truth")
+        songs = {clip.music for clip in clip_set.clips}
+        to_them = tuple(clip for clip in truth.clips if clip.music in songs)
+        return replace(truth, clips=to_them or truth.clips)
 
     def pool_input(self, numbers: Iterable[int] | None = None) -> tuple[ClipSet | Pool | None, list[int]]:
         """Return the pool, by default that of --like or of the dataset itself, and the measures that need one."""
@@ -159,7 +194,7 @@ class Request:
             left_out = without_field(store, self.protocol, split=split, field=self.field)
             source = f"{place}" + (f", split {split}" if split else "")
             return ClipSet(clips, source, role, store, left_out=left_out)
-        if split is not None:
+        if split is not None and self.like is None:
             raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
         role = role or "generated"
         if isinstance(what, Mapping):
@@ -177,7 +212,7 @@ class Request:
             return ClipSet(clips, str(path), role, scaler_sha256=self.scaler_sha256)
         if not path.exists():
             raise UsageError("there is nothing to evaluate", where=path, allowed="a built dataset, a folder, a file")
-        file = FileClip(id=path.stem, path=path.absolute(), format=form)
+        file = file_clip(path.absolute(), form)
         return ClipSet((file,), str(path), role, scaler_sha256=self.scaler_sha256)
 
     def _grid(self) -> FrameGrid | None:

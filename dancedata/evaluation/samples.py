@@ -64,12 +64,6 @@ def _torch_distributed() -> Any:
     return distributed if ready else None
 
 
-def process_rank() -> int:
-    """Return the rank in torch.distributed; 0 without it."""
-    distributed = _torch_distributed()
-    return 0 if distributed is None else int(distributed.get_rank())
-
-
 def gather_by_torch(objects: list[Any]) -> list[Any]:
     """Return the objects of all processes of torch.distributed; those of this one without it."""
     distributed = _torch_distributed()

@@ -14,6 +14,7 @@ from dancedata.core.arguments import whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.sample_id import safe_name
 from dancedata.core.sample_steps import Augment
 from dancedata.core.spatial import middle_of
 from dancedata.core.text import listed
@@ -245,7 +246,7 @@ class GroupDataset(WindowDataset):
         ids, roles = ([tables.values(name, of_sample) for of_sample in rows] for name in ("id", "role"))
         groups = [group or ids_of[0] for group, ids_of in zip(tables.values("group", first), ids, strict=True)]
         values["id"] = [
-            name.replace(clip, group, 1)
+            name.replace(safe_name(clip), safe_name(group), 1)
             for name, clip, group in zip(values["id"], values["clip"], groups, strict=True)
         ]
         n_blank = [self.persons - len(of_sample) for of_sample in rows]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.sample_id import safe_name
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.readers.batch_reader import Array, Layout, ReadBatch
@@ -197,7 +198,7 @@ class Mix(EpochDataset):
         """Return the values that a sample of a source has in a mix."""
         source = self.sources[number]
         genre_id = self.genre_ids.get(genre, -1)
-        return {"id": f"{source}={sample_id}", "genre_id": genre_id, "source": source, "source_id": number}
+        return {"id": f"{safe_name(source)}={sample_id}", "genre_id": genre_id, "source": source, "source_id": number}
 
     def _parts(self, indices: Sequence[int], epoch: int | None) -> Iterator[tuple[int, list[int], list[int], int]]:
         """Yield source, rows of the batch, places in the source and the epoch there, for each source and pass."""

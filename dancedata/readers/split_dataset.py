@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dancedata.core.arguments import probability, whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.sample_id import id_text
 from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
@@ -345,7 +346,7 @@ class SplitDataset(EpochDataset):
         tempos = [self._estimated_tempo(c) if bpm is None else bpm for c, bpm in zip(clips, stated, strict=True)]
         mirrored = [names.count("mirror") % 2 == 1 for names in copies]
         return {
-            "id": [f"{c}@{s}+{n}{d}" for c, s, n, d in zip(clips, starts, lengths, marks, strict=True)],
+            "id": [id_text(*of) for of in zip(clips, starts, lengths, marks, strict=True)],
             "clip": clips,
             "start": starts,
             "length": lengths,

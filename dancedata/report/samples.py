@@ -14,7 +14,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.inputs.songs import read_songs
-from dancedata.evaluation.music import ClipMusic, Resources, clip_music, named_songs
+from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report as Evaluation
 from dancedata.evaluation.request import Inputs, Request
@@ -127,8 +127,7 @@ def _compared(
     kept = [k for k, (_, split, _) in enumerate(space.window_of) if split == "train"]
     space.windows, space.window_of = [space.windows[k] for k in kept], [space.window_of[k] for k in kept]
     first = len(space.pose_of)
-    of_caller = {} if inputs.music is None else inputs.music.songs
-    named = {c.id: c.music for c in named_songs(inputs.clip_set.clips, of_caller, store) if c.id in music}
+    named = {c.id: c.music for c in inputs.clip_set.clips if c.id in music}
     dancers, rows = {}, {}
     for item in scenes.items:
         for dancer in item.members or (item,):

@@ -61,7 +61,7 @@ class SampleLog:
     Parameters
     ----------
     evaluator
-        Made by `Evaluator.of`.
+        Of the dataset.
     folder
         Where the pages are written, step-00000400.html and so on; made if it is not there. None: no pages.
     wall
@@ -75,7 +75,7 @@ class SampleLog:
     >>> from dancedata import Evaluator
     >>> from dancedata.readers import WindowDataset
     >>> from dancedata.training import SampleLog
-    >>> log = SampleLog(Evaluator.of("data/aistpp", "edge151", normalized=True), "runs/walls")
+    >>> log = SampleLog(Evaluator("data/aistpp", "edge151", normalized=True), "runs/walls")
     >>> for batch in DataLoader(WindowDataset("data/aistpp", "val", normalize=True), batch_size=4):
     ...     log.update(batch["edge151"], batch)  # samples of a model that has heard batch["librosa35"]
     >>> log.finish(step=400).page
@@ -87,10 +87,6 @@ class SampleLog:
     ) -> None:
         if not 1 <= wall <= _MOST:
             raise UsageError("invalid number of samples of a page", found=wall, allowed=f"1 to {_MOST}")
-        if folder is not None and evaluator.store is None:
-            raise UsageError(
-                "this evaluator has no dataset, whose dances stand beside samples", fix="make it with Evaluator.of"
-            )
         self.evaluator, self.wall, self.prefix = evaluator, wall, prefix
         self.folder = None if folder is None else Path(folder).expanduser()
         self._samples: list[WindowSample] = []
@@ -111,8 +107,7 @@ class SampleLog:
         motion
             (B, L, D) columns, torch or numpy, on any device.
         batch
-            The batch of a reader that they were generated for: it has the ids, the music where it was read, and the
-            lengths where it is padded.
+            The batch of a reader that they were generated for: it has the ids, and the lengths where it is padded.
 
         Raises
         ------
@@ -123,11 +118,9 @@ class SampleLog:
         if missing:
             raise UsageError("this batch is not of a reader of the dataset", found=f"no key {missing[0]!r}",
                              allowed="batches of WindowDataset, or of ClipDataset with pad_clips")  # fmt: skip
-        field, music = self.evaluator.field, self.evaluator.music_field
-        lengths = batch.get("lengths", {}).get(field)
+        lengths = batch.get("lengths", {}).get(self.evaluator.field)
         columns = as_numpy(motion)
-        heard = None if music is None else batch.get(music.name)
-        self.evaluator.update(columns, ids=batch["id"], music=heard, lengths=lengths)
+        self.evaluator.update(columns, batch["id"], lengths=lengths)
         places = zip(batch["clip"], batch["start"], batch["length"], strict=True)
         for k, (clip, start, length) in enumerate(places):
             if self.folder is not None and len(self._samples) < self.wall:
@@ -181,7 +174,7 @@ class SampleLog:
     def _page(self, step: int) -> Path | None:
         """Write the page of a step; one of the same step, of an interrupted training, is replaced."""
         evaluator, folder = self.evaluator, self.folder
-        if folder is None or evaluator.store is None:
+        if folder is None:
             return None
         path = folder / f"step-{step:08d}.html"
         try:

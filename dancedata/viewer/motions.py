@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,8 @@ from dancedata.core.typing import override
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.files import FileFormat, clips_of
-from dancedata.evaluation.inputs.songs import begin_of, of_known, read_songs, song_files, window_begin
+from dancedata.evaluation.inputs.naming import named_clips
+from dancedata.evaluation.inputs.songs import Song, read_songs, song_files
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import INTERRUPTED, describe_folder
@@ -39,60 +40,63 @@ _FEATURE, _RATE = "librosa35", 30
 
 @dataclass(frozen=True, eq=False)
 class MusicFiles:
-    """Music files of clips that are not of a dataset.
+    """Music files of clips that are not of a dataset, by their ids.
 
-    `files`: File by the id of a clip.
-    `begins`: Its second at the clip's first frame, where it is not 0.
+    `clips`: The clips, each with the second of its song at its first frame.
+    `files`: Their songs.
     """
 
+    clips: Mapping[str, ClipInput]
     files: Mapping[str, Path]
-    begins: Mapping[str, Fraction] = field(default_factory=dict)
 
     @classmethod
-    def beside(cls, path: Path, clips: Sequence[str], like: Store | None = None) -> MusicFiles:
+    def beside(cls, path: Path, clips: Sequence[ClipInput], like: Store | None = None) -> MusicFiles:
         """Return the music of clips.
 
-        `path`: A music file, which is that of every clip; a folder of files that are named as a clip, or as a part of
-            its name between underscores; or a CSV file with the columns clip, song and, where clips do not begin with
-            their songs, start_s, with the songs in its folder.
-        `like`: The dataset whose windows clips with ids such as "clip@75" are: it knows where they begin in their
-            songs.
+        `path`: A music file, which is that of every clip; a folder of files that are named as a clip, its song, or a
+            part of its name between underscores; or a CSV file with the columns clip, song and, where clips do not
+            begin with their songs, start_s, with the songs in its folder.
+        `like`: The dataset whose samples clips are: it knows where they begin in their songs.
         Raises UsageError: if there is no such file, or none for any clip; if it is not known where a window begins in
-            its song.
+            its song; if a file is named for samples that dance to another song.
         """
         if path.suffix.lower() in AUDIO_SUFFIXES:
-            if not path.is_file():
-                raise UsageError("there is no such music file", where=path)
-            return cls(dict.fromkeys(clips, path), _begins(clips, {}, like))
-        named = {} if path.is_dir() else read_songs(path)
-        songs = song_files(path if path.is_dir() else path.parent)
-        named = of_known(named, songs)
-        songs_of_clips = {clip: songs.get(named.get(clip, clip)) or _song_within(clip, songs) for clip in clips}
-        files = {clip: file for clip, file in songs_of_clips.items() if file is not None}
-        if not files:
-            raise UsageError("no file of this music is named as a clip", where=path, found=listed(sorted(songs), 5),
-                             allowed=listed(clips, 5),
+            return cls._of_one(path, clips, like)
+        songs = {} if path.is_dir() else read_songs(path)
+        files = song_files(path if path.is_dir() else path.parent)
+        named = named_clips(clips, songs, like, frozenset(files)).clips
+        music = {clip.id: files[clip.music] for clip in named if clip.music in files}
+        if not music:
+            raise UsageError("no file of this music is named as a clip", where=path, found=listed(sorted(files), 5),
+                             allowed=listed([clip.id for clip in clips], 5),
                              fix="name one file, or a CSV file with the columns clip,song")  # fmt: skip
-        return cls(files, _begins(files, named, like))
+        return cls({clip.id: clip for clip in named}, music)
+
+    @classmethod
+    def _of_one(cls, path: Path, clips: Sequence[ClipInput], like: Store | None) -> MusicFiles:
+        if not path.is_file():
+            raise UsageError("there is no such music file", where=path)
+        samples = named_clips(clips, {}, like).samples
+        for name, sample in samples.items():
+            if sample.id.start is not None and sample.clip.music not in ("", path.stem):
+                second = f"{float(sample.music_start_s):g}"
+                raise UsageError(
+                    "a song is named for a window whose music the dataset has", where=name, found=path.name,
+                    allowed=f"{sample.clip.music}, from its second {second}",
+                    fix=f"for other music on purpose write a list: {name},{path.name},SECONDS (clip,song,start_s)",
+                )  # fmt: skip
+        songs = {clip.id: Song.of(path.stem, Fraction(0) if clip.id in samples else None) for clip in clips}
+        named = {clip.id: clip for clip in named_clips(clips, songs, None).clips}
+        named |= {name: replace(named[name], audio_start=of.music_start_s) for name, of in samples.items()
+                  if of.id.start is not None}  # fmt: skip
+        return cls(named, dict.fromkeys(named, path))
 
     def signal(self, clip: str, n_seconds: Fraction) -> AudioSignal | None:
         """Return the music of the first seconds of a clip, silent where it has ended; None without any."""
         path = self.files.get(clip)
-        begin = self.begins.get(clip, Fraction(0))
-        return None if path is None else cut(load_audio(path), begin, min(n_seconds, Fraction(MAX_SECONDS)))
-
-
-def _begins(clips: Iterable[str], named: Mapping[str, str], like: Store | None) -> dict[str, Fraction]:
-    """Return the second of their songs at which clips begin; UsageError for a window of which it is not known."""
-    known = {clip: None if clip in named else window_begin(clip, like) for clip in clips}
-    return {clip: begin_of(clip, named.get(clip), like) if begin is None else begin for clip, begin in known.items()}
-
-
-def _song_within(clip: str, songs: Mapping[str, Path]) -> Path | None:
-    """Return the song whose name is a part of the clip's, as in AIST++'s gBR_sBM_cAll_d04_mBR0_ch01."""
-    parts = set(clip.split("_"))
-    named = [song for song in songs if song in parts]
-    return songs[named[0]] if len(named) == 1 else None
+        if path is None:
+            return None
+        return cut(load_audio(path), self.clips[clip].audio_start, min(n_seconds, Fraction(MAX_SECONDS)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +130,7 @@ class MotionScenes(SceneList):
         if not clips:
             raise UsageError("there is no motion to show", where=name)
         self.place, self.body, self.music, self.beats = name, body, music, beats or {}
+        self._clips = {clip.id: clip for clip in clips} if music is None else music.clips
         self._loaded, first = {}, None
         for clip in clips:
             try:
@@ -153,8 +158,11 @@ class MotionScenes(SceneList):
             return Item(number, ClipRecord(id=name, split="", n_frames=1), 0, 1)
         figure = loaded.figures[0]
         n_frames = self.grid.frames_up(figure.grid.seconds(figure.n_frames))
-        song = "" if self.music is None else self.music.files.get(name, Path()).stem
-        clip = ClipRecord(id=name, split="", n_frames=n_frames, music=song, source_rate=str(figure.grid.rate))
+        of = self._clips[name]
+        clip = ClipRecord(
+            id=name, split="", n_frames=n_frames, music=of.music, audio_start=of.audio_start,
+            source_rate=str(figure.grid.rate),
+        )  # fmt: skip
         if len(loaded.figures) == 1:
             return Item(number, clip, 0, n_frames)
         members = tuple(
@@ -248,9 +256,9 @@ def motion_scenes(
     if len(set(names)) < len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
         raise UsageError("two files have one name", where=path, found=listed(twice, 5), fix="rename one of them")
-    beside = None if music is None else MusicFiles.beside(music, names, like)
+    beside = None if music is None else MusicFiles.beside(music, clips, like)
     try:
-        return MotionScenes(clips, path.name, beside, body)
+        return MotionScenes(named_clips(clips, {}, like).clips, path.name, beside, body)
     except DataError as error:
         if error.reason == "bad_shape" and form.columns is None:
             error.fix = "if these are columns, say of what: --as edge151, and --like STORE for their scaler and rate"

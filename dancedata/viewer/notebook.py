@@ -83,7 +83,7 @@ def motion_scenes_of(motions: Played, music: str | Path | None = None) -> Motion
         MemoryClip(id=name, motion=motion.motion() if isinstance(motion, ClipView) else motion)
         for name, motion in motions.items()
     ]
-    beside = None if music is None else MusicFiles.beside(Path(music).expanduser(), list(motions))
+    beside = None if music is None else MusicFiles.beside(Path(music).expanduser(), clips)
     return MotionScenes(clips, "motions", beside)
 
 

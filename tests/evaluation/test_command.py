@@ -47,7 +47,7 @@ def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Pa
         walk, "--like", store.path, "--music-of", walk.parent / "songs.csv", "--per-clip", rows, "--jobs", 1,
         "--bootstrap", 20, "--quiet", "--not-normalized",
     )  # fmt: skip
-    assert text.startswith("6 of 6 files matched in small\n")
+    assert text.startswith("generated: 6 samples: 6 by song, from its second 0\n")
     assert f"\ndancedata, version 2: {walk} as generated\n  6 clips, 6 pieces, 30 frames per second" in text
     for score in ("FID_k", "Div_k", "FID_g", "Div_g", "BAS", "PFC", "FSR"):
         (line,) = (

@@ -1,7 +1,6 @@
 """The evaluator of training loops: batches give what the same samples give as files, on one process or several."""
 
 from collections.abc import Mapping
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,7 @@ import pytest
 
 import dancedata
 from dancedata import Evaluator
-from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.store import Store
 from tests.messages import raises_message
@@ -25,12 +23,12 @@ def batch(store: Store) -> tuple[list[str], np.ndarray, np.ndarray]:
     scaler = store.scaler("edge151")
     columns = np.stack([scaler.normalize(store.read(w, "edge151")) for w in windows])
     music = np.stack([store.read(w, "librosa35") for w in windows])
-    return [f"{w.clip}@{w.start}" for w in windows], columns, music
+    return [f"{w.clip}@{w.start}+{w.length}" for w in windows], columns, music
 
 
 @pytest.fixture(scope="module")
 def evaluator(store: Store) -> Evaluator:
-    return Evaluator.of(store, "edge151", split="train", normalized=True)
+    return Evaluator(store, "edge151", split="train", normalized=True)
 
 
 def values(report: Any) -> dict[str, float | None]:
@@ -84,10 +82,7 @@ def test_processes_are_joined_without_repeated_samples(store: Store, evaluator: 
     evaluator.reset()
     evaluator.update(columns, ids=ids, music=music)
     alone = evaluator.compute()
-    ranks = [
-        Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool, music_field=store.field("librosa35"))
-        for _ in range(2)
-    ]
+    ranks = [Evaluator(store, "edge151", split="train", normalized=True) for _ in range(2)]
     for rank, own in enumerate(ranks):
         mine = [*range(rank, len(ids), 2), 0]  # both have sample 0, as samplers fill up
         own.update(columns[mine], ids=[ids[k] for k in mine], music=music[mine])
@@ -101,39 +96,48 @@ def test_processes_are_joined_without_repeated_samples(store: Store, evaluator: 
 
 
 def test_a_single_process_gathers_its_own(evaluator: Evaluator, batch: Any) -> None:
-    _, columns, _ = batch
+    ids, columns, _ = batch
     evaluator.reset()
-    evaluator.update(columns[:3])
+    evaluator.update(columns[:3], ids[:3])
     assert len(evaluator.gather()) == 3
-    evaluator.update(columns[3:5])
+    evaluator.update(columns[3:5], ids[3:5])
     assert len(evaluator) == 5
 
 
 def test_samples_that_cannot_be_measured_are_named(evaluator: Evaluator, batch: Any) -> None:
-    _, columns, music = batch
+    ids, columns, music = batch
     broken = columns[:3].copy()
     broken[1, 5] = np.nan
     evaluator.reset()
-    evaluator.update(broken, ids=["a", "b", "c"])
+    evaluator.update(broken, ids[:3])
     report = evaluator.compute()
-    assert report.clips == ("a", "c")
-    assert report.left_out[0][0] == "b"
+    assert set(report.clips) == {ids[0], ids[2]}
+    assert report.left_out[0][0] == ids[1]
     evaluator.reset()
     with raises_message(UsageError, "could"):
         evaluator.compute()
     with raises_message(UsageError, "three"):
-        evaluator.update(columns[0])
+        evaluator.update(columns[0], ids[:1])
     with raises_message(UsageError, "batch"):
-        evaluator.update(columns[:3, :, :139])
+        evaluator.update(columns[:3, :, :139], ids[:3])
     with raises_message(UsageError, "audio"):
-        evaluator.update(columns[:3], music=music[:3, :, :20])
+        evaluator.update(columns[:3], ids[:3], music=music[:3, :, :20])
     with raises_message(UsageError, "differ"):
-        evaluator.update(columns[:3], music=music[:2])
+        evaluator.update(columns[:3], ids[:3], music=music[:2])
+    with raises_message(UsageError, "ids"):
+        evaluator.update(columns[:3], ids[:2])
+    for wrong, reason in (("nobody@0+150", "no_clip"), (ids[0].split("@")[0] + "@100+900", "outside")):
+        with raises_message(DataError, "clip", reason=reason, where=wrong):
+            evaluator.update(columns[:1], [wrong])
+    evaluator.update(columns[:1], [ids[0].replace("+150", "+149")])
+    with raises_message(UsageError, "id states"):
+        evaluator.compute()
 
 
 def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any) -> None:
     ids, columns, music = batch
     sizes = [LENGTH, 131, 97, 140]
+    ids = [name.replace("+150", f"+{n}") for name, n in zip(ids, sizes, strict=False)]
     evaluator.reset()
     for k, n in enumerate(sizes):
         evaluator.update(columns[k : k + 1, :n], ids=ids[k : k + 1], music=music[k : k + 1, :n])
@@ -156,13 +160,14 @@ def test_padding_is_not_measured(store: Store, evaluator: Evaluator, batch: Any)
     evaluator.update(junk, ids=ids[:4], music=heard, lengths=sizes)
     assert values(evaluator.compute()) == alone
     evaluator.reset()
-    with raises_message(UsageError, "padded", where="sample gHO_sBM_cAll_d19_mHO3_ch03@0"):
+    with raises_message(UsageError, "padded", where=f"sample {ids[0]}"):
         evaluator.update(padded, ids=ids[:4], music=heard)
     for wrong in ([1, 2], [1, 2, 3, 0], [1, 2, 3, 161], [1.5, 2, 3, 4], {"edge151": sizes}):
         with raises_message(UsageError, "lengths"):
             evaluator.update(padded, ids=ids[:4], lengths=wrong)
     assert len(evaluator) == 0
-    evaluator.update(np.zeros((2, LENGTH, 151)))  # an untrained network stands still: no padding
+    still = [f"{ids[0].split('@')[0]}@{k}+150" for k in (1, 2)]
+    evaluator.update(np.zeros((2, LENGTH, 151)), still)  # an untrained network stands still: no padding
     assert len(evaluator) == 2
 
 
@@ -170,32 +175,17 @@ def test_music_of_another_length_or_rate(store: Store, evaluator: Evaluator, bat
     ids, columns, music = batch
     evaluator.reset()
     for wrong in (music[:, ::2], music.repeat(2, axis=1), music[:, :100], music[:, ::2, 34]):
-        with raises_message(UsageError, r"Evaluator\.of"):
+        with raises_message(UsageError, "Evaluator"):
             evaluator.update(columns, ids=ids, music=wrong)
-    with raises_message(UsageError, r"Evaluator\.of"):
+    with raises_message(UsageError, "Evaluator"):
         evaluator.update(columns, ids=ids, music=music[:, ::2], lengths=[LENGTH] * len(ids))
     evaluator.update(columns, ids=ids, music=music[:, :149])
-    field = store.field("librosa35")
-    sixty: Any = SimpleNamespace(name=field.name, columns=field.columns, grid=FrameGrid.of(60))
-    other = Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool, music_field=sixty)
-    with raises_message(UsageError, r"Evaluator\.of"):
-        other.update(columns, ids=ids, music=music)
-    other.update(columns, ids=ids, music=music.repeat(2, axis=1))
-
-
-def test_samples_without_music_have_a_warning(store: Store, evaluator: Evaluator, batch: Any) -> None:
-    ids, columns, music = batch
-    evaluator.reset()
-    evaluator.update(columns[:4], ids=ids[:4])
-    assert "no beats of music: give update(..., music=batch['librosa35'])" in evaluator.compute().warnings
-    evaluator.update(columns[4:8], ids=ids[4:8], music=music[4:8])
-    assert not any("no beats" in warning for warning in evaluator.compute().warnings)
 
 
 def test_columns_that_do_not_fit_the_protocol(store: Store) -> None:
     with raises_message(UsageError, "smplx24", where="small"):
-        Evaluator.of(store, "edge151", protocol="lodge-finedance")
-    assert "Evaluator('dancedata', 0 samples)" in repr(Evaluator.of(store, "edge151", normalized=True))
+        Evaluator(store, "edge151", protocol="lodge-finedance")
+    assert "Evaluator('dancedata', 0 samples)" in repr(Evaluator(store, "edge151", normalized=True))
 
 
 def _of_rank(rank: int, world: int, path: str, file: str, results: Any) -> None:
@@ -203,10 +193,11 @@ def _of_rank(rank: int, world: int, path: str, file: str, results: Any) -> None:
 
     torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
     dataset = dancedata.open(path)
-    evaluator = Evaluator.of(dataset, "edge151", split="train", normalized=True)
+    evaluator = Evaluator(dataset, "edge151", split="train", normalized=True)
     scaler = dataset.scaler("edge151")
     windows = list(dataset.windows("train"))[rank::world]
-    evaluator.update(np.stack([scaler.normalize(dataset.read(w, "edge151")) for w in windows]))
+    ids = [f"{w.clip}@{w.start}+{w.length}" for w in windows]
+    evaluator.update(np.stack([scaler.normalize(dataset.read(w, "edge151")) for w in windows]), ids)
     report = evaluator.gather().compute()
     results.put((rank, len(evaluator), values(report)))
     torch.distributed.destroy_process_group()
@@ -257,16 +248,16 @@ class Collecting:
         return found
 
 
-def two(evaluator: Evaluator) -> tuple[Evaluator, Evaluator]:
-    first, second = [Evaluator(evaluator.protocol, evaluator.reader, evaluator.pool) for _ in range(2)]
+def two(store: Store) -> tuple[Evaluator, Evaluator]:
+    first, second = [Evaluator(store, "edge151", split="train", normalized=True) for _ in range(2)]
     return first, second
 
 
-def test_processes_agree_on_a_sample_that_they_generated_differently(evaluator: Evaluator, batch: Any) -> None:
-    _, columns, _ = batch
-    first, second = two(evaluator)
-    first.update(columns[:2], ids=["a", "b"])
-    second.update(columns[2:5], ids=["a", "c", "d"])
+def test_processes_agree_on_a_sample_that_they_generated_differently(store: Store, batch: Any) -> None:
+    (a, b, c, d, *_), columns, _ = batch
+    first, second = two(store)
+    first.update(columns[:2], [a, b])
+    second.update(columns[2:5], [a, c, d])
     with raises_message(UsageError, "processes"):
         gathered(first, second)
     gathered(first, second, repeated="first")
@@ -293,45 +284,20 @@ def test_ids_of_readers_keep_all_and_ids_of_clips_are_refused(store: Store, eval
     assert values(evaluator.compute()) == before
     evaluator.reset()
     batch = next(iter(data.DataLoader(windows, batch_size=7)))
-    with raises_message(UsageError, "readers"):
+    with raises_message(UsageError, "number"):
         evaluator.update(batch["edge151"], ids=batch["clip"], music=batch["librosa35"])
 
 
 def test_one_motion_to_other_music_is_another_sample(evaluator: Evaluator, batch: Any) -> None:
-    _, columns, music = batch
+    (a, *_), columns, music = batch
     evaluator.reset()
-    evaluator.update(columns[:1], ids=["a"], music=music[:1])
-    with raises_message(UsageError, "readers"):
-        evaluator.update(columns[:1], ids=["a"], music=np.roll(music[:1], 3, axis=1))
-    with raises_message(UsageError, "readers"):
-        evaluator.update(columns[:1, ::-1], ids=["a"], music=music[:1])
-
-
-def test_calls_with_and_without_ids_keep_all(evaluator: Evaluator, batch: Any) -> None:
-    _, columns, _ = batch
-    evaluator.reset()
-    evaluator.update(columns[:2], ids=["0/2", "0/3"])
-    evaluator.update(columns[2:4])
-    evaluator.update(columns[4:5], ids=["a"])
-    evaluator.update(columns[5:6])
-    assert len(evaluator) == len(evaluator.compute().clips) == 6
-
-
-def test_samples_without_ids_of_indistinguishable_processes(evaluator: Evaluator, batch: Any) -> None:
-    _, columns, _ = batch
-    first, second = two(evaluator)
-    for own in (first, second):
-        own.update(columns[:2])
-    with raises_message(UsageError, "processes"):
-        gathered(first, second)
-    first, second = two(evaluator)
-    first.update(columns[:2])
-    second.update(columns[2:4], ids=["a", "b"])
-    gathered(first, second)
-    for own in (first, second):  # what is joined may be joined again
-        own.update(columns[4:5], ids=["e"])
-    gathered(first, second)
-    assert len(first) == len(second) == 5
+    evaluator.update(columns[:1], [a], music=music[:1])
+    with raises_message(UsageError, "number"):
+        evaluator.update(columns[:1], [a], music=np.roll(music[:1], 3, axis=1))
+    with raises_message(UsageError, "number"):
+        evaluator.update(columns[:1, ::-1], [a], music=music[:1])
+    evaluator.update(columns[:1, ::-1], [f"{a}~s1"], music=music[:1])
+    assert len(evaluator) == 2
 
 
 def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_path: Any) -> None:
@@ -340,12 +306,12 @@ def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_pa
     path = tmp_path / "pool.npz"
     dancedata.evaluate(dances, fps=60, pool=dances, save_pool=path, bootstrap=0)
     with raises_message(UsageError, "generate", where="pool.npz"):
-        Evaluator.of(store, "edge151", pool=path, normalized=True)
+        Evaluator(store, "edge151", pool=path, normalized=True)
 
 
 def test_the_pool_is_of_the_field_that_is_generated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str | None] = []
     monkeypatch.setattr("dancedata.evaluation.evaluator.pool_for", lambda request, **_: asked.append(request.field))
-    Evaluator.of(store, "lodge139", normalized=True)
-    Evaluator.of(store, normalized=True)
+    Evaluator(store, "lodge139", normalized=True)
+    Evaluator(store, normalized=True)
     assert asked == ["lodge139", "edge151"]

@@ -195,7 +195,7 @@ def test_refusals(store: Store, tmp_path: Path, motions: Mapping[str, list[Motio
     with pytest.raises(UsageError, match="not a group"):
         dancedata.evaluate({"one": motions["duet"][0]}, protocol="groups")
     with pytest.raises(UsageError, match="an Evaluator single dancers"):
-        dancedata.Evaluator.of(store, "edge151", protocol="groups", normalized=True)
+        dancedata.Evaluator(store, "edge151", protocol="groups", normalized=True)
     np.save(tmp_path / "one.npy", motions["duet"][0].joints())
     with pytest.raises(DataError, match="not of a group"):
         dancedata.evaluate(tmp_path, protocol="groups", fps=FPS, up="y")

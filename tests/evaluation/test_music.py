@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,9 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.inputs.clip import MemoryClip
+from dancedata.evaluation.inputs.naming import named_clips
 from dancedata.evaluation.inputs.songs import of_known, read_songs, song_files, song_name
-from dancedata.evaluation.music import ClipMusic, beats_after, named_songs
+from dancedata.evaluation.music import ClipMusic, beats_after
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store
@@ -56,10 +56,10 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
     # Of some a warning comes first, with their number.
     np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("edge151")[:150])
     some = dancedata.evaluate(tmp_path, **options)
-    assert some.warnings[0].startswith("1 of 2 files have no clip, window or song")
+    assert some.warnings[0].startswith("1 file of 2 without a clip, window or song")
     assert "sample" in some.warnings[0]
     assert str(some).startswith(some.matched)
-    assert some.to_json()["matched"].startswith("1 of 2 files")
+    assert ": 2 samples: 1 window of 1 clip of small" in some.to_json()["matched"]
 
 
 def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: Path) -> None:
@@ -78,15 +78,18 @@ def test_beats_of_windows_where_a_protocol_takes_those_of_songs(store: Store, tm
     )
     windows = dancedata.open(tmp_path / "a")
     columns, music = (np.stack([windows.read(w, f) for w in windows.windows("train")]) for f in windows.fields)
-    evaluator = dancedata.Evaluator.of(windows, normalized=False)
-    evaluator.update(columns)
-    silent = evaluator.compute().warnings
-    evaluator.update(columns + 1, ids=list("abcd"), music=music)
+    evaluator = dancedata.Evaluator(windows, normalized=False)
+    ids = [f"{w.clip}@{w.start}+{w.length}" for w in windows.windows("train")]
+    evaluator.update(columns, ids)
+    own = evaluator.compute()["bas"]
+    evaluator.reset()
+    evaluator.update(columns, ids, music=music)
+    assert own == pytest.approx(evaluator.compute()["bas"], rel=1e-9)
     reports = [dancedata.evaluate(windows, metrics=["bas"], bootstrap=0), evaluator.compute()]
     for report in reports:
         assert report["bas"] is not None
-    told = [any("beats are those of each window" in w for w in ws) for ws in (silent, *(r.warnings for r in reports))]
-    assert told == [False, *[scope == "window"] * 2]
+    told = [any("beats are those of each window" in w for w in r.warnings) for r in reports]
+    assert told == [scope == "window"] * 2
 
 
 @pytest.mark.parametrize("text", ["a,b,c\n", "clip,song\na,b\nc\n"])
@@ -145,13 +148,10 @@ def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> 
     assert len(set(tempos.values())) > 1
     clips = [MemoryClip(id=clip.id, music=clip.music, tempo_bpm=clip.tempo_bpm) for clip in store.clips]
     for like in (store, None):
-        named = named_songs(clips, other_songs, like)
+        named = named_clips(clips, other_songs, like).clips
         assert [clip.tempo_bpm for clip in named] == [tempos[other_songs[clip.id]] for clip in named]
     # Songs whose names say nothing have the tempo that the dataset states.
-    stated = [SimpleNamespace(id="a", music="waltz", tempo_bpm=87.5, group="")]
-    (named_clip,) = named_songs([MemoryClip(id="new")], {"new": "waltz"}, SimpleNamespace(clips=stated))  # type: ignore[arg-type]
-    assert named_clip.tempo_bpm == 87.5
-    (other,) = named_songs([MemoryClip(id="a", tempo_bpm=90.0)], {"a": "polka"}, None)
+    (other,) = named_clips([MemoryClip(id="a", tempo_bpm=90.0)], {"a": "polka"}, None).clips
     assert other.tempo_bpm is None
 
 

@@ -78,11 +78,10 @@ def test_normalising_is_undone(store: Store, tmp_path: Path, kind: str, reader: 
 
 def test_an_evaluator_of_the_reader_gives_the_numbers_of_the_motions(store: Store) -> None:
     changed, plain = (WindowDataset(store, fields=(FIELD,), normalize=n, mirror=1.0) for n in (True, False))
-    evaluator = Evaluator.of(changed, FIELD)
-    batch, places = [], range(0, len(changed), 6)
-    for place in places:
-        batch.append(changed[place][FIELD].numpy())
-    evaluator.update(np.stack(batch), ids=[f"{place}" for place in places])
+    evaluator = Evaluator(changed, FIELD)
+    places = range(0, len(changed), 6)
+    batch = [changed[place] for place in places]
+    evaluator.update(np.stack([sample[FIELD].numpy() for sample in batch]), [sample["id"] for sample in batch])
     motions = {f"{place}": dancedata.decode(plain[place][FIELD].numpy(), FIELD, fps=30) for place in places}
     wanted = dancedata.evaluate(motions, pool=store, bootstrap=0)
     for name in ("fid_k", "pfc", "div_k"):
@@ -172,7 +171,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
         with raises_message(UsageError, "whether", where="x.npy"):
             comparison_of(tmp_path, store, file_format(store, representation=FIELD))
     with raises_message(UsageError, "whether", where="small, field edge151"):
-        Evaluator.of(store, FIELD)
+        Evaluator(store, FIELD)
     # A file may state it; then no argument is needed.
     (tmp_path / "x.npy").unlink()
     for normalized, columns in ((True, normal), (False, rows)):
@@ -196,12 +195,14 @@ def test_columns_that_are_not_as_stated_are_refused(store: Store, field: str) ->
         rows = store.read(window, field)
         for normalized, right in ((True, scaler.normalize(rows)), (False, rows)):
             noisy = right + rng.normal(0, 0.01, right.shape)
-            evaluator = Evaluator.of(store, field, normalized=normalized, protocol=options["protocol"])
-            evaluator.update(np.stack([right, noisy]))
-            wrong = Evaluator.of(store, field, normalized=not normalized, protocol=options["protocol"])
+            evaluator = Evaluator(store, field, normalized=normalized, protocol=options["protocol"])
+            name = f"{window.clip}@{window.start}+{window.length}"
+            evaluator.update(np.stack([right, noisy]), [name, f"{name}~s1"])
+            wrong = Evaluator(store, field, normalized=not normalized, protocol=options["protocol"])
             for columns in (right, noisy):
+                wrong.reset()
                 with pytest.raises(UsageError, match=f"but look .*{other[not normalized]}"):
-                    wrong.update(columns[None])
+                    wrong.update(columns[None], [name])
 
 
 def test_normalised_positions_of_a_model_that_errs_are_not_taken_as_plain(store: Store) -> None:
@@ -247,10 +248,13 @@ def test_doubts_are_a_warning(store: Store, caplog: pytest.LogCaptureFixture) ->
 @pytest.mark.parametrize("normalized", [True, False])
 def test_the_output_of_an_untrained_network_passes(store: Store, field: str, normalized: bool) -> None:
     rng, width = np.random.default_rng(1), store.fields[field].width
-    evaluator = Evaluator.of(store, field, normalized=normalized)
+    evaluator = Evaluator(store, field, normalized=normalized)
+    clip = store.clips[0].id
     for size in (0.0, 0.1, 0.3, 1.0, 3.0):
-        evaluator.update(rng.normal(0, size, (2, 150, width)) + 1e-4)
-        evaluator.update(np.tile(rng.normal(0, size, (1, 1, width)), (2, 150, 1)) + 1e-4)
+        evaluator.reset()
+        evaluator.update(rng.normal(0, size, (2, 150, width)) + 1e-4, [f"{clip}@{k}+150" for k in (0, 5)])
+        still = np.tile(rng.normal(0, size, (1, 1, width)), (2, 150, 1)) + 1e-4
+        evaluator.update(still, [f"{clip}@{k}+150" for k in (10, 15)])
 
 
 def test_the_commands(store: Store, tmp_path: Path) -> None:
@@ -302,4 +306,4 @@ def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) ->
     with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):
         dancedata.evaluate(tmp_path / "plain", pool=saved, normalized=True, **options)
     with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):
-        Evaluator.of(store, FIELD, normalized=True, pool=saved)
+        Evaluator(store, FIELD, normalized=True, pool=saved)

@@ -110,7 +110,7 @@ def test_the_command_prints_the_scores_and_refuses_options_of_samples_for_a_data
     page = tmp_path / "page.html"
     out = run("report", samples, "--against", demo, "--not-normalized", "--to", page, "--quiet").stdout
     assert "BAS" in out
-    assert "files matched in demo" in out.splitlines()[0]
+    assert "4 samples: 1 clip of demo (test), 3 without" in out.splitlines()[0]
     (tmp_path / "unknown").mkdir()
     shutil.copy(next(samples.glob("*.np*")), tmp_path / "unknown" / "nobody.npy")
     failed = run(

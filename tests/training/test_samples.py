@@ -51,7 +51,7 @@ def store(path: Path) -> Store:
 
 
 def evaluator(path: Path) -> Evaluator:
-    return Evaluator.of(path, "edge151", normalized=True)
+    return Evaluator(path, "edge151", normalized=True)
 
 
 def windows(path: Path, split: str = "val") -> WindowDataset:
@@ -72,14 +72,12 @@ def test_the_truth_as_samples_has_the_numbers_of_evaluate(path: Path, tmp_path: 
     plain = evaluator(path)
     for batch in DataLoader(windows(path), batch_size=4):
         log.update(batch["edge151"], batch)
-        plain.update(batch["edge151"], ids=batch["id"], music=batch["librosa35"])
+        plain.update(batch["edge151"], batch["id"], music=batch["librosa35"])
     done = log.finish(40)
     report = plain.compute()
     assert done.report is not None
-    assert done.numbers == {
-        **{f"samples/{score.name}": score.value for score in report.scores if score.value is not None},
-        "samples/left_out": 0.0,
-    }
+    numbers = {f"samples/{score.name}": score.value for score in report.scores if score.value is not None}
+    assert done.numbers == pytest.approx({**numbers, "samples/left_out": 0.0}, rel=1e-9)
     assert "samples/bas" in done.numbers
     assert done.page == tmp_path / "walls" / "step-00000040.html"
     assert len(log.evaluator) == 0
@@ -118,14 +116,16 @@ def test_whole_clips_that_are_padded(path: Path, tmp_path: Path) -> None:
     for batch in DataLoader(clips, batch_size=2, collate_fn=pad_clips):
         batch["lengths"]["edge151"][1] -= 30  # all clips of this corpus are equally long
         batch["length"][1] -= 30
+        batch["id"][1] = batch["id"][1].replace("+210", "+180")
         log.update(batch["edge151"], batch)
         lengths = batch["lengths"]["edge151"]
-        plain.update(batch["edge151"], ids=batch["id"], music=batch["librosa35"], lengths=lengths)
+        plain.update(batch["edge151"], batch["id"], music=batch["librosa35"], lengths=lengths)
     kept = [(sample.window.length, len(sample.columns)) for sample in log._samples]
     assert kept == [(210, 210), (180, 180)]
     done = log.finish(0)
     assert done.report is not None
-    assert done.report.to_json() == plain.compute().to_json()
+    for name in ("bas", "pfc", "fid_k"):
+        assert done.report[name] == pytest.approx(plain.compute()[name], rel=1e-9)
     assert done.page is not None
 
 
@@ -162,8 +162,6 @@ def test_refusals(path: Path, tmp_path: Path) -> None:
     whole = evaluator(path)
     with raises_message(UsageError, "page"):
         SampleLog(whole, tmp_path, wall=0)
-    with raises_message(UsageError, "evaluator"):
-        SampleLog(Evaluator(whole.protocol, whole.reader), tmp_path)
     with raises_message(UsageError, "pad_clips"):
         SampleLog(whole).update(np.zeros((1, 150, 151)), {"motion": 1})
     with raises_message(UsageError, "validation"):
@@ -297,7 +295,7 @@ def run(store, folder):
     tracker = Kept()
     accelerator = Accelerator(cpu=True, log_with=tracker)
     accelerator.init_trackers("run")
-    log = SampleLog(Evaluator.of(store, "edge151", normalized=True), folder / "walls", wall=2)
+    log = SampleLog(Evaluator(store, "edge151", normalized=True), folder / "walls", wall=2)
     windows = WindowDataset(store, "val", fields=("edge151", "librosa35"), normalize=("edge151",))
     for batch in accelerator.prepare(DataLoader(windows, 4)):
         log.update(batch["edge151"], batch)

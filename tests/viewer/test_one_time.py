@@ -12,6 +12,7 @@ import soundfile
 import dancedata
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
+from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.songs import read_songs
 from dancedata.store import open_store
 from dancedata.study.trials import Trial, begin_of, common_clips, shown_figures
@@ -165,15 +166,16 @@ def test_a_song_of_a_window_needs_its_second(stores: dict[str, Path], tmp_path: 
 def test_music_beside_windows_begins_with_them(stores: dict[str, Path], tmp_path: Path) -> None:
     store, song = open_store(stores["cut"]), stores["source"] / "song.wav"
     samples = soundfile.read(song, dtype="float32")[0]
-    music = MusicFiles.beside(song, ["part@30+150", "whole"], store)
+    part, whole = MemoryClip(id="part@30+150"), MemoryClip(id="whole")
+    music = MusicFiles.beside(song, [part, whole], store)
     for clip, first in (("part@30+150", 5.2), ("whole", 0)):
         signal = music.signal(clip, Fraction(1))
         assert signal is not None
         np.testing.assert_array_equal(signal.samples, samples[round(first * 22_050) :][:22_050])
     with raises_message(UsageError, "second"):
-        MusicFiles.beside(song, ["part@30+150"])
+        MusicFiles.beside(song, [part])
     shutil.copy(song, tmp_path / "song.wav")
     (tmp_path / "songs.csv").write_text("part@30+150,song,2\n")
-    signal = MusicFiles.beside(tmp_path / "songs.csv", ["part@30+150"]).signal("part@30+150", Fraction(1))
+    signal = MusicFiles.beside(tmp_path / "songs.csv", [part]).signal("part@30+150", Fraction(1))
     assert signal is not None
     np.testing.assert_array_equal(signal.samples, samples[2 * 22_050 :][:22_050])

@@ -1,10 +1,12 @@
 """Clips that can be evaluated, of any origin, and sets of them."""
 
+import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +26,7 @@ from dancedata.pipeline.motion_keys import content_hashes
 from dancedata.recipes.documents import document_of
 from dancedata.store import Store
 from dancedata.store.motion_fields import Pose
+from dancedata.store.samples import Sample
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,16 +37,24 @@ class ClipInput(ABC):
     `music`: Name of its song, empty if unknown.
     `tempo_bpm`: Tempo of the song, where the dataset states one.
     `audio_start`: Second of the song at frame 0; negative where it begins later.
+    `recording`: Unit of intervals: what copies, windows and parts of one file have in common; "": the clip itself.
+    `stated_id`: Id of the sample that its file states; "" if it states none.
+    `length_s`: Length that its id states; None if it states none.
     """
+
+    stored: ClassVar[bool] = False
 
     id: str
     music: str = ""
     tempo_bpm: float | None = None
     audio_start: Fraction = Fraction(0)
+    recording: str = ""
+    stated_id: str = ""
+    length_s: Fraction | None = None
 
     @property
     def clip(self) -> str:
-        """Id of the clip that this one is a window of, or its own id: resampling takes clips as a whole."""
+        """Id of the clip that this one is a window of, or its own id."""
         return self.id
 
     @property
@@ -67,6 +78,18 @@ class ClipInput(ABC):
     @abstractmethod
     def load(self) -> Pose | tuple[Pose, ...]:
         """Load the motion, of a group that of each dancer; DataError if it cannot be used."""
+
+    def as_stated(self, pose: Pose) -> Pose:
+        """Return a pose; DataError "wrong_length" unless it is as long as the id states."""
+        grid, stated = pose.grid, self.length_s
+        rows = None if stated is None else grid.rate * stated
+        if rows is not None and not int(rows) <= len(pose.joints) <= math.ceil(rows):
+            raise DataError("the motion is not as long as its id states", reason="wrong_length", where=self.id,
+                            found=f"{len(pose.joints)} rows at {grid} per second",
+                            allowed=f"{float(rows):g} rows, {float(stated or 0):g} s",
+                            fix="a model at another rate needs a dataset at that rate; a longer dance has the id "
+                            "CLIP@START+LENGTH of its number of frames")  # fmt: skip
+        return pose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,16 +118,17 @@ class MemoryClip(ClipInput):
     @override
     def load(self) -> Pose:
         if self.motion is not None:
-            return Pose.of_motion(self.motion)
+            return self.as_stated(Pose.of_motion(self.motion))
         if self.joints is None or self.grid is None:
             raise DataError("a clip without motion", reason="empty", where=f"clip {self.id}")
-        return Pose.of_joints(self.joints, self.grid, self.body)
+        return self.as_stated(Pose.of_joints(self.joints, self.grid, self.body))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DatasetClip(ClipInput):
     """A clip of a source folder, read by a dataset's reader at its own rate."""
 
+    stored: ClassVar[bool] = True
     dataset: Dataset
     ref: ClipRef
 
@@ -135,6 +159,11 @@ class GroupClip(ClipInput):
     """A group of dancers, each a clip; of a duet the follower first."""
 
     members: tuple[ClipInput, ...]
+
+    @property
+    def stored(self) -> bool:  # type: ignore[override]
+        """Whether its dancers are those of a dataset."""
+        return self.members[0].stored
 
     @property
     @override
@@ -168,6 +197,9 @@ class ClipSet:
     `store`: Dataset that they are from; None for others.
     `scaler_sha256`: Hash of the scaler by which columns of files are normalised; "" without one.
     `left_out`: Clips of the dataset that are not measured, and why.
+    `samples`: What motion is of the dataset that it is like, by the ids of the clips.
+    `matched`, `warnings`: What was found of the names, in words.
+    `nothing_matched`: The error for files of which nothing is known, where metrics take music.
     """
 
     clips: tuple[ClipInput, ...]
@@ -176,6 +208,10 @@ class ClipSet:
     store: Store | None = None
     scaler_sha256: str = ""
     left_out: tuple[tuple[str, str], ...] = ()
+    samples: Mapping[str, Sample] = field(default_factory=dict)
+    matched: str = ""
+    warnings: tuple[str, ...] = ()
+    nothing_matched: DataError | None = None
 
     def __post_init__(self) -> None:
         if not self.clips:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ from dancedata.store.scaling import stated_in
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
-_COLUMNS = ("columns", "motion", "")
+_COLUMNS = ("columns", "motion", "samples", "")
 _LEAST_JOINTS = 22
 #: Fixes for files with rotations, by reason, as options of the command.
 _REMEDIES = {
@@ -50,8 +51,8 @@ _REMEDIES = {
 }
 
 
-#: A dancer of a group that has a file each: NAME_00 or NAME_p0.
-_DANCER = re.compile(r"(.+)_(?:\d\d|p\d+)")
+#: A dancer of a group that has a file each: NAME_00, NAME_p0 or ID~p0.
+_DANCER = re.compile(r"(.+)(?:_(\d\d)|[_~]p(\d+))")
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +132,13 @@ class FileClip(ClipInput):
     def load(self) -> Pose | tuple[Pose, ...]:
         if self.partners is not None:
             return tuple(replace(self, path=path, partners=None).pose() for path in (self.path, *self.partners))
-        return self._dancers() if self.format.groups else self.pose()
+        return tuple(map(self.as_stated, self._dancers())) if self.format.groups else self.pose()
 
     def pose(self) -> Pose:
         """Load a file of one dancer."""
+        return self.as_stated(self._pose())
+
+    def _pose(self) -> Pose:
         if self.path.suffix.lower() != ".bvh" and not self.person:
             with open_arrays(self.path) as arrays:
                 if self.sample is None:
@@ -312,22 +316,32 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
         raise UsageError("two files have one name", where=folder, found=listed(twice), fix="rename one of them")
-    return _groups_of(paths, form) if form.groups else tuple(FileClip(id=p.stem, path=p, format=form) for p in paths)
+    return _groups_of(paths, form) if form.groups else tuple(file_clip(path, form) for path in paths)
+
+
+def file_clip(path: Path, form: FileFormat) -> FileClip:
+    """Return the clip of a file, with the id that an .npz file states of its motion."""
+    stated = ""
+    if path.suffix.lower() == ".npz":
+        with suppress(DataError), open_arrays(path) as arrays:  # whose `load` gives the reason
+            stated = arrays.text("id") if "id" in arrays.names else ""
+    return FileClip(id=path.stem, path=path, format=form, stated_id=stated)
 
 
 def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]:
     """Return the groups of files: each a group, or the dancers of one.
 
-    Dancers are NAME_00, NAME_01, ..., as DD100 has them, or NAME_p0, NAME_p1, ..., as `decode` writes those who are
-    there.
+    Dancers are NAME_00, NAME_01, ..., as DD100 has them, or NAME_p0, NAME_p1, ..., or ID~p0 and so on, as `decode`
+    writes those who are there.
     """
     dancers: dict[str, list[Path]] = {}
     for path in paths:
-        of_dancer = _DANCER.fullmatch(path.stem)
-        dancers.setdefault(of_dancer[1] if of_dancer else path.stem, []).append(path)
+        named = _DANCER.fullmatch(path.stem)
+        dancers.setdefault(named[1] if named else path.stem, []).append(path)
     groups: list[ClipInput] = []
     for name, files in dancers.items():
-        decoded = [path.stem.rpartition("_")[2].startswith("p") and path.stem != name for path in files]
+        numbers = {path: named for path in files if (named := _DANCER.fullmatch(path.stem))}
+        decoded = [path in numbers and numbers[path][3] is not None for path in files]
         whole = [path for path in files if decoded == [False] or _is_group(path)]
         if len(whole) == len(files):
             groups += [clip for path in files for clip in _group_clips(path, form)]
@@ -337,14 +351,13 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
                              found=listed([path.name for path in whole]),
                              allowed="a group a file, or a dancer a file",
                              fix="rename the files of groups")  # fmt: skip
-        numbers = [path.stem.rpartition("_")[2] for path in files]
         if all(decoded):
-            files = sorted(files, key=lambda path: int(path.stem.rpartition("_p")[2]))
-        elif any(decoded) or numbers != [f"{k:02}" for k in range(len(files))]:
+            files = sorted(files, key=lambda path: int(numbers[path][3]))
+        elif any(decoded) or [numbers[path][2] for path in files] != [f"{k:02}" for k in range(len(files))]:
             raise UsageError("a dancer of a group is missing, or has two files", where=files[0].parent,
                              found=listed([path.name for path in files]),
                              allowed=f"{name}_00, {name}_01 and so on, or {name}_p0, {name}_p1")  # fmt: skip
-        groups.append(FileClip(id=name, path=files[0], format=form, partners=tuple(files[1:])))
+        groups.append(replace(file_clip(files[0], form), id=name, stated_id="", partners=tuple(files[1:])))
     return tuple(groups)
 
 
@@ -355,7 +368,7 @@ def _group_clips(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
             is_batch = PERSON_MASK in arrays.names and len(_shape(arrays, PERSON_MASK)) > 1
     except DataError:
         is_batch = False
-    return clips_of(path, form) if is_batch else (FileClip(id=path.stem, path=path, format=form),)
+    return clips_of(path, form) if is_batch else (file_clip(path, form),)
 
 
 def _is_group(path: Path) -> bool:
@@ -373,7 +386,7 @@ def clips_of(path: Path, form: FileFormat) -> tuple[FileClip, ...]:
     A file with an entry `person_mask` is a group, or a batch of groups. One that cannot be opened is a clip, whose
     `load` gives the reason.
     """
-    one = (FileClip(id=path.stem, path=path, format=form),)
+    one = (file_clip(path, form),)
     if path.suffix.lower() == ".bvh":
         return (replace(one[0], format=replace(form, unit=form.unit or "guess")),)
     try:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import re
 from collections import Counter
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
@@ -12,15 +11,13 @@ from typing import Any, Self
 
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import as_fraction
-from dancedata.core.text import csv_text, listed, quoted, shown
+from dancedata.core.text import csv_text, listed, quoted
 from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio, group_by_stem
 from dancedata.datasets.folder import MUSIC_FOLDERS
 from dancedata.store import Store
 
 _MAX_CSV_BYTES = 1 << 24
 _HEAD = ["clip", "song", "start_s"]
-#: Id of a window: its clip and its first frame; a length and marks may follow.
-_WINDOW = re.compile(r"(.+)@(\d+)(?:\+\d+)?(?:~.*)?")
 
 
 class Song(str):
@@ -130,42 +127,3 @@ def read_songs(path: Path) -> dict[str, Song]:
         if songs.setdefault(clip, song) != song or songs[clip].start != song.start:
             raise UsageError("a clip has two songs", where=where, found=listed([songs[clip], song]), fix="delete one")
     return songs
-
-
-def clip_of(name: str) -> str:
-    """Return the clip of the window that an id names; "" for what is no window."""
-    window = _WINDOW.fullmatch(name)
-    return "" if window is None else window[1]
-
-
-def window_begin(name: str, like: Store | None) -> Fraction | None:
-    """Return the second of its song at the first frame of the window that an id names; 0 for what is no window.
-
-    None where it is not known, as `like` does not have its clip.
-    """
-    window = _WINDOW.fullmatch(name)
-    if window is None:
-        return Fraction(0)
-    clip = None if like is None else next((c for c in like.clips if window[1] in (c.id, c.group)), None)
-    return None if clip is None or like is None else clip.audio_start + like.grid.seconds(int(window[2]))
-
-
-def begin_of(name: str, song: str | None, like: Store | None) -> Fraction:
-    """Return the second of the song at the first frame of a clip whose song is named, or of all of whose the file is.
-
-    UsageError for the id of a window where it is not stated: it names the right one, as far as `like` knows it.
-    """
-    if isinstance(song, Song) and song.start is not None:
-        return song.start
-    begin = window_begin(name, like)
-    if begin == 0:
-        return Fraction(0)
-    right = "SECONDS" if begin is None else f"{float(begin):.9g}"
-    known = "the second that the dataset of the window has: name it with --like"
-    if begin is not None:
-        known = f"second {right}, at which the window begins in its music"
-    raise UsageError(
-        "a song is named for a window, but not the second at which the window begins in it", where=shown(name),
-        found=f"{shown(song or 'a song')} from its second 0", allowed=known,
-        fix=f"write a line {shown(name)},{shown(song or 'SONG')},{right} (clip,song,start_s)",
-    )  # fmt: skip

@@ -1,10 +1,10 @@
 """Clips of a built dataset, or its windows where it has window scope, in columns that a protocol can measure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy.typing as npt
 
@@ -22,6 +22,7 @@ from dancedata.recipes.documents import document_of
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
 from dancedata.store.motion_fields import BODIES, ColumnsReader, Pose, motion_reader, motion_readers
+from dancedata.store.samples import Sample, recording_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,13 +31,16 @@ class StoreClip(ClipInput):
 
     `reference`: Path of the store and hash of its dataset.json.
     `field`: Motion field that is read.
-    `window`: In window scope, the window.
+    `window`: The window; None for a whole clip.
+    `mirrored`: Whether its mirror image is read.
     """
 
+    stored: ClassVar[bool] = True
     reference: tuple[str, str]
     field: str
     reader: ColumnsReader
     window: Window | None = None
+    mirrored: bool = False
 
     @property
     @override
@@ -66,7 +70,9 @@ class StoreClip(ClipInput):
         store = _opened(*self.reference)
         if self.window is None:
             return store.read_clip(self.id, self.field)
-        return store.read(self.window, self.field)
+        rows = store.read(self.window, self.field)
+        mirror = store.field(self.field).columns.mirror if self.mirrored else None
+        return rows if mirror is None else mirror.apply(rows)
 
 
 @lru_cache(maxsize=4)
@@ -101,7 +107,7 @@ def store_clips(
     records = [c for c in store.clips if c.split in splits and not c.source and c.has_field(name)]
     clips = tuple(
         StoreClip(
-            id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start,
+            id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start, recording=recording_of(c),
             reference=store.reference, field=name, reader=reader,
         )
         for c in records
@@ -138,6 +144,30 @@ def _group_of(group: str, members: list[tuple[bool, int, StoreClip]]) -> GroupCl
     return GroupClip(
         id=group, music=first.music, tempo_bpm=first.tempo_bpm, audio_start=first.audio_start, members=clips
     )
+
+
+def truth_of(samples: Mapping[str, Sample], protocol: Protocol, field: str | None) -> tuple[ClipInput, ...]:
+    """Return the dances of the dataset that samples are of, mirrored where these are."""
+    clips: dict[str, ClipInput] = {}
+    for sample in samples.values():
+        name, reader = reader_for(sample.store, protocol.motion, field)
+        of = replace(sample.id, take=0)
+        members = tuple(
+            StoreClip(
+                id=str(of), music=clip.music, tempo_bpm=clip.tempo_bpm, audio_start=sample.music_start_s,
+                recording=sample.recording, reference=sample.store.reference, field=name, reader=reader,
+                window=window, mirrored=of.mirrored,
+            )
+            for clip, window in zip(sample.clips, sample.windows, strict=True)
+            if clip.has_field(name)
+        )  # fmt: skip
+        if members:
+            first = members[0]
+            clips[str(of)] = first if len(members) == 1 else GroupClip(
+                id=str(of), music=first.music, tempo_bpm=first.tempo_bpm, audio_start=first.audio_start,
+                recording=sample.recording, members=members,
+            )  # fmt: skip
+    return tuple(clips.values())
 
 
 def _windows(

@@ -1,0 +1,157 @@
+"""What motion is named as: samples of a dataset, or dances to a song; with its music, from the right second on."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.sample_id import SampleId
+from dancedata.core.text import counted, listed, shown
+from dancedata.datasets.aistpp import parse_name, tempo_bpm
+from dancedata.evaluation.inputs.clip import ClipInput
+from dancedata.evaluation.inputs.songs import Song, of_known
+from dancedata.store import Store
+from dancedata.store.samples import Sample, Samples
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """Clips with the names, tempos and seconds of their music.
+
+    `clips`: The clips.
+    `samples`: What they are of a dataset, by their ids.
+    `by_song`, `unknown`: Ids of those of which a song alone is known, and of those of which nothing is.
+    """
+
+    clips: tuple[ClipInput, ...]
+    samples: Mapping[str, Sample] = field(default_factory=dict)
+    by_song: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+
+    def found(self, name: str, like: Store) -> str:
+        """Return what was found of a folder or file, in words: the first line of every command."""
+        n, clips = len(self.clips), {of.clip.id for of in self.samples.values()}
+        splits = listed(sorted({of.clip.split for of in self.samples.values()}))
+        windows = sum(of.id.start is not None for of in self.samples.values())
+        what = counted(len(clips), "clip")
+        what = f"{counted(len(self.samples), 'window')} of {what}" if windows else what
+        parts = [f"{what} of {like.path.name} ({splits})"] if self.samples else []
+        parts += [f"{len(self.by_song)} by song, from its second 0"] if self.by_song else []
+        parts += [f"{len(self.unknown)} without a clip or song: {listed(self.unknown)}"] if self.unknown else []
+        return f"{name}: {counted(n, 'sample')}: {', '.join(parts)}"
+
+    def nothing_matched(self, where: str, like: Store) -> DataError | None:
+        """Return the error for files of which nothing is known: neither their music nor their truth."""
+        if len(self.unknown) < len(self.clips) or all(clip.file is None for clip in self.clips):
+            return None
+        example = like.clips[0].id
+        return DataError(
+            f"none of {counted(len(self.clips), 'file')} is named as a clip, window or song of {like.path.name}",
+            reason="nothing_matched", where=where, found=listed(self.unknown),
+            allowed=f"CLIP or CLIP@START+LENGTH, such as {example} and {SampleId(example, 0, 150)}",
+            fix="write samples with save_samples; or name their songs in a list, --music-of FILE.csv; or choose "
+            "metrics without music",
+        )  # fmt: skip
+
+
+def named_clips(
+    clips: Sequence[ClipInput],
+    songs: Mapping[str, str],
+    like: Store | None,
+    known: frozenset[str] = frozenset(),
+) -> Named:
+    """Find out of what clips of a dataset, and to which music, motion is: every command does it by this function.
+
+    The sample is what the entry ``id`` of a file, or else its name, is of `like`: with its music, from the right
+    second on. The song is from `songs`, the clip itself, the sample, or the name, which then is that of one of
+    `known` songs or has AIST++'s form; such a clip begins with the song. The tempo is that of this song.
+
+    Raises DataError: "two_ids" and "two_samples" for names that contradict; "no_clip", "outside" for windows that
+        the dataset does not have.
+    Raises UsageError: for a window whose song is named without the second.
+    """
+    finder = None if like is None else Samples(like)
+    known = known | {c.music for c in like.clips if c.music} if like is not None else known
+    songs = of_known(songs, known | {clip.music for clip in clips})
+    tempos = {} if like is None else {c.music: c.tempo_bpm for c in like.clips if c.music and c.tempo_bpm}
+    found: list[ClipInput] = []
+    samples: dict[str, Sample] = {}
+    by_song: list[str] = []
+    unknown: list[str] = []
+    for clip in clips:
+        sample = None if finder is None or clip.stored else _sample(finder, clip)
+        song, name = songs.get(clip.id), parse_name(clip.id)
+        record = None if sample is None else sample.clip
+        guesses = (clip.id if clip.id in known else "", name.music if name else "", _song_within(clip.id, known))
+        names = (song, clip.music, record and record.music, *guesses)
+        music = next((text for text in names if text), "")
+        same = [c for c in (clip, record) if c is not None and song in (None, c.music)]
+        tempo = next((c.tempo_bpm for c in same if c.tempo_bpm), None) or tempos.get(music) or tempo_bpm(music)
+        start = _begin(clip, sample, song, music)
+        if sample is not None:
+            samples[clip.id] = sample
+            clip = of_sample(clip, sample)
+        elif not clip.stored:
+            (by_song if music else unknown).append(clip.id)
+            clip = replace(clip, recording=f"song:{music}" if music else "")
+        found.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
+    _require_one_each(samples)
+    return Named(tuple(found), samples, tuple(by_song), tuple(unknown))
+
+
+def of_sample(clip: ClipInput, sample: Sample) -> ClipInput:
+    """Return a clip with what is known of it as a sample."""
+    length = None if sample.id.start is None else sample.store.grid.seconds(sample.length)
+    return replace(clip, audio_start=sample.music_start_s, recording=sample.recording, length_s=length)
+
+
+def _sample(finder: Samples, clip: ClipInput) -> Sample | None:
+    """Return what the entry ``id`` of a file is of a dataset, or else its name."""
+    of_name = finder.find(clip.id)
+    if not clip.stated_id:
+        if of_name is None and SampleId.parse(clip.id).start is not None:
+            finder.require(clip.id)
+        return of_name
+    sample = finder.find(clip.stated_id)
+    if of_name is not None and sample is not None and of_name.id != sample.id:
+        raise DataError("a file has two ids", reason="two_ids", where=str(clip.file),
+                        found=f"{sample.id} in it, {of_name.id} as its name", fix="rename it")  # fmt: skip
+    return sample or of_name
+
+
+def _require_one_each(samples: Mapping[str, Sample]) -> None:
+    """Raise DataError "two_samples" if two files have one id."""
+    ids: dict[SampleId, str] = {}
+    for name, sample in samples.items():
+        if ids.setdefault(sample.id, name) != name:
+            both = listed([ids[sample.id], name])
+            raise DataError(f"two samples are {sample.id}", reason="two_samples", found=both,
+                            fix=f"number them: {replace(sample.id, take=1)}")  # fmt: skip
+
+
+def _begin(clip: ClipInput, sample: Sample | None, song: Song | None, music: str) -> Fraction:
+    """Return the second of its song at a clip's first frame."""
+    if song is not None and song.start is not None:
+        return song.start
+    if clip.stored:
+        return clip.audio_start if song in (None, clip.music) else Fraction(0)
+    is_window = (SampleId.parse(clip.id) if sample is None else sample.id).start is not None
+    begin = Fraction(0) if sample is None else sample.music_start_s
+    if sample is not None and (song is None or (not is_window and song == sample.clip.music)):
+        return begin
+    if not is_window or not music or (sample is not None and not begin):
+        return Fraction(0)
+    right = "SECONDS" if sample is None else f"{float(begin):.9g}"
+    raise UsageError(
+        "a song is named for a window, but not the second at which the window begins in it; 0 would be the beginning "
+        "of the song", where=clip.id, found=f"{shown(music)} without start_s",
+        allowed="the second that the dataset of the window has: name it with --like" if sample is None
+        else f"second {right}, at which the window begins in its music",
+        fix=f"write a line {clip.id},{shown(music)},{right} (clip,song,start_s)",
+    )  # fmt: skip
+
+
+def _song_within(name: str, known: frozenset[str]) -> str:
+    """Return the known song that is a part of a name between underscores, as in gBR_sBM_cAll_d04_mBR0_ch01."""
+    parts = known.intersection(name.split("_"))
+    return next(iter(parts)) if len(parts) == 1 else ""

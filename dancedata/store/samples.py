@@ -1,0 +1,128 @@
+"""Samples of a dataset: what ids name, with their music, and the recording that they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import DataError, nearest
+from dancedata.core.sample_id import SampleId, safe_name
+from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.clip_view import ClipView
+from dancedata.store.dataset import Store
+
+
+def recording_of(clip: ClipRecord) -> str:
+    """Return the unit of intervals that a clip, no copy, is of: itself, or what the parts of its file share."""
+    is_part = clip.source_start is not None or clip.source_end is not None
+    return (clip.made_of[:12] if is_part else "") or clip.id
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What an id names in a dataset.
+
+    `clips`: The clip; of a group those of its dancers.
+    `start`, `length`: Frames of the dataset.
+    `recording`: Id of the clip that copies, windows and parts of one file come from: the unit of intervals.
+    """
+
+    id: SampleId
+    store: Store
+    clips: tuple[ClipView, ...]
+    start: int
+    length: int
+    recording: str
+
+    @property
+    def clip(self) -> ClipView:
+        """The clip; of a group that of the first dancer."""
+        return self.clips[0]
+
+    @property
+    def music_start_s(self) -> Fraction:
+        """Second of the song, of a copy of the stretched one, at the first frame."""
+        return self.clip.audio_start + self.store.grid.seconds(self.start)
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Its frames of each clip."""
+        return tuple(Window(clip.id, self.start, self.length) for clip in self.clips)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all that the id says, resolved."""
+        meta, of = self.store.meta, self.id
+        return {
+            "id": str(of), "dataset": {"name": meta.get("name", ""), "sha256": meta.get("self_sha256", "")},
+            "clip": of.clip, "recording": self.recording, "start": self.start, "length": self.length,
+            "fps": str(self.store.grid), "music": self.clip.music, "music_start_s": str(self.music_start_s),
+            "mirrored": of.mirrored, "changes": list(of.changes), "draw": of.draw, "dancer": of.dancer,
+            "sample": of.take,
+        }  # fmt: skip
+
+
+class Samples:
+    """Finds what ids name in a dataset."""
+
+    def __init__(self, store: Store) -> None:
+        self.store = store
+
+    @cached_property
+    def _groups(self) -> dict[str, list[ClipView]]:
+        groups: dict[str, list[ClipView]] = {}
+        for clip in self.store.clips:
+            if clip.group:
+                groups.setdefault(clip.group, []).append(clip)
+        return groups
+
+    @cached_property
+    def _shortened(self) -> dict[str, str]:
+        """Names of clips and groups by those of ids that do not give them back: shortened, or composed."""
+        names = (name for clip in self.store.clips for name in (clip.id, clip.group) if name)
+        return {safe: name for name in names if SampleId.parse(safe := safe_name(name)).clip != name}
+
+    def _clips(self, of: SampleId) -> tuple[ClipView, ...]:
+        for name in dict.fromkeys((of.clip, self._shortened.get(safe_name(of.clip), of.clip))):
+            if any(self.store.tables(split).find(name) is not None for split in self.store.splits):
+                return (self.store.clip(name),)
+            members = self._groups.get(name, [])
+            if of.dancer is not None:
+                members = [clip for clip in members if clip.member == of.dancer] or members[of.dancer :][:1]
+            if members:
+                return tuple(members)
+        return ()
+
+    def find(self, name: str | SampleId) -> Sample | None:
+        """Return what an id names, None if it is no clip or group of the dataset; DataError "outside" beyond a clip.
+
+        A name that is that of a clip as it stands is the clip.
+        """
+        of = SampleId.parse(name)
+        clips = self._clips(of)
+        if not clips and isinstance(name, str):
+            of = SampleId(name)
+            clips = self._clips(of)
+        if not clips:
+            return None
+        n_frames = min(clip.n_frames for clip in clips)
+        start, length = (0, n_frames) if of.start is None or of.length is None else (of.start, of.length)
+        if start + length > n_frames or not length:
+            raise DataError("the window is not within its clip", reason="outside", where=str(name),
+                            found=f"frames {start} to {start + length}",
+                            allowed=f"0 to {n_frames} of {of.clip}")  # fmt: skip
+        origin = self.store.clip(clips[0].source) if clips[0].source else clips[0]
+        recording = recording_of(origin) if len(clips) == 1 else origin.group
+        return Sample(of, self.store, clips, start, length, recording)
+
+    def require(self, name: str | SampleId) -> Sample:
+        """Return what an id names; DataError "no_clip" with the nearest clips if it is none of the dataset."""
+        sample = self.find(name)
+        if sample is None:
+            clip = SampleId.parse(name).clip
+            ids = [*(c.id for c in self.store.clips), *self._groups]
+            raise DataError(f"the dataset has no clip {clip!r}", reason="no_clip", where=str(name),
+                            fix=nearest(clip, ids, "clip", self.store.path))  # fmt: skip
+        return sample
