@@ -288,8 +288,9 @@ def _wavs(draw: Draw) -> bytes:
 
 
 _DATASETS = st.sampled_from(
-    ["clips/id/offset", "clips/id/bytes", "clips/lists/list", "clips/lists/offset", "clips/n_frames", "clips/by_id",
-     "clips/tempo_bpm", "clips/motion/pose/start", "clips/audio/music/offset", "windows/clip", "windows/start"]
+    ["clips/id", "clips/file", "clips/lists/offset", "clips/lists/values", "clips/x/says/offset",
+     "clips/x/says/values", "clips/n_frames", "clips/tempo_bpm", "clips/motion/pose/start",
+     "clips/audio/music/offset", "windows/clip", "windows/start"]
 )  # fmt: skip
 
 

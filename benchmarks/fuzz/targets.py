@@ -294,7 +294,7 @@ def _read_tables(path: Path) -> None:
         if name != path.name:
             (path.parent / name).write_bytes(store()[name])
     document = json.loads(store()["dataset.json"])
-    document["splits"]["train"]["tables"] |= {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    document["files"]["tables.h5"] = {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     _seal(path.parent, document)
     try:
         verify_store(path.parent)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-TABLES = "train-tables.h5"
+TABLES = "tables.h5"
 MANIFEST = """motion,audio,split,genre,dancer,tempo_bpm,fps,up,unit
 a/b.bvh,s.wav,train,waltz,anna,120,,,cm
 a/c.npz,s.wav,train,waltz,"anna, b",120,,,

@@ -79,7 +79,7 @@ class SampleTable:
         from dancedata.store.tables_out import free_types
 
         kinds = {"id": "text", "split": "text", "seconds": "float"}
-        kinds |= {c.name: "text" if c.type.startswith(("row:", "hash:")) else c.type for c in CLIP_COLUMNS} | _SHOWN
+        kinds |= {c.name: c.kind for c in CLIP_COLUMNS} | _SHOWN
         kinds |= free_types(self.job.store)
         if self.whole:
             return kinds

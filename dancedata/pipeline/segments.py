@@ -23,10 +23,8 @@ from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
 from dancedata.remote import local_folder
 from dancedata.store import ClipView, Store, open_store
-from dancedata.store.schema import DATASET_FILE, layer_json, segments_name
+from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_json
 from dancedata.store.segment_numbers import layer_numbers
-from dancedata.store.segments import segment_rows
-from dancedata.store.table_file import SEGMENT_COLUMNS
 from dancedata.store.table_writer import write_segments
 from dancedata.store.writer import dump_json
 
@@ -189,7 +187,7 @@ def _recipe(store: Store) -> tuple[Mapping[str, CopySpec], Sequence[Lexicon]]:
 
 def _link(folder: Path, out: Path, store: Store) -> None:
     """Put all files of a dataset into a new folder, except its segments and dataset.json."""
-    written = {DATASET_FILE, *(segments_name(split) for split in store.splits)}
+    written = {DATASET_FILE, SEGMENTS_FILE}
     for path in folder.iterdir():
         if path.name in written or not path.is_file() or path.name.startswith(".dancedata"):
             continue
@@ -201,26 +199,14 @@ def _link(folder: Path, out: Path, store: Store) -> None:
 
 def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]) -> None:
     layers = sorted({s.layer for of_split in clips.values() for clip in of_split for s in clip.segments}, key=repr)
-    numbers, rows_of_layer, empty = {layer: k for k, layer in enumerate(layers)}, Counter[int](), 0
     document = {key: value for key, value in store.meta.items() if key not in ("self_sha256", "empty_segments")}
-    document["tables"] = {name: entry for name, entry in document["tables"].items() if name != "segments"}
-    document["splits"] = splits = {split: dict(entry) for split, entry in document["splits"].items()}
-    for split, of_split in clips.items():
-        rows, without_frame = segment_rows(of_split, numbers, store.grid)
-        entry = {key: value for key, value in splits[split].items() if key != "segments"}
-        entry["rows"] = {key: value for key, value in entry["rows"].items() if key != "segments"}
-        if rows:
-            path = out / segments_name(split)
-            write_segments(path, store, split, rows, len(of_split))
-            about = {"file": path.name, "size": path.stat().st_size, "sha256": sha256_file(path)}
-            entry = {"tables": entry["tables"], "segments": about, "rows": {**entry["rows"], "segments": len(rows)}}
-        splits[split] = entry
-        rows_of_layer.update(row.layer for row in rows)
-        empty += without_frame
-    if layers:
-        columns = [{"name": name, "type": kind} for name, kind in SEGMENT_COLUMNS.items()]
-        document["tables"]["segments"] = {"file": "segments", "columns": columns}
-    document["layers"] = [layer_json(layer, rows_of_layer[k]) for k, layer in enumerate(layers)]
+    rows, empty = write_segments(out / SEGMENTS_FILE, store, list(clips.values()), layers)
+    document["files"] = {name: entry for name, entry in document["files"].items() if name != SEGMENTS_FILE}
+    if rows:
+        path = out / SEGMENTS_FILE
+        document["files"][SEGMENTS_FILE] = {"size": path.stat().st_size, "sha256": sha256_file(path)}
+    of_layer = Counter(row.layer for row in rows)
+    document["layers"] = [layer_json(layer, of_layer[k]) for k, layer in enumerate(layers)]
     empty = max(empty, store.meta.get("empty_segments", 0))  # a file of --to does not have those of the build
     document |= {"empty_segments": empty} if empty else {}
     document["self_sha256"] = json_sha256(document)

@@ -12,14 +12,14 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, listed, quoted
 from dancedata.store.clip_columns import CLIP_COLUMNS, FREE
+from dancedata.store.columns import MISSING, Texts
 from dancedata.store.dataset import Store
-from dancedata.store.table_columns import MISSING
 from dancedata.store.tables import Tables
 from dancedata.store.tables_out import free_types
 
 #: Columns that can be chosen by, beside free ones.
 _CHOOSABLE = ("genre", "music", "dancer", "role", "member", "lists", "tempo_bpm", "height_m", "n_flags")
-_TYPES = {column.name: column.stated_type for column in CLIP_COLUMNS if column.name in _CHOOSABLE} | {"clip": "text"}
+_TYPES = {c.name: c.kind.removesuffix("32") for c in CLIP_COLUMNS if c.name in _CHOOSABLE} | {"clip": "text"}
 _DEFAULTS: Mapping[str, Any] = {column.name: column.default for column in CLIP_COLUMNS}
 #: End of the details of rejects.
 ASKED = "as where= asks for"
@@ -57,20 +57,17 @@ def require_where(store: Store, where: Mapping[str, Any] | None) -> dict[str, tu
 
 
 def chosen_clips(
-    tables: Sequence[Tables], where: Mapping[str, tuple[Any, ...]]
+    tables: Tables, where: Mapping[str, tuple[Any, ...]], among: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
-    """Return which clips of some splits have the values, (N,), and rejects of the others, by the first column."""
-    masks, rejects = [], []
-    for of_split in tables:
-        mask = np.ones(of_split.n_clips, dtype=np.bool_)
-        for name, values in where.items():
-            has = _has(of_split, name, values)
-            for row in np.flatnonzero(mask & ~has).tolist():
-                detail = f"{name} is not {listed(map(repr, values), 3)}, {ASKED}"
-                rejects.append(Reject("filtered", of_split.ids[row], detail=detail))
-            mask &= has
-        masks.append(mask)
-    return np.concatenate(masks), sorted(rejects, key=lambda reject: reject.clip)
+    """Return which of some clips (N,) have the values, and rejects of the others, by the first column."""
+    chosen, rejects = among.copy(), []
+    for name, values in where.items():
+        has = _has(tables, name, values)
+        for row in np.flatnonzero(chosen & ~has).tolist():
+            detail = f"{name} is not {listed(map(repr, values), 3)}, {ASKED}"
+            rejects.append(Reject("filtered", tables.ids[row], detail=detail))
+        chosen &= has
+    return chosen, sorted(rejects, key=lambda reject: reject.clip)
 
 
 def _has(tables: Tables, name: str, values: tuple[Any, ...]) -> npt.NDArray[np.bool_]:
@@ -79,13 +76,10 @@ def _has(tables: Tables, name: str, values: tuple[Any, ...]) -> npt.NDArray[np.b
         return np.full(tables.n_clips, any(value == _DEFAULTS.get(name, "") for value in values))
     if isinstance(column, np.ndarray):
         return np.isin(column, [int(v) if isinstance(v, bool) else v for v in values])
+    if isinstance(column, Texts):
+        return column.isin(values)
     wanted = set(values)
-    cells = (column[row] for row in range(tables.n_clips))
-    return np.fromiter(
-        (cell in wanted if isinstance(cell, str) else not wanted.isdisjoint(cell) for cell in cells),
-        dtype=np.bool_,
-        count=tables.n_clips,
-    )
+    return np.fromiter((not wanted.isdisjoint(cell) for cell in column), dtype=np.bool_, count=tables.n_clips)
 
 
 def require_columns(

@@ -152,12 +152,14 @@ class GroupDataset(WindowDataset):
 
     def _group_windows(self, dancers: WindowList, exactly: int | None, singles: bool, rejects: list[Reject]) -> None:
         """Reduce the windows of dancers to those of each group's first one; set windows, groups and rejects."""
-        tables = self.store.tables(self.split)
-        of_clip = np.asarray(tables.columns.get("group", np.full(tables.n_clips, -1)), dtype=np.int64)
-        single = np.flatnonzero(of_clip < 0)
-        first = np.concatenate([np.asarray(tables.groups.get("first", ()), dtype=np.int64), single])
-        count = np.concatenate([np.asarray(tables.groups.get("count", ()), dtype=np.int64), np.ones_like(single)])
-        n_groups = len(first) - len(single)
+        tables = self.store.tables
+        chosen = tables.in_split(self.split)
+        single = np.flatnonzero(chosen & (tables.group_of < 0))
+        first, count = (np.asarray(tables.groups.get(n, ()), dtype=np.int64) for n in ("first", "count"))
+        of_split = np.flatnonzero(chosen[first])
+        n_groups = len(of_split)
+        first = np.concatenate([first[of_split], single])
+        count = np.concatenate([count[of_split], np.ones_like(single)])
         kept = np.ones(len(first), dtype=np.bool_)
         kept[n_groups:] = singles
         if exactly is not None:
@@ -203,7 +205,7 @@ class GroupDataset(WindowDataset):
                 dancers = range(int(first[group]), int(first[group] + count[group]))
                 absent = [tables.ids[row] for row in dancers if not having[row]]
                 if absent:
-                    detail = f"group {tables.groups['id'][group]}: {listed(absent, 3)} kept without {name}"
+                    detail = f"group {tables.record(dancers[0]).group}: {listed(absent, 3)} kept without {name}"
                     rejects[group] = Reject("no_field", detail=detail)
         return rejects
 
@@ -239,7 +241,7 @@ class GroupDataset(WindowDataset):
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
         values = super()._metadata(request, windows, changes)
-        tables = self.store.tables(self.split)
+        tables = self.store.tables
         chosen = self._reader_of_groups().chosen(request)
         first = self.windows.clip[np.asarray(request.places, dtype=np.int64)].tolist()
         rows = [[row + member for member in members.tolist()] for row, members in zip(first, chosen, strict=True)]
@@ -290,7 +292,7 @@ class GroupReader(BatchReader):
     """Reads batches of group windows: motion fields (B, P, L, D), shared ones (B, L, D), masks and members (B, P)."""
 
     def __init__(self, dataset: GroupDataset) -> None:
-        self._dataset, self._tables = dataset, dataset.store.tables(dataset.split)
+        self._dataset, self._tables = dataset, dataset.store.tables
         store = dataset.store
         windows = {n: dataset._dancers if store.field(n).per_clip else dataset.windows for n in dataset.fields}
         rows = {n: store.window_rows(windows[n], n, mapped=dataset.mapped) for n in dataset.fields}

@@ -102,7 +102,7 @@ def estimated_tempo(store: Store, windows: WindowList, clip: str, fields: Sequen
     if store.scope == "track":
         pieces = [store.rows_within(clip, beats.name)[1]]
     else:
-        places = np.flatnonzero(windows.clip == windows.clip_ids.index(clip)).tolist()
+        places = np.flatnonzero(windows.clip == store.tables.find(clip)).tolist()
         pieces = [store.read(windows[place], beats.name) for place in places]
     column = beats.columns.slice("beat").start
     rows = np.concatenate([np.diff(np.flatnonzero(rows[:, column])) for rows in pieces])

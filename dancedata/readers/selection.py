@@ -89,14 +89,11 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
 
 def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
     """Return the windows of a split, and rejects of clips without one; makes no objects of the others."""
-    windows, tables = (
-        store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows),
-        store.tables(split),
-    )
-    counts = np.bincount(windows.clip, minlength=tables.n_clips)
-    missing, rejects = counts == 0, list[Reject]()
+    windows, tables = store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows), store.tables
+    in_split, rejects = tables.in_split(split), list[Reject]()
+    missing = in_split & (np.bincount(windows.clip, minlength=tables.n_clips) == 0)
     if choice.where:
-        chosen, rejects = chosen_clips([tables], choice.where)
+        chosen, rejects = chosen_clips(tables, choice.where, in_split)
         windows, missing = windows.take(chosen[windows.clip]), missing & chosen
     short = sorted((tables.record(row) for row in np.flatnonzero(missing).tolist()), key=lambda clip: clip.id)
     return windows, rejects + [_without_window(store, clip, choice) for clip in short]
@@ -116,7 +113,8 @@ def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowLis
     # A protocol's split has clips of several stored splits.
     stored_splits = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
     if choice.where:
-        _, unwanted = chosen_clips([store.tables(name) for name in stored_splits], choice.where)
+        among = np.logical_or.reduce([store.tables.in_split(name) for name in stored_splits])
+        _, unwanted = chosen_clips(store.tables, choice.where, among)
         rejects += [reject for reject in unwanted if reject.clip in remaining]
         remaining -= {reject.clip for reject in unwanted}
     parts = [store.windows(name, fields=choice.fields, trim=choice.trim, **choice.windows) for name in stored_splits]

@@ -141,7 +141,9 @@ class SplitDataset(EpochDataset):
             where=require_where(self.store, where),
         )
         parts = [select(self.store, split, self._choice) for split in self.splits]
-        self._first_clips = np.cumsum([0, *(len(part.windows.clip_ids) for part in parts)])[:-1]
+        self._split_of_clip = np.zeros(self.store.tables.n_clips, dtype=np.int16)
+        for number in reversed(range(len(parts))):
+            self._split_of_clip[parts[number].windows.clip] = number
         joined = WindowList.joined(self.split, [part.windows for part in parts])
         return Selection(joined, tuple(reject for part in parts for reject in part.rejects))
 
@@ -300,7 +302,7 @@ class SplitDataset(EpochDataset):
         return self.store.origin is not None
 
     @cached_property
-    def _shards_of_samples(self) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:
+    def _shards_of_samples(self) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
         return self.store.shards_of(self.windows)
 
     def _scaler(self, field: str) -> Scaler:
@@ -319,8 +321,8 @@ class SplitDataset(EpochDataset):
         if numbers:
             return numbers
         # The columns, not the clips: there may be a million.
-        columns = (self.store.tables(split).columns.get("genre", ()) for split in self.store.splits)
-        return {name: k for k, name in enumerate(sorted({genre for column in columns for genre in column} - {""}))}
+        genres = set(self.store.tables.columns.get("genre", ()))
+        return {name: k for k, name in enumerate(sorted(genres - {""}))}
 
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
@@ -350,7 +352,7 @@ class SplitDataset(EpochDataset):
             "clip": clips,
             "start": starts,
             "length": lengths,
-            "split": [self.splits[k] for k in self._parts(windows.clip)],
+            "split": [self.splits[k] for k in self._split_of_clip[windows.clip]],
             "genre": genres,
             "genre_id": [int(self.genre_ids.get(genre, -1)) for genre in genres],
             "music": of_clips["music"],
@@ -363,10 +365,6 @@ class SplitDataset(EpochDataset):
             **{name: [value_of(self.store, free, name) for free in of_clips["columns"]] for name in self.columns},
             **self._segment_values(request, clips, starts, lengths, mirrored),
         }
-
-    def _parts(self, clips: npt.NDArray[np.integer[Any]]) -> list[int]:
-        """Return which of `splits` clips are of, by their numbers in `windows`."""
-        return [int(k) for k in np.searchsorted(self._first_clips, clips, side="right") - 1]
 
     def _segment_values(
         self,

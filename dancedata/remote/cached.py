@@ -174,9 +174,6 @@ def remote_files(document: Mapping[str, Any], splits: tuple[str, ...] | None = N
         if name == CARD_FILE:
             continue
         yield RemoteFile(name, entry["size"], entry["sha256"])
-    chosen = [(s, e) for s, e in document.get("splits", {}).items() if splits is None or s in splits]
-    for entry in [entry[part] for _, entry in chosen for part in ("tables", "segments") if entry.get(part)]:
-        yield RemoteFile(entry["file"], entry["size"], entry["sha256"])
     for entry in document["shards"]:
         if splits is None or entry["split"] in splits:
             yield RemoteFile(entry["file"], entry["size"], entry["sha256"])

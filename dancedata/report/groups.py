@@ -83,7 +83,7 @@ class MeasuredGroups:
         `windows`: Windows of the group.
         """
         first = dancers[0]
-        table = store.tables(first.split).groups
+        table = store.tables.groups
         sizes = dict(zip(table["id"], np.asarray(table["n_source"]).tolist(), strict=True))
         row = GroupRow(
             first.group, first.split, tuple(c.id for c in dancers), tuple(c.member for c in dancers),

@@ -131,7 +131,7 @@ class ClipReader:
             return None, None
         if window is None and self.store.music_offset(clip.id) < 0:
             lead, rows = self.store.rows_within(clip.id, field.name)
-            tables = self.store.tables(clip.split)
+            tables = self.store.tables
             n_rows = int(tables.spans[field.name].available[tables.find(clip.id)])
         else:
             lead, rows = 0, clip.read_song(field.name) if window is None else self.store.read(window, field.name)

@@ -44,13 +44,14 @@ def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
 
 def _windows_and_rows(store: Store, f: Field) -> Iterator[tuple[IntArray, int, list[KeyedRows]]]:
     """Yield per train shard what `covered` takes: timelines that several shards have are known by their rows."""
-    tables, readers = store.tables("train"), store.shards("train")
-    clips = tables.window_clip[tables.having(f)[tables.window_clip]]
-    starts = tables.rows_of(f, store.grid)[tables.having(f)[tables.window_clip]]
+    tables, train = store.tables, store.rows_of_split("train")
+    chosen = tables.having(f)[tables.window_clip[train.windows]]
+    clips = tables.window_clip[train.windows][chosen]
+    starts = tables.rows_of(f, store.grid)[train.windows][chosen]
     spans = tables.spans.get(f.name)
     timelines = None if spans is None or spans.offset is None else spans.first - spans.offset
-    of_shard, clip_shard = tables.shard_of(clips), tables.shard_of(np.arange(tables.n_clips))
-    for number, reader in enumerate(readers):
+    of_shard, clip_shard = (tables.shard_of(k) - train.shards.start for k in (clips, np.arange(tables.n_clips)))
+    for number, reader in enumerate(store.shards("train")):
         n_rows = reader.layout(f.name).n_rows
         keyed: list[KeyedRows] = [(number, 0, n_rows)]
         if timelines is not None:

@@ -10,7 +10,8 @@ from fractions import Fraction
 from typing import Any
 
 from dancedata.core.clip import ColumnValue
-from dancedata.store.table_columns import hash_type, text_problem, type_of, whole_problem
+from dancedata.store.columns import problem as problem_of
+from dancedata.store.columns import text_problem, whole_problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +93,7 @@ class ClipColumn:
     """One column of the table /clips.
 
     `name`: Name of /clips/<name>, and of the attribute of `ClipRecord`.
-    `type`: Name of its type in dataset.json; "int32" is "int" there.
+    `kind`: What it holds: "text", "texts", "int32" or "float".
     `default`: Value of clips of a dataset that does not have the column.
     `problem`: Returns why a value of the attribute cannot be stored; "" if it can.
     `encode`, `decode`: Turn a value of the attribute into one of the column, and back.
@@ -101,18 +102,13 @@ class ClipColumn:
     """
 
     name: str
-    type: str
+    kind: str
     default: Any
     problem: Callable[[Any], str]
     encode: Callable[[Any], Any] = lambda value: value
     decode: Callable[[Any], Any] = lambda value: value
     heading: str = ""
     show: Callable[[Any], object] = str
-
-    @property
-    def stated_type(self) -> str:
-        """Name of the type in dataset.json."""
-        return "int" if self.type == "int32" else self.type
 
 
 def _line_problem(value: Any) -> str:
@@ -125,7 +121,7 @@ def _name_problem(value: Any) -> str:
 
 
 def _lists_problem(value: Any) -> str:
-    return type_of("texts").problem(value) or next(filter(None, map(_name_problem, value)), "")
+    return problem_of("texts", value) or next(filter(None, map(_name_problem, value)), "")
 
 
 def _text(name: str, heading: str = "", show: Callable[[Any], object] = str) -> ClipColumn:
@@ -141,7 +137,7 @@ def _number(name: str, heading: str, form: str) -> ClipColumn:
     # None is stored as NaN; an infinite value in a file is read as None too.
     return ClipColumn(
         name, "float", math.nan,
-        lambda v: "" if v is None else type_of("float").problem(v),
+        lambda v: "" if v is None else problem_of("float", v),
         lambda v: math.nan if v is None else v,
         lambda v: float(v) if math.isfinite(v) else None,
         heading, lambda v: "-" if v is None else format(v, form),
@@ -157,7 +153,12 @@ def _seconds(name: str, default: Fraction | None) -> ClipColumn:
     )  # fmt: skip
 
 
-#: In the order of dataset.json. Those of `row` types hold ids in a `ClipRecord`.
+def _hash_problem(value: Any) -> str:
+    good = isinstance(value, str) and len(value) in (0, 36) and set(value) <= set("0123456789abcdef")
+    return "" if good else "not 36 hexadecimal digits"
+
+
+#: In the order of the table.
 CLIP_COLUMNS = (
     ClipColumn("id", "text", "", _name_problem, heading="clip"),
     _text("genre", "genre"),
@@ -171,16 +172,16 @@ CLIP_COLUMNS = (
     _count("n_frames", "frames", least=1),
     _count("n_flags", "flags"),
     _count("trim_start", "trim"),
-    ClipColumn("group", "row:groups", -1, _line_problem),
-    ClipColumn("member", "int32", -1, type_of("int32").problem, int, int),
+    _text("group"),
+    _count("member", least=-1),
     _text("role"),
-    ClipColumn("song", "row:songs", -1, _line_problem),
+    _text("song"),
     _seconds("source_start", None),
     _seconds("source_end", None),
     _seconds("audio_start", Fraction(0)),
     _text("audio_start_by"),
-    ClipColumn("licence", "int32", -1, type_of("int32").problem, int, int),
-    ClipColumn("made_of", "hash:18", b"", hash_type(18).problem, decode=lambda v: bytes(v).hex() if any(v) else ""),
+    _count("licence", least=-1),
+    ClipColumn("made_of", "text", "", _hash_problem),
 )
 #: Columns that every dataset has.
 ALWAYS = ("id", "n_frames")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from itertools import accumulate, groupby
+from itertools import groupby
 from typing import Any, Self, overload
 
 import numpy as np
@@ -134,10 +133,9 @@ class ClipView(ClipRecord):
 class Clips(Sequence[ClipView]):
     """The clips of a store, in stored order; each view is made on access."""
 
-    def __init__(self, store: RowQueries, tables: Sequence[Tables], rows: range | None = None) -> None:
+    def __init__(self, store: RowQueries, tables: Tables, rows: range | None = None) -> None:
         self._store, self._tables = store, tables
-        self._begin = [0, *accumulate(part.n_clips for part in tables)]
-        self._rows = range(self._begin[-1]) if rows is None else rows
+        self._rows = range(tables.n_clips) if rows is None else rows
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -153,9 +151,7 @@ class Clips(Sequence[ClipView]):
             raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds.clip(ID)")
         if isinstance(item, slice):
             return Clips(self._store, self._tables, self._rows[item])
-        row = self._rows[item]
-        part = bisect_right(self._begin, row) - 1
-        return ClipView.of(self._store, self._tables[part].record(row - self._begin[part]))
+        return ClipView.of(self._store, self._tables.record(self._rows[item]))
 
     def units(self) -> Iterator[tuple[ClipView, ...]]:
         """Yield the clips of each group together, and each single dancer alone, in stored order."""

@@ -18,6 +18,7 @@ from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
 from dancedata.store.normalize import Scaler
+from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
 
@@ -118,37 +119,31 @@ class Store(SegmentQueries):
 
     def close(self) -> None:
         """Close the files; a later read opens them again."""
-        for shards in self._shards.values():
-            for shard in shards:
-                shard.close()
+        for shard in self.shard_readers:
+            shard.close()
 
     def require_intact(self, clips: Iterable[str] | None = None, sha256: FileHash = sha256_file) -> None:
         """Raise StoreError if bytes of shards or tables differ from the build's; reading rows does not compare them.
 
         Only the files of `clips` are read, by default all; `sha256` gives the hash of a file.
         """
-        shards, splits = sum(self._shards.values(), ()), set(self.splits)
+        numbers: Iterable[int] = range(len(self.shard_readers))
         if clips is not None:
-            places = [self._place(clip) for clip in clips]
-            shards = tuple({self._shards[t.split][int(t.shard_of(row))] for t, row in places})
-            splits = {tables.split for tables, _ in places}
-        for split in splits:
-            entry = self._description.splits[split]
-            for file in (entry.tables, entry.segments):
-                if file is not None:
-                    self._files[file.file].require_bytes(sha256)
-        for shard in shards:
-            shard.require_bytes(sha256)
+            numbers = set(self.tables.shard_of([self._row(clip) for clip in clips]).tolist())
+        for name in (TABLES_FILE, SEGMENTS_FILE):
+            if name in self._files:
+                self._files[name].require_bytes(sha256)
+        for number in numbers:
+            self.shard_readers[number].require_bytes(sha256)
 
     @property
     def clips(self) -> Clips:
         """All clips: split by split, in stored order."""
-        return Clips(self, [self.tables(split) for split in self.splits])
+        return Clips(self, self.tables)
 
     def clip(self, clip_id: str) -> ClipView:
         """Return a clip by id; UsageError with the closest id if there is none."""
-        tables, row = self._place(clip_id)
-        return ClipView.of(self, tables.record(row))
+        return ClipView.of(self, self.tables.record(self._row(clip_id)))
 
     @property
     def origin(self) -> Origin | None:
@@ -184,7 +179,7 @@ class Store(SegmentQueries):
 
     def __contains__(self, clip_id: object) -> bool:
         """Return whether there is a clip of this id."""
-        return any(self.tables(split).find(str(clip_id)) is not None for split in self.splits)
+        return self.tables.find(str(clip_id)) is not None
 
     def to_pandas(self, table: str = "clips") -> DataFrame:
         """Return a table as a pandas DataFrame, for filters, plots, CSV and parquet (``df.to_parquet``).

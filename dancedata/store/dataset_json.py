@@ -4,8 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
@@ -21,13 +24,11 @@ from dancedata.store.schema import (
     DATASET_FILE,
     FORMAT,
     OPTIONAL_FIELDS,
+    TABLES_FILE,
     Field,
     is_shard_name,
     layer_of,
-    segments_name,
-    tables_name,
 )
-from dancedata.store.table_columns import type_of
 
 REBUILD = "build the dataset again"
 #: Largest dataset.json and stats.json, bytes.
@@ -66,21 +67,17 @@ class ShardEntry(FileEntry):
     fields: Mapping[str, tuple[int | None, int]]
 
 
-@dataclass(frozen=True)
-class SplitEntry:
-    """Files of a split's tables and segments in dataset.json, and the number of rows of each table."""
+class SplitRows(NamedTuple):
+    """Clips and windows of a split in the tables, and its shards: splits follow one another, each in one piece."""
 
-    tables: FileEntry
-    segments: FileEntry | None
-    rows: Mapping[str, int]
+    clips: slice
+    windows: slice
+    shards: slice
 
 
 @dataclass(frozen=True)
 class Description:
-    """dataset.json, parsed.
-
-    `tables` are the types of columns by table and name.
-    """
+    """dataset.json, parsed."""
 
     meta: Mapping[str, Any]
     scope: str
@@ -92,9 +89,18 @@ class Description:
     skeleton: Skeleton
     shards: tuple[ShardEntry, ...]
     files: Mapping[str, Mapping[str, Any]]
-    tables: Mapping[str, Mapping[str, str]]
-    splits: Mapping[str, SplitEntry]
     layers: tuple[Layer, ...]
+
+    @cached_property
+    def splits(self) -> Mapping[str, SplitRows]:
+        """Rows of the splits, in the order of their shards."""
+        ends = np.cumsum([(shard.clips, shard.windows, 1) for shard in self.shards], axis=0).tolist()
+        splits, begin = dict[str, SplitRows](), [0, 0, 0]
+        for shard, end in zip(self.shards, ends, strict=True):
+            stored = splits.get(shard.split)
+            begin = begin if stored is None else [rows.start for rows in stored]
+            splits[shard.split], begin = SplitRows(*map(slice, begin, end)), end
+        return splits
 
     @cached_property
     def grid(self) -> FrameGrid:
@@ -239,13 +245,11 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
             fields=tuple(Field.from_json(f) for f in document["fields"]),
             skeleton=Skeleton.from_json(document["skeleton"]),
             shards=tuple(_shard(s) for s in document["shards"]),
-            files={str(k): {"size": v["size"], "sha256": v["sha256"]} for k, v in document["files"].items()},
-            tables={str(t): _columns(v["columns"]) for t, v in document["tables"].items()},
-            splits={str(split): _split(str(split), entry) for split, entry in document["splits"].items()},
+            files={str(k): _file(v) for k, v in document["files"].items()},
             layers=tuple(layer_of(entry) for entry in document.get("layers", ())),
         )
         _check_rates(description)
-        _check_tables(description)
+        _check_shards(description)
         return description
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, DanceDataError) as error:
         raise StoreError(
@@ -318,43 +322,20 @@ def _shard(entry: Mapping[str, Any]) -> ShardEntry:
     return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), fields=fields, **numbers)
 
 
-def _split(split: str, entry: Mapping[str, Any]) -> SplitEntry:
-    files = {}
-    for part, name in (("tables", tables_name(split)), ("segments", segments_name(split))):
-        stated = entry.get(part)
-        if stated is not None and (stated["file"] != name or Path(name).name != name):
-            raise ValueError(f"{quoted(stated['file'])} is not the name of the {part} of {shown(split)}")
-        files[part] = stated and FileEntry(name, _whole(stated["size"]), str(stated["sha256"]))
-    if files["tables"] is None:
-        raise ValueError(f"no tables of {shown(split)}")
-    rows = {str(table): _whole(n) for table, n in entry["rows"].items()}
-    return SplitEntry(files["tables"], files["segments"], rows)
+def _file(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {"size": _whole(entry["size"]), "sha256": str(entry["sha256"])}
 
 
-def _columns(columns: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the types of a table's columns by name; KeyError for a type that no version of the format has."""
-    types = {column["name"]: str(column["type"]) for column in columns}
-    if wrong := [name for name in types if not isinstance(name, str)]:
-        raise ValueError(f"the name of a column is {shown(wrong[0])}")
-    for kind in types.values():
-        type_of(kind)
-    return types
-
-
-def _check_tables(description: Description) -> None:
-    """Raise ValueError where tables do not go with the shards and fields."""
-    splits = {shard.split for shard in description.shards}
-    if splits != set(description.splits):
-        raise ValueError(f"tables of {listed(sorted(description.splits))}, shards of {listed(sorted(splits))}")
+def _check_shards(description: Description) -> None:
+    """Raise ValueError for shards that do not state the rows of every field, or splits that are not in one piece."""
     names = {f.name for f in description.fields}
     for shard in description.shards:
         if set(shard.fields) != names:
             raise ValueError(f"{shown(shard.file)} does not state the rows of every field")
-    for split, entry in description.splits.items():
-        if not {"clips", "windows"} <= entry.rows.keys() or (entry.segments is None) != (
-            "segments" not in entry.rows
-        ):
-            raise ValueError(f"the numbers of rows of {shown(split)} are not those of its tables")
+    if len(list(groupby(s.split for s in description.shards))) != len(description.splits):
+        raise ValueError("the shards of a split are not neighbours")
+    if TABLES_FILE not in description.files:
+        raise ValueError(f"it does not list {TABLES_FILE}")
 
 
 def _whole(value: Any) -> int:

@@ -46,7 +46,7 @@ class FreeColumn:
 
 def free_columns(store: Store) -> tuple[FreeColumn, ...]:
     """Return the free columns of a dataset, by name."""
-    types = {name: kind for split in store.splits for name, kind in store.tables(split).types.items()}
+    types = store.tables.types
     clips = [clip for clip in store.clips if not clip.source] if types else []
     return tuple(_column(name, kind, clips) for name, kind in sorted(types.items()))
 

@@ -3,7 +3,7 @@
 import io
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -132,14 +132,11 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
         raise StoreError("a shard cannot be read", where=str(path), found=shown(str(error), 600), fix=fix) from error
 
 
-def find_dataset(file: Any, name: str) -> Any:
-    """Return a dataset of a shard, if its size is plausible for the size of the file.
+def find_object(file: Any, name: str) -> Any:
+    """Return the identifier of a group or dataset of a file; None if there is none of this name.
 
-    StoreError if it is missing or not a dataset, is a link or in another file, holds anything except numbers and
-    fixed-length text, or is larger than the file.
+    StoreError if it is reached by a link, which may lead out of the file, or in a circle.
     """
-    filename = file.filename
-    where = f"{filename}, /{name.strip('/')}"
     # h5py's own look-up makes an object of every group on the way, which is most of the time to open a dataset.
     path, links = b"", file.id.links
     for part in name.strip("/").split("/"):
@@ -150,14 +147,26 @@ def find_dataset(file: Any, name: str) -> Any:
             parent = h5py.h5o.open(file.id, path.rpartition(b"/")[0] or b"/")
             if isinstance(parent, h5py.h5g.GroupID) and parent.links.exists(part.encode()):
                 raise
-            kind = "nothing"
+            return None
         if kind != "HardLink":
-            raise _refused("a shard lacks a dataset", where, kind, "a dataset, not a link to one")
-    identifier = h5py.h5o.open(file.id, path)
+            raise _refused("a shard lacks a dataset", f"{file.filename}, {path.decode()}", kind, "no links")
+    return h5py.h5o.open(file.id, path)
+
+
+def find_dataset(file: Any, name: str) -> Any:
+    """Return a dataset of a shard, if its size is plausible for the size of the file.
+
+    StoreError if it is missing or not a dataset, is a link or in another file, holds anything except numbers and
+    fixed-length text, is larger than the file, or has a filter that this HDF5 lacks.
+    """
+    filename = file.filename
+    where = f"{filename}, /{name.strip('/')}"
+    identifier = find_object(file, name)
     dataset = h5py.Dataset(identifier) if isinstance(identifier, h5py.h5d.DatasetID) else None
     shape = dataset.shape if dataset is not None else None
     if dataset is None or shape is None:
-        raise _refused("a shard lacks a dataset", where, type(identifier).__name__.removesuffix("ID"), "a dataset")
+        kind = "nothing" if identifier is None else type(identifier).__name__.removesuffix("ID")
+        raise _refused("a shard lacks a dataset", where, kind, "a dataset")
     dtype = dataset.dtype
     if dtype.kind not in "iufS" or dtype.subdtype is not None:
         raise _refused("a dataset has a type that shards do not use", where, dtype, "numbers or fixed-length text")
@@ -166,6 +175,9 @@ def find_dataset(file: Any, name: str) -> Any:
         raise _refused(
             "a dataset is stored in another file", where, "virtual or external storage", "data in the shard"
         )
+    filters = [storage.get_filter(k) for k in range(storage.get_nfilters())]
+    if missing := [f"{shown(f[3])} ({f[0]})" for f in filters if not h5py.h5z.filter_avail(f[0])]:
+        raise _refused("a dataset is compressed by a filter that HDF5 does not have here", where, missing[0], "none")
     n_bytes = math.prod(shape) * dtype.itemsize
     if storage.get_layout() != h5py.h5d.CHUNKED:
         # Data in the object's header, which has no offset, are at most 64 KiB.
@@ -205,7 +217,25 @@ def write_array(group: Any, name: str, array: npt.NDArray[Any]) -> None:
         dataset.id.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(array))
 
 
-def write_text_attribute(item: Any, name: str, text: str) -> None:
-    """Write one fixed-length UTF-8 attribute."""
-    raw = text.encode()
-    item.attrs.create(name, np.array(raw, dtype=h5py.string_dtype("utf-8", max(1, len(raw)))))
+def write_strings(group: Any, name: str, texts: Sequence[str], longest: int) -> None:
+    """Write UTF-8 texts: of fixed length, padded with NUL; offsets and bytes if one is longer than `longest`."""
+    raw = [t.encode() for t in texts]
+    size = max([1, *map(len, raw)])
+    if size > longest:
+        write_array(group, f"{name}/offset", np.cumsum([0, *map(len, raw)], dtype=np.int64))
+        write_array(group, f"{name}/values", np.frombuffer(b"".join(raw), dtype=np.uint8))
+        return
+    dtype = h5py.string_dtype("utf-8", size)
+    dataset = create_dataset(group, name, (len(raw),), dtype)
+    if raw:
+        dataset[...] = np.array(raw, dtype=dtype)
+
+
+def write_attributes(item: Any, **attributes: str | int) -> None:
+    """Write whole numbers, and texts of fixed length, as attributes."""
+    for name, value in attributes.items():
+        if isinstance(value, str):
+            raw = value.encode()
+            item.attrs.create(name, np.array(raw, dtype=h5py.string_dtype("utf-8", max(1, len(raw)))))
+        else:
+            item.attrs.create(name, np.int64(value), dtype="<i8")

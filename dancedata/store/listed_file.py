@@ -30,7 +30,15 @@ from dancedata.store.dataset_json import (
     require_sealed,
 )
 from dancedata.store.normalize import Scaler
-from dancedata.store.schema import DATASET_FILE, REJECTS_FILE, STATS_FILE, Field, sort_splits
+from dancedata.store.schema import (
+    DATASET_FILE,
+    REJECTS_FILE,
+    SEGMENTS_FILE,
+    STATS_FILE,
+    TABLES_FILE,
+    Field,
+    sort_splits,
+)
 
 T = TypeVar("T")
 
@@ -202,10 +210,10 @@ class ListedFile:
 
 
 def hdf5_files(description: Description, split: str | None = None) -> list[FileEntry]:
-    """Return the entries of shards, tables and segments, of all splits or one."""
+    """Return the entries of shards, of all splits or one, and of tables and segments."""
+    files = {name: description.files[name] for name in (TABLES_FILE, SEGMENTS_FILE) if name in description.files}
     shards = [entry for entry in description.shards if split in (None, entry.split)]
-    splits = [entry for name, entry in description.splits.items() if split in (None, name)]
-    return [*shards, *(file for entry in splits for file in (entry.tables, entry.segments) if file is not None)]
+    return [*shards, *(FileEntry(name, entry["size"], entry["sha256"]) for name, entry in files.items())]
 
 
 def lists_file(description: Description, name: str, size: int, sha256: str) -> bool:
@@ -308,7 +316,7 @@ def other_bytes(path: Path, actual: str, expected: str) -> StoreError:
 
 
 def _part(path: Path) -> str:
-    return next((f"a file of {part}" for part in ("tables", "segments") if path.stem.endswith(f"-{part}")), "a shard")
+    return f"the file of {path.stem}" if path.name in (TABLES_FILE, SEGMENTS_FILE) else "a shard"
 
 
 def _missing(path: Path, size: int) -> StoreError:

@@ -1,6 +1,6 @@
 """Windows and clips of a store, and their rows."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -14,8 +14,7 @@ from dancedata.core.text import shown
 from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows, require_field
 from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.store_tables import StoreTables
-from dancedata.store.tables import Tables
-from dancedata.store.window_list import IntArray, Whole, WindowList
+from dancedata.store.window_list import Whole, WindowList
 from dancedata.store.windowing import (
     cut_windows,
     requested_grid,
@@ -55,20 +54,21 @@ class RowQueries(StoreTables):
             and rows.
         Raises StoreError: for another length or stride in window scope.
         """
-        tables = self.tables(split)
+        self.rows_of_split(split)
+        tables = self.tables
         requested = self.window_grid(
             length_s=length_s, length_frames=length_frames, stride_s=stride_s, stride_frames=stride_frames
         )
         stored = WindowGrid(self._description.length, self._description.stride)
         window_fields = [self.field(name) for name in fields or self._fields]
         if requested == stored and not trim and not whole:
-            return stored_windows(tables, window_fields)
+            return stored_windows(tables, split, window_fields)
         if self.scope == "window":
             request = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
             raise self._only_built_windows(request + (", trimmed" if trim else ""))
         if whole:
-            return whole_clips(tables, self._description, window_fields, trim)
-        return cut_windows(tables, self._description, requested, window_fields, trim)
+            return whole_clips(tables, split, self._description, window_fields, trim)
+        return cut_windows(tables, split, self._description, requested, window_fields, trim)
 
     def _only_built_windows(self, request: str | None = None) -> StoreError:
         stored = f"length {self._description.length}, stride {self._description.stride} frames"
@@ -92,7 +92,7 @@ class RowQueries(StoreTables):
         UsageError for an unknown clip or field.
         """
         f = self.field(field)
-        tables, row = self._place(clip_id)
+        tables, row = self.tables, self._row(clip_id)
         return not f.optional or bool(tables.having(f)[row])
 
     def without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class RowQueries(StoreTables):
 
     def windows_of(self, clip_id: str) -> tuple[Window, ...]:
         """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
-        tables, row = self._place(clip_id)
+        tables, row = self.tables, self._row(clip_id)
         starts = tables.window_start[tables.positions_of(row)].tolist()
         return tuple(Window(clip_id, start, tables.window_length) for start in starts)
 
@@ -118,7 +118,7 @@ class RowQueries(StoreTables):
         if self.scope == "window":
             raise self._only_built_windows()
         window_fields = [self.field(name) for name in fields or self._fields]
-        tables, row = self._place(clip_id)
+        tables, row = self.tables, self._row(clip_id)
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
         return window_starts(tables, row, self._description, window_grid, window_fields, trim)
 
@@ -127,7 +127,7 @@ class RowQueries(StoreTables):
 
         Track scope only. Returns the row at which they begin, counted from frame 0, and the rows.
         """
-        tables, row = self._place(clip_id)
+        tables, row = self.tables, self._row(clip_id)
         lead = tables.spans[field].lead(row) if field in tables.spans else 0
         if not lead:
             return 0, self.read_clip(clip_id, field)
@@ -174,10 +174,10 @@ class RowQueries(StoreTables):
                 fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
             )
         f = self.field(field)
-        tables, row = self._place(window.clip)
+        tables, row = self.tables, self._row(window.clip)
         find = locate_stored if self.scope == "window" else locate_view
         first, length = find(tables, row, window, f, self.grid)
-        return RowSpan(self._shards[tables.split][int(tables.shard_of(row))], first, length)
+        return RowSpan(self.shard_readers[int(tables.shard_of(row))], first, length)
 
     def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
@@ -192,51 +192,27 @@ class RowQueries(StoreTables):
             lengths = sorted({int(n) for n in windows.length})
             raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
         n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
-        shards, shard = self.shards_of(windows)
-        first = np.zeros(len(windows), dtype=np.int64)
-        for tables, places, row in self._rows_of(windows):
-            part = windows if places is None else windows.take(places)
-            rows, bad = locate_windows(tables, row, part, f, self.grid, self.scope)
-            if bad.any():
-                self.locate(part[int(np.argmax(bad))], field)
-            first[slice(None) if places is None else places] = rows
-        return WindowRows(field, shards, shard, first, n_rows, mapped)
+        tables, row = self.tables, self._rows_of(windows)
+        first, bad = locate_windows(tables, row, windows, f, self.grid, self.scope)
+        if bad.any():
+            self.locate(windows[int(np.argmax(bad))], field)
+        return WindowRows(field, *self.shards_of(windows), first, n_rows, mapped)
 
     def clip_values(self, windows: WindowList, names: Sequence[str]) -> dict[str, list[Any]]:
         """Return attributes of `ClipRecord` of the clips of windows, (W,) each by name; reads their columns alone."""
-        values: dict[str, list[Any]] = {name: [None] * len(windows) for name in names}
-        for tables, places, row in self._rows_of(windows):
-            rows = row.tolist()
-            for name in names:
-                if places is None:
-                    values[name] = tables.values(name, rows)
-                    continue
-                for place, value in zip(places.tolist(), tables.values(name, rows), strict=True):
-                    values[name][place] = value
-        return values
+        rows = self._rows_of(windows).tolist()
+        return {name: self.tables.values(name, rows) for name in names}
 
-    def shards_of(self, windows: WindowList) -> tuple[list[ShardReader], npt.NDArray[np.int32]]:
-        """Return the shards of the splits of windows, and the number (W,) of each window's shard among them."""
-        shards: list[ShardReader] = []
-        numbers = np.zeros(len(windows), dtype=np.int32)
-        for tables, places, row in self._rows_of(windows):
-            numbers[slice(None) if places is None else places] = tables.shard_of(row) + len(shards)
-            shards += self._shards[tables.split]
-        return shards, numbers
+    def shards_of(self, windows: WindowList) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
+        """Return the shards of the dataset, and the number (W,) of each window's shard among them."""
+        return self.shard_readers, self.tables.shard_of(self._rows_of(windows)).astype(np.int32)
 
-    def _rows_of(self, windows: WindowList) -> Iterator[tuple[Tables, IntArray | None, Whole]]:
-        """Yield for each split its tables, the places of its windows (None: all), and the rows of their clips."""
-        for split in self.splits:
-            if split in self._tables and windows.clip_ids is self._tables[split].ids:
-                yield self._tables[split], None, windows.clip
-                return
-        used = np.unique(windows.clip)
-        places = [self._place(windows.clip_ids[k]) for k in used.tolist()]
-        number = np.searchsorted(used, windows.clip)
-        for tables in dict.fromkeys(tables for tables, _ in places):
-            of_split = np.array([t is tables for t, _ in places])[number]
-            row = np.array([row for _, row in places])[number]
-            yield tables, np.flatnonzero(of_split), row[of_split]
+    def _rows_of(self, windows: WindowList) -> Whole:
+        """Return the rows (W,) of the clips of windows, which may be those of another opened dataset."""
+        if windows.clip_ids is self.tables.ids:
+            return windows.clip
+        used, number = np.unique(windows.clip, return_inverse=True)
+        return np.array([self._row(windows.clip_ids[k]) for k in used.tolist()], dtype=np.int64)[number]
 
     def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to a clip; see `ClipView.read`."""
@@ -253,7 +229,7 @@ class RowQueries(StoreTables):
 
         Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
         """
-        tables, row = self._place(clip_id)
+        tables, row = self.tables, self._row(clip_id)
         start = tables.record(row).audio_start
         if start:
             return start  # exact, where rows begin at a fraction of one
@@ -264,7 +240,7 @@ class RowQueries(StoreTables):
 
     def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
         f = self.field(field)
-        tables, row = self._place(clip_id)
+        tables, row = self.tables, self._row(clip_id)
         if self.scope == "window":
             raise StoreError("a store of window scope does not hold whole clips", where=f"clip {clip_id}",
                              fix="read its windows, or build with scope: track")  # fmt: skip
@@ -278,6 +254,6 @@ class RowQueries(StoreTables):
         if not f.per_clip and not whole_song:
             rows = max(0, min(rows, self.grid.rows_up(int(tables.n_frames[row]), of=f.grid)))
         out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)
-        shard = self._shards[tables.split][int(tables.shard_of(row))]
+        shard = self.shard_readers[int(tables.shard_of(row))]
         shard.read_rows(field, int(spans.first[row]), out)
         return out

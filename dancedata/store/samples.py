@@ -86,7 +86,7 @@ class Samples:
 
     def _clips(self, of: SampleId) -> tuple[ClipView, ...]:
         for name in dict.fromkeys((of.clip, self._shortened.get(safe_name(of.clip), of.clip))):
-            if any(self.store.tables(split).find(name) is not None for split in self.store.splits):
+            if name in self.store:
                 return (self.store.clip(name),)
             members = self._groups.get(name, [])
             if of.dancer is not None:

@@ -1,4 +1,4 @@
-"""Format 2 of the store: file names, fields and the header. docs/store-format.md has the layout."""
+"""Format 3 of the store: file names, fields and the header. docs/store.md has the layout."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted
 
 #: Version of the layout.
-FORMAT = 2
+FORMAT = 3
 #: Name in `needs` of datasets with fields that not every clip has.
 OPTIONAL_FIELDS = "optional_fields"
 #: Every dataset's bytes start at a multiple of this, so that a mapped file gives aligned arrays.
@@ -31,10 +31,13 @@ SPLIT_ORDER = ("train", "val", "test")
 DATASET_FILE = "dataset.json"
 STATS_FILE = "stats.json"
 REJECTS_FILE = "rejects.jsonl"
+TABLES_FILE = "tables.h5"
+SEGMENTS_FILE = "segments.h5"
 CARD_FILE = "README.md"
+SIDE_FILES = (STATS_FILE, REJECTS_FILE, CARD_FILE)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")
-_SHARD = re.compile(r".+-(\d{5,}-of-\d{5,}|tables|segments)\.h5\Z")
+_SHARD = re.compile(r"(.+-\d{5,}-of-\d{5,}|tables|segments)\.h5\Z")
 
 Kind = Literal["motion", "keymotion", "audio", "scene"]
 Scope = Literal["track", "window"]
@@ -240,18 +243,8 @@ def shard_name(split: str, number: int, total: int) -> str:
     return f"{split}-{number:05d}-of-{total:05d}.h5"
 
 
-def tables_name(split: str) -> str:
-    """Return the file name of a split's tables."""
-    return f"{split}-tables.h5"
-
-
-def segments_name(split: str) -> str:
-    """Return the file name of a split's segments."""
-    return f"{split}-segments.h5"
-
-
 def is_shard_name(name: str) -> bool:
-    """Whether `name` is that of a shard, or of the tables or segments of a split."""
+    """Whether `name` is that of a shard, or of the tables or segments."""
     return _SHARD.match(name) is not None
 
 

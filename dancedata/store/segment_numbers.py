@@ -93,19 +93,15 @@ def layer_numbers(store: Store) -> tuple[LayerNumbers, ...]:
 def _rows(store: Store) -> tuple[list[_Rows], int]:
     """Return the segments of each layer, of clips that are not copies, and the number of frames of these clips."""
     parts: list[list[tuple[int, int, int, str, tuple[str, ...]]]] = [[] for _ in store.layers]
-    first = n_frames = 0
-    for split in store.splits:
-        tables, table = store.tables(split), store.segment_table(split)
-        source = tables.columns.get("source")
-        own = np.array([source is None or not source[row] for row in range(tables.n_clips)], dtype=np.bool_)
-        n_frames += int(np.asarray(tables.n_frames)[own].sum())
-        if table is not None:
-            columns = table.columns
-            for k in np.flatnonzero(own[np.asarray(columns["clip"])]).tolist():
-                clip, start, end = (int(columns[name][k]) for name in ("clip", "start", "end"))
-                row = first + clip, start, end, columns["label"][k], columns["texts"][k]
-                parts[int(columns["layer"][k])].append(row)
-        first += tables.n_clips
+    tables, table = store.tables, store.segment_table
+    source = tables.columns.get("source")
+    own = np.array([source is None or not source[row] for row in range(tables.n_clips)], dtype=np.bool_)
+    n_frames = int(np.asarray(tables.n_frames)[own].sum())
+    if table is not None:
+        columns = table.columns
+        for k in np.flatnonzero(own[np.asarray(columns["clip"])]).tolist():
+            clip, start, end = (int(columns[name][k]) for name in ("clip", "start", "end"))
+            parts[int(columns["layer"][k])].append((clip, start, end, columns["label"][k], columns["texts"][k]))
     return [_Rows(*_columns(part)) for part in parts], n_frames
 
 

@@ -17,8 +17,6 @@ from dancedata.files.strict_json import parse_json
 from dancedata.store.dataset_json import checked_flag
 from dancedata.store.row_queries import RowQueries
 from dancedata.store.segments import QUALITY, PlacedRow, PlacedSegment, segments_of
-from dancedata.store.table_file import SegmentTable, read_segments
-from dancedata.store.tables import Tables
 
 
 class SegmentQueries(RowQueries):
@@ -29,23 +27,14 @@ class SegmentQueries(RowQueries):
         """Layers of segments, by their numbers; those of laid-over files are the last."""
         return self._description.layers + self.overlay.layers
 
-    def segment_table(self, split: str) -> SegmentTable | None:
-        """Return the columns of a split's segments, read on first use; None where it has none."""
-        if split not in self._segments:
-            stated = self._description.splits[split].segments
-            table = read_segments(self._files[stated.file], self._description, split) if stated else None
-            self._segments[split] = table
-        return self._segments[split]
-
     def segments(self, clip_id: str, layer: str | None = None) -> list[Segment]:
         """Return the segments of a clip by their first frames; with `layer` those of the layers of this name.
 
         Raises UsageError: for an unknown clip or layer.
         """
         self.require_layer(layer)
-        tables, row = self._place(clip_id)
-        table = self.segment_table(tables.split)
-        stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, tables.ids)
+        table, row = self.segment_table, self._row(clip_id)
+        stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, self.tables.ids)
         segments = self.overlay.over(clip_id, stored)
         return [segment for segment in segments if layer in (None, segment.layer.name)]
 
@@ -61,11 +50,12 @@ class SegmentQueries(RowQueries):
 
     def segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
         """Return the same as `segments_in`, except that each segment is read when it is asked for."""
-        tables, row = self._place(window.clip)
-        first = self._first_of_group(tables, row)
-        segments = self._placed(tables, row, window, layer)
+        row = self._row(window.clip)
+        group = int(self.tables.group_of[row])
+        first = int(self.tables.groups["first"][group]) if group >= 0 else row
+        segments = self._placed(row, window, layer)
         if first != row:
-            segments += [placed for placed in self._placed(tables, first, window, layer) if placed.whole]
+            segments += [placed for placed in self._placed(first, window, layer) if placed.whole]
         return sorted(segments, key=lambda placed: (placed.start, placed.end))
 
     def mask(self, window: Window, layer: str) -> npt.NDArray[np.bool_]:
@@ -81,11 +71,12 @@ class SegmentQueries(RowQueries):
 
     def seconds_of(self, clip_id: str) -> Fraction | None:
         """Return the length of a clip in seconds; None if there is no such clip."""
-        rows = ((self.tables(split), self.tables(split).find(clip_id)) for split in self.splits)
-        return next((self.grid.seconds(int(t.n_frames[row])) for t, row in rows if row is not None), None)
+        row = self.tables.find(clip_id)
+        return None if row is None else self.grid.seconds(int(self.tables.n_frames[row]))
 
-    def _placed(self, tables: Tables, row: int, window: Window, layer: str | None) -> list[PlacedRow]:
-        clip, table = tables.ids[row], self.segment_table(tables.split)
+    def _placed(self, row: int, window: Window, layer: str | None) -> list[PlacedRow]:
+        tables, table = self.tables, self.segment_table
+        clip = tables.ids[row]
         if clip in self.overlay.segments:
             n_frames = int(tables.n_frames[row])
             in_window = [
@@ -98,10 +89,6 @@ class SegmentQueries(RowQueries):
         rows = table.overlapping(row, window.start, window.length, chosen)
         return [PlacedRow.of_table(table, k, self.layers, tables.ids, window) for k in rows]
 
-    def _first_of_group(self, tables: Tables, row: int) -> int:
-        group = int(tables.columns["group"][row]) if "group" in tables.columns else -1
-        return int(tables.groups["first"][group]) if group >= 0 else row
-
     def require_layer(self, layer: str | None) -> None:
         """Raise UsageError, with the closest name, if there is no layer of this name."""
         names = sorted({stored.name for stored in self.layers})
@@ -112,16 +99,16 @@ class SegmentQueries(RowQueries):
     def quality(self) -> list[dict[str, Any]]:
         """Quality flags: by clip in stored order, and by time; StoreError for damaged ones."""
         try:
-            return [row for split in self.splits for row in self._flags(split)]
+            return list(self._flags())
         except (ValueError, IndexError) as error:
             raise StoreError("the quality flags cannot be read", where=str(self.path), found=shown(error)) from error
 
-    def _flags(self, split: str) -> Iterator[dict[str, Any]]:
-        table, layers = self.segment_table(split), self.layers
+    def _flags(self) -> Iterator[dict[str, Any]]:
+        table, layers = self.segment_table, self.layers
         numbers = [k for k, layer in enumerate(layers) if layer.name == QUALITY]
         if table is None or not numbers:
             return
-        columns, ids = table.columns, self.tables(split).ids
+        columns, ids = table.columns, self.tables.ids
         for k in np.flatnonzero(np.isin(columns["layer"], numbers)).tolist():
             value = float(columns["value"][k])
             flag: dict[str, Any] = {"clip": ids[int(columns["clip"][k])]}

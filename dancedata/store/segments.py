@@ -29,8 +29,8 @@ class SegmentRow(NamedTuple):
     whole: bool
     start: int
     end: int
-    start_t: int
-    end_t: int
+    start_s: float
+    end_s: float
     layer: int
     label: str
     texts: tuple[str, ...]
@@ -78,7 +78,7 @@ def segment_rows(
                                  where=f"clip {clip.id}, segment {segment.label!r}", found=segment.other)  # fmt: skip
             rows.append(
                 SegmentRow(
-                    number, segment.whole, begin, end, ticks(segment.start), ticks(segment.end),
+                    number, segment.whole, begin, end, _stored_s(segment.start), _stored_s(segment.end),
                     numbers[segment.layer], segment.label, segment.texts,
                     segment.texts_mirrored if segment.texts_mirrored != segment.texts else (),
                     segment.tokens, float(segment.value),
@@ -86,7 +86,16 @@ def segment_rows(
                     canonical_json(segment.data) if segment.data else "",
                 )
             )  # fmt: skip
-    return sorted(rows, key=lambda r: (r.clip, r.start, r.end, r.layer, r.label, r.texts, r.start_t, r.data)), empty
+    return sorted(rows, key=lambda r: (r.clip, r.start, r.end, r.layer, r.label, r.texts, r.start_s, r.data)), empty
+
+
+def _stored_s(seconds: Fraction) -> float:
+    return ticks(seconds) / TICKS_PER_SECOND
+
+
+def _exact_s(seconds: float) -> Fraction:
+    """Return the tick that a stored time is the nearest float64 of: exact within 73 days."""
+    return Fraction(round(seconds * TICKS_PER_SECOND), TICKS_PER_SECOND)
 
 
 class PlacedSegment(NamedTuple):
@@ -138,7 +147,7 @@ class PlacedRow(NamedTuple):
         columns = table.columns
         begin, end = max(int(columns["start"][k]) - window.start, 0), int(columns["end"][k]) - window.start
         end = min(end, window.length)
-        texts = columns["texts"].begin
+        texts = columns["texts"].offset
         n_texts, share = int(texts[k + 1]) - int(texts[k]), (end - begin) / window.length
         return cls(
             begin, end, share, bool(columns["whole"][k]), n_texts, lambda: segments_of(table, [k], layers, ids)[0]
@@ -156,7 +165,7 @@ def segments_of(
     columns = table.columns
     segments = []
     for k in rows:
-        start, end = (Fraction(int(columns[name][k]), TICKS_PER_SECOND) for name in ("start_t", "end_t"))
+        start, end = (_exact_s(float(columns[name][k])) for name in ("start_s", "end_s"))
         other, data = int(columns["other"][k]), columns["data"][k]
         texts, mirrored, tokens = (columns[name][k] for name in ("texts", "texts_mirrored", "tokens"))
         layer = layers[int(columns["layer"][k])]

@@ -23,6 +23,11 @@ class Span:
     length: int
     offset: int = 0
 
+    @property
+    def from_frame_0(self) -> tuple[int, int, int]:
+        """Row of the clip's frame 0, rows from there on, and offset: columns of the table of clips."""
+        return self.start + self.offset, self.length - self.offset, self.offset
+
 
 @dataclass
 class ShardPlan:

@@ -35,9 +35,7 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
     """
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
-        file.attrs.create("format", np.int64(FORMAT), dtype="<i8")
-        for name, text in (("split", plan.split), ("scope", plan.header.scope), ("fps", str(plan.header.fps))):
-            hdf5.write_text_attribute(file, name, text)
+        hdf5.write_attributes(file, format=FORMAT, split=plan.split, fps=str(plan.header.fps))
         offsets = {f.name: _make_field(file, plan, f) for f in plan.header.fields}
         plan.first_bytes = offsets
     with atomic_file(out / plan.file) as temporary:
@@ -51,7 +49,7 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
 def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
     """Create a field's dataset and return its first byte in the file."""
     dataset = hdf5.create_dataset(file, f.path, (plan.rows[f.name], f.columns.width), f.disk_dtype)
-    hdf5.write_text_attribute(dataset, "rate", str(f.rate))
+    hdf5.write_attributes(dataset, rate=str(f.rate))
     return int(dataset.id.get_offset() or 0)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -9,17 +10,17 @@ from typing import Any
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError, did_you_mean, nearest
 from dancedata.core.licence import Licence
-from dancedata.store.dataset_json import Description
+from dancedata.store.dataset_json import Description, SplitRows
 from dancedata.store.listed_file import ListedFile, SideFiles
-from dancedata.store.schema import Field, Kind, sort_splits
+from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE, Field, Kind, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.shard_reader import ShardReader
-from dancedata.store.table_file import SegmentTable, read_tables
+from dancedata.store.table_file import SegmentTable, read_segments, read_tables
 from dancedata.store.tables import Tables
 
 
 class StoreTables:
-    """Opens the tables of splits when they are first needed, and finds clips in them."""
+    """Opens the tables when they are first needed, and finds clips in them."""
 
     def __init__(self, path: Path, description: Description, files: Mapping[str, ListedFile]) -> None:
         """Use `open_store` instead."""
@@ -35,16 +36,7 @@ class StoreTables:
         self.grid = description.grid
         self._side_files = SideFiles(path, description)
         self._files = files
-        self._shards: dict[str, tuple[ShardReader, ...]] = {
-            split: tuple(
-                ShardReader(files[s.file], s, description.fields)
-                for s in description.shards
-                if s.split == split and s.file in files  # `check` opens one split, whose files are not damaged
-            )
-            for split in self.splits
-        }
-        self._tables: dict[str, Tables] = {}
-        self._segments: dict[str, SegmentTable | None] = {}
+        self.shard_readers = tuple(ShardReader(files[s.file], s, description.fields) for s in description.shards)
         self.overlay = SegmentOverlay()
 
     def field(self, name: str) -> Field:
@@ -77,29 +69,31 @@ class StoreTables:
         """rejects.jsonl: what the build left out, and why."""
         return self._side_files.rejects
 
-    def tables(self, split: str) -> Tables:
-        """Return the tables of a split: columns of its clips and windows, read on first use.
+    @cached_property
+    def tables(self) -> Tables:
+        """The tables of the dataset, read on first use; StoreError if they do not fit it."""
+        return read_tables(self._files[TABLES_FILE], self._description)
 
-        Raises UsageError: for an unknown split.
-        Raises StoreError: if the tables do not fit the dataset.
-        """
-        if split not in self._shards:
+    @cached_property
+    def segment_table(self) -> SegmentTable | None:
+        """Columns of the segments, read on first use; None without any."""
+        file = self._files.get(SEGMENTS_FILE)
+        return None if file is None else read_segments(file, self.tables.n_clips)
+
+    def rows_of_split(self, split: str) -> SplitRows:
+        """Return the rows of a split in the tables, and its shards; UsageError for an unknown one."""
+        if split not in self.splits:
             raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
-        if split not in self._tables:
-            entry = self._description.splits[split]
-            self._tables[split] = read_tables(self._files[entry.tables.file], self._description, split)
-        return self._tables[split]
+        return self._description.splits[split]
 
     def shards(self, split: str) -> tuple[ShardReader, ...]:
         """Return the readers of a split's shards."""
-        return self._shards[split]
+        return self.shard_readers[self.rows_of_split(split).shards]
 
-    def _place(self, clip_id: str) -> tuple[Tables, int]:
-        """Find a clip's tables and row, split by split: training does not read the tables of test."""
-        for split in sorted(self.splits, key=lambda split: split not in self._tables):
-            row = self.tables(split).find(clip_id)
-            if row is not None:
-                return self.tables(split), row
-        clip_ids = [clip for split in self.splits for clip in self.tables(split).ids]
-        fix = nearest(clip_id, clip_ids, "clip", self.path)
-        raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=fix)
+    def _row(self, clip_id: str) -> int:
+        """Return the row of a clip; UsageError with the closest id if there is none."""
+        row = self.tables.find(clip_id)
+        if row is None:
+            fix = nearest(clip_id, list(self.tables.ids), "clip", self.path)
+            raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=fix)
+        return row

@@ -1,28 +1,29 @@
-"""Reads <split>-tables.h5 and <split>-segments.h5 of format 2: columns as arrays of the mapped file."""
+"""Reads tables.h5 and segments.h5: columns as arrays of the mapped file."""
 
 from __future__ import annotations
 
-import math
 import mmap
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import h5py
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import StoreError
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE
-from dancedata.store.dataset_json import Description, ShardEntry
+from dancedata.store.columns import broken, kind_of, read_column
+from dancedata.store.dataset_json import Description
 from dancedata.store.listed_file import ListedFile
-from dancedata.store.table_columns import type_of
-from dancedata.store.tables import FieldSpans, Tables, broken, check_frames, check_spans, check_windows
+from dancedata.store.tables import Tables, check_frames, check_references, check_spans
 
 #: Larger files are mapped; smaller ones are read whole, which costs less and cannot be truncated under a reader.
 _READ_WHOLE = 1 << 24
+#: Numbers that columns do not have, by kind and bytes.
+_UNUSED = {("u", 2), ("u", 4), ("u", 8), ("i", 1), ("i", 2), ("f", 2), ("f", 4), ("f", 16)}
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class TableFile:
     """An open file of tables, and its bytes."""
 
     file: Any
-    where: str
+    listed: ListedFile
     memory: bytes | mmap.mmap
 
     @classmethod
@@ -39,36 +40,55 @@ class TableFile:
         """Open a file that dataset.json lists."""
         listed.require_there()
         with hdf5.open_file(listed.path, listed.require) as file:
-            yield cls(file, str(listed.path), _bytes(listed))
+            yield cls(file, listed, _bytes(listed))
 
     def array(self, name: str, kinds: str) -> npt.NDArray[Any]:
         """Return a dataset of one of these numpy kinds, as a view of the file where it is one piece of it."""
         dataset = hdf5.find_dataset(self.file, name)
         shape, dtype, offset = dataset.shape, dataset.dtype, dataset.id.get_offset()
-        if len(shape) not in (1, 2) or dtype.kind not in kinds:
+        if len(shape) != 1 or dtype.kind not in kinds or (dtype.kind, dtype.itemsize) in _UNUSED:
             problem = "a column of a table has another shape or type"
-            raise self.error(name, problem, f"{shape} {dtype}", f"(N,) of kind {' or '.join(kinds)}")
-        size = math.prod(shape)
-        if offset is None or not size:
+            raise broken(self.where(name), problem, f"{shape} {dtype}", f"(N,) of kind {' or '.join(kinds)}")
+        stored = dataset.id.get_type()
+        if dtype.kind == "S":
+            is_plain = stored.get_strpad() == h5py.h5t.STR_NULLPAD
+        else:
+            is_plain = stored == h5py.h5t.py_create(dtype)
+        if offset is None or not shape[0] or not is_plain:  # HDF5 converts it
             return np.asarray(dataset[...])
-        return np.frombuffer(self.memory, dtype=dtype, count=size, offset=offset).reshape(shape)
+        return np.frombuffer(self.memory, dtype=dtype, count=shape[0], offset=offset)
 
-    def error(self, name: str, problem: str, actual: object, allowed: object = None) -> StoreError:
-        """Return an error that names the file and the dataset."""
-        return broken(f"{self.where}, /{name}", problem, actual, allowed)
+    def is_group(self, name: str) -> bool:
+        """Return whether there is a group of this name."""
+        return isinstance(hdf5.find_object(self.file, name), h5py.h5g.GroupID)
 
-    def column(self, table: str, name: str, kind: str, n_rows: int) -> Any:
-        """Read a column with this number of rows."""
-        column = type_of(kind).read(self, f"{table}/{name}")
-        if len(column) != n_rows:
+    def names(self, group: str) -> list[str]:
+        """Return the names in a group; none without it."""
+        return sorted(self.file[group]) if self.is_group(group) else []
+
+    def where(self, name: str) -> str:
+        """Return file and name, for errors."""
+        return f"{self.listed.path}, /{name}"
+
+    def column(self, name: str, n_rows: int | None, *kinds: str) -> Any:
+        """Read a column with this number of rows, of one of these kinds."""
+        column = read_column(self, name)
+        if kinds and kind_of(column) not in kinds:
+            raise broken(
+                self.where(name), "a column of a table has another type", kind_of(column), " or ".join(kinds)
+            )
+        if n_rows is not None and len(column) != n_rows:
             problem = "a column has another number of rows than its table"
-            raise self.error(f"{table}/{name}", problem, len(column), n_rows)
+            raise broken(self.where(name), problem, len(column), n_rows)
         return column
 
-    def table(self, table: str, description: Description, n_rows: int) -> dict[str, Any]:
-        """Read all columns of a table that dataset.json names."""
-        columns = description.tables.get(table, {})
-        return {name: self.column(table, name, kind, n_rows) for name, kind in columns.items()}
+    def table(self, name: str, **kinds: str) -> dict[str, Any]:
+        """Read columns of a table by name, of these kinds and of one length; none without the table."""
+        columns: dict[str, Any] = {}
+        for column, kind in kinds.items() if self.is_group(name) else ():
+            n_rows = len(next(iter(columns.values()))) if columns else None
+            columns[column] = self.column(f"{name}/{column}", n_rows, kind)
+        return columns
 
 
 def _bytes(listed: ListedFile) -> bytes | mmap.mmap:
@@ -82,82 +102,63 @@ def _bytes(listed: ListedFile) -> bytes | mmap.mmap:
         os.close(descriptor)
 
 
-def read_tables(listed: ListedFile, description: Description, split: str) -> Tables:
-    """Read the tables of a split.
+#: Kinds of columns that are read, by those of `ClipColumn` and `SEGMENT_COLUMNS`.
+_KINDS = {"text": "text", "texts": "texts", "int32": "int", "float": "float", "bool": "bool"}
+
+
+def read_tables(listed: ListedFile, description: Description) -> Tables:
+    """Read the tables of a dataset.
 
     StoreError for columns that are missing or of another type, and clips whose rows lie outside their field.
     """
-    rows = description.splits[split].rows
-    shards = [shard for shard in description.shards if shard.split == split]
-    shard_begin = np.concatenate([[0], np.cumsum([s.clips for s in shards])]).astype(np.int64)
+    shards, where = description.shards, str(listed.path)
+    shard_begin = np.cumsum([0, *(shard.clips for shard in shards)]).astype(np.int64)
+    n_clips, n_windows = int(shard_begin[-1]), sum(shard.windows for shard in shards)
     with TableFile.opened(listed) as source:
-        if int(shard_begin[-1]) != rows["clips"]:
-            raise source.error(
-                "clips", "the shards hold another number of clips", int(shard_begin[-1]), rows["clips"]
-            )
-        missing = [name for name in ALWAYS if name not in description.tables["clips"]]
-        if missing:
-            raise source.error("clips", "a table lacks columns", ", ".join(missing))
-        columns = source.table("clips", description, rows["clips"])
-        check_frames(columns, source.where)
-        spans = _spans(source, description, shard_begin, shards)
-        windowed = description.scope == "window"
-        known = {column.name for column in CLIP_COLUMNS}
+        stored = {*ALWAYS, *source.names("clips")}
+        kinds = {c.name: _KINDS[c.kind] for c in CLIP_COLUMNS if c.name in stored} | {"split": "text", "file": "text"}
+        columns = {name: source.column(f"clips/{name}", n_clips, kind) for name, kind in kinds.items()}
+        free = {FREE + name: source.column(f"clips/{FREE}{name}", n_clips) for name in source.names(f"clips/{FREE}")}
+        check_frames(columns, where)
+        spans = {}
+        for f in description.fields:
+            if f.per_clip or description.scope == "track":
+                paths = [f"clips/{f.path}/{name}" for name in f.span_columns]
+                values = [np.asarray(source.column(path, n_clips, "int"), dtype=np.int64) for path in paths]
+                n_rows = np.repeat([shard.fields[f.name][1] for shard in shards], np.diff(shard_begin))
+                spans[f.name] = check_spans(f, *values, n_rows=n_rows.astype(np.int64), where=where)
         tables = Tables(
-            split=split,
-            columns={n: c for n, c in columns.items() if n in known or n.startswith(FREE)},
-            types={n: kind for n, kind in description.tables["clips"].items() if n.startswith(FREE)},
+            splits=description.splits,
+            columns=columns | free,
+            types={name: kind_of(column) for name, column in free.items()},
             spans=spans,
             shard_begin=shard_begin,
-            window_clip=source.column("windows", "clip", "row:clips", rows["windows"]),
-            window_start=source.column("windows", "start", "int", rows["windows"]),
+            window_clip=source.column("windows/clip", n_windows, "int"),
+            window_start=source.column("windows/start", n_windows, "int"),
             window_length=description.length,
             window_rows={
-                f.name: source.column("windows", f"rows/{f.name}", "int", rows["windows"])
-                for f in description.fields if windowed
+                f.name: source.column(f"windows/rows/{f.name}", n_windows, "int")
+                for f in description.fields if description.scope == "window"
             },
-            groups=source.table("groups", description, rows.get("groups", 0)) if "groups" in rows else {},
-            songs=source.table("songs", description, rows.get("songs", 0)) if "songs" in rows else {},
-            by_id=source.column("clips", "by_id", "row:clips", rows["clips"]),
+            groups=source.table("groups", id="text", first="int", count="int", n_source="int"),
+            songs=source.table(
+                "songs", id="text", sha256="text", sample_rate="int", n_samples="int", fingerprint="ints"
+            ),
         )  # fmt: skip
-        _check_references(tables, source)
-        return check_windows(tables, source.where)
+        return check_references(tables, where)
 
 
-def _spans(
-    source: TableFile, description: Description, shard_begin: npt.NDArray[np.int64], shards: Sequence[ShardEntry]
-) -> dict[str, FieldSpans]:
-    n, counts = int(shard_begin[-1]), np.diff(shard_begin)
-    spans = {}
-    for f in description.fields:
-        if not f.per_clip and description.scope == "window":
-            continue
-        start, length, *offset = (
-            np.asarray(source.column("clips", f"{f.path}/{name}", "int", n), dtype=np.int64)
-            for name in f.span_columns
-        )
-        in_shard = np.repeat([shard.fields[f.name][1] for shard in shards], counts).astype(np.int64)
-        spans[f.name] = check_spans(f, start, length, offset[0] if offset else None, in_shard, source.where)
-    return spans
-
-
-def _check_references(tables: Tables, source: TableFile) -> None:
-    """Check that rows of other tables exist, and that `by_id` can be searched."""
-    for name, table in (("group", tables.groups), ("song", tables.songs)):
-        rows = tables.columns.get(name)
-        n = len(table["id"]) if "id" in table else 0
-        if rows is not None and len(rows) and not (int(rows.min()) >= -1 and int(rows.max()) < n):
-            raise source.error(
-                f"clips/{name}", "rows of another table that do not exist", int(rows.max()), f"-1 to {n - 1}"
-            )
-    by_id = tables.by_id
-    if by_id is not None and len(by_id) and (int(by_id.min()) < 0 or int(by_id.max()) >= tables.n_clips):
-        raise source.error("clips/by_id", "rows of clips that do not exist", int(by_id.max()), tables.n_clips - 1)
+#: Columns of segments.
+SEGMENT_COLUMNS = {
+    "clip": "int32", "whole": "bool", "start": "int32", "end": "int32", "start_s": "float", "end_s": "float",
+    "layer": "int32", "label": "text", "texts": "texts", "texts_mirrored": "texts", "tokens": "texts",
+    "value": "float", "other": "int32", "joint": "int32", "data": "text",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class SegmentTable:
-    """Segments of a split: columns, and the rows [first[k], first[k + 1]) of clip k."""
+    """Segments of a dataset: columns, and the rows [first[k], first[k + 1]) of clip k."""
 
     columns: dict[str, Any]
     first: npt.NDArray[np.int64]
@@ -174,22 +175,12 @@ class SegmentTable:
         return (np.flatnonzero(covers) + rows.start).tolist()
 
 
-def read_segments(listed: ListedFile, description: Description, split: str) -> SegmentTable:
-    """Read the segments of a split; StoreError for a table that does not fit the clips."""
-    n_clips, n = (description.splits[split].rows[name] for name in ("clips", "segments"))
+def read_segments(listed: ListedFile, n_clips: int) -> SegmentTable:
+    """Read the segments of a dataset; StoreError for a table that does not fit the clips."""
     with TableFile.opened(listed) as source:
-        first = np.asarray(source.column("segments", "first", "int", n_clips + 1), dtype=np.int64)
-        if int(first[0]) != 0 or int(first[-1]) != n or (np.diff(first) < 0).any():
-            raise source.error(
-                "segments/first", "rows of clips that do not ascend from 0 to the last", f"{first[:3]}"
-            )
-        columns = source.table("segments", description, n)
+        columns = source.table("segments", **{name: _KINDS[kind] for name, kind in SEGMENT_COLUMNS.items()})
+        first = np.asarray(source.column("segments/first", n_clips + 1, "int"), dtype=np.int64)
+    if not columns or int(first[0]) != 0 or int(first[-1]) != len(columns["clip"]) or (np.diff(first) < 0).any():
+        problem = "rows of clips that do not ascend from 0 to the last"
+        raise broken(f"{listed.path}, /segments/first", problem, f"{first[:3]}")
     return SegmentTable(columns, first)
-
-
-#: Columns of segments, with their types in dataset.json, in this order.
-SEGMENT_COLUMNS = {
-    "clip": "row:clips", "whole": "bool", "start": "int", "end": "int", "start_t": "time", "end_t": "time",
-    "layer": "int", "label": "text", "texts": "texts", "texts_mirrored": "texts", "tokens": "texts",
-    "value": "float", "other": "row:clips", "joint": "int", "data": "text",
-}  # fmt: skip

@@ -1,4 +1,4 @@
-"""Tables: the tables of a split as arrays of columns. Above this file nothing knows the format on disk."""
+"""Tables: the tables of a dataset as arrays of columns. Above this file nothing knows the format on disk."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.store.clip_columns import CLIP_COLUMNS, FREE, ClipColumn, ClipRecord
+from dancedata.store.columns import MISSING, Texts, broken
+from dancedata.store.dataset_json import SplitRows
 from dancedata.store.schema import Field
-from dancedata.store.table_columns import MISSING, TextColumn
 from dancedata.store.window_list import IntArray
 
 #: Found rows of clips that are remembered.
@@ -44,18 +44,12 @@ class FieldSpans:
         """Return the number of rows from a clip's frame 0 to the begin of its timeline."""
         return max(0, -int(self.offset[row])) if self.offset is not None else 0
 
-    @classmethod
-    def of(cls, start: IntArray, length: IntArray, offset: IntArray | None) -> FieldSpans:
-        """Make it from the columns of a table."""
-        if offset is None:
-            return cls(start, length)
-        return cls(start + offset, length - offset, offset)
-
 
 @dataclass(eq=False)
 class Tables:
-    """The tables of one split. Rows of clips count over the split; rows of fields count in the clip's shard.
+    """The tables of a dataset. Rows of clips count over all splits; rows of fields count in the clip's shard.
 
+    `splits`: Rows of each split.
     `columns`: Columns of the table of clips that the dataset has, by name; "x/<name>" are free ones.
     `types`: Types of the free columns.
     `spans`: Per field; not of audio in window scope.
@@ -67,7 +61,7 @@ class Tables:
     `groups`, `songs`: Columns of these tables.
     """
 
-    split: str
+    splits: Mapping[str, SplitRows]
     columns: Mapping[str, Any]
     types: Mapping[str, str]
     spans: Mapping[str, FieldSpans]
@@ -78,8 +72,6 @@ class Tables:
     window_rows: Mapping[str, IntArray] = field(default_factory=dict)
     groups: Mapping[str, Any] = field(default_factory=dict)
     songs: Mapping[str, Any] = field(default_factory=dict)
-    by_id: npt.NDArray[np.integer[Any]] | None = None
-    _rows: dict[str, int] = field(default_factory=dict)
     _records: dict[int, ClipRecord] = field(default_factory=dict)
 
     @property
@@ -88,9 +80,9 @@ class Tables:
         return len(self.ids)
 
     @property
-    def ids(self) -> TextColumn:
+    def ids(self) -> Texts:
         """Ids of the clips."""
-        ids: TextColumn = self.columns["id"]
+        ids: Texts = self.columns["id"]
         return ids
 
     @property
@@ -99,30 +91,30 @@ class Tables:
         return np.asarray(self.columns["n_frames"])
 
     def find(self, clip_id: str) -> int | None:
-        """Return the row of a clip, None if the split does not have it."""
-        row = self._rows.get(clip_id)
-        if row is None:
-            row = self._search(clip_id)
-            if row is not None:
-                if len(self._rows) >= _REMEMBERED:
-                    self._rows.clear()
-                self._rows[clip_id] = row
-        return row
+        """Return the row of a clip, None if there is none of this id."""
+        values, key = self._id_values, clip_id.encode(errors="surrogatepass")
+        place = int(np.searchsorted(values, key, sorter=self._by_id)) if len(values) else 0
+        row = int(self._by_id[place]) if place < len(values) else None
+        return row if row is not None and values[row] == key else None
 
-    def _search(self, clip_id: str) -> int | None:
-        if self.by_id is None:
-            self.by_id = self.ids.sorted_rows()
-        searched = clip_id.encode(errors="surrogatepass")
-        low, high = 0, len(self.by_id)
-        while low < high:
-            middle = (low + high) // 2
-            if self.ids.raw(int(self.by_id[middle])) < searched:
-                low = middle + 1
-            else:
-                high = middle
-        if low < len(self.by_id) and self.ids.raw(int(self.by_id[low])) == searched:
-            return int(self.by_id[low])
-        return None
+    @cached_property
+    def _id_values(self) -> npt.NDArray[Any]:
+        return self.ids.values
+
+    @cached_property
+    def _by_id(self) -> IntArray:
+        """(N,) rows sorted by id."""
+        return np.argsort(self._id_values, kind="stable")
+
+    def split_of(self, row: int) -> str:
+        """Return the split of a clip."""
+        return next(split for split, rows in self.splits.items() if rows.clips.start <= row < rows.clips.stop)
+
+    def in_split(self, split: str) -> npt.NDArray[np.bool_]:
+        """Return which clips (N,) are of a split."""
+        mask = np.zeros(self.n_clips, dtype=np.bool_)
+        mask[self.splits[split].clips] = True
+        return mask
 
     def shard_of(self, clip: npt.ArrayLike) -> IntArray:
         """Return the numbers of the shards of clips."""
@@ -137,20 +129,24 @@ class Tables:
 
     def value(self, column: ClipColumn, row: int) -> Any:
         """Return the attribute of a clip that a column holds."""
-        if column.name not in self.columns:
-            return column.decode(column.default) if not column.type.startswith("row:") else ""
-        stored = self.columns[column.name][row]
-        if column.type.startswith("row:"):
-            table = self.groups if column.name == "group" else self.songs
-            return table["id"][int(stored)] if stored >= 0 else ""
-        return column.decode(stored)
+        values = self.columns.get(column.name)
+        return column.decode(column.default if values is None else values[row])
+
+    @cached_property
+    def group_of(self) -> IntArray:
+        """(N,) number of the group of every clip in `groups`, -1 for single dancers."""
+        group_of = np.full(self.n_clips, -1, dtype=np.int64)
+        first, count = (self.groups.get(name, ()) for name in ("first", "count"))
+        for number, (begin, n) in enumerate(zip(first, count, strict=True)):
+            group_of[begin : begin + n] = number
+        return group_of
 
     def record(self, row: int) -> ClipRecord:
         """Return a row of the table of clips."""
         record = self._records.get(row)
         if record is None:
             values = {column.name: self.value(column, row) for column in CLIP_COLUMNS}
-            record = ClipRecord(split=self.split, columns=self.free(row), **values)
+            record = ClipRecord(split=self.split_of(row), columns=self.free(row), **values)
             if len(self._records) >= _REMEMBERED:
                 self._records.clear()
             self._records[row] = record
@@ -218,17 +214,17 @@ class Tables:
         return first
 
 
-def broken(where: str, problem: str, actual: object, allowed: object = None) -> StoreError:
-    """Return the error of a table that does not fit its dataset."""
-    return StoreError(problem, where=where, found=actual, allowed=allowed, fix="run dancedata check on the dataset")
-
-
-def check_windows(tables: Tables, where: str) -> Tables:
-    """Raise StoreError for windows of clips that do not exist; reads their column once."""
-    clip, n = tables.window_clip, tables.n_clips
-    if len(clip) and (int(clip.min()) < 0 or int(clip.max()) >= n):
-        actual = f"{int(clip.min())} to {int(clip.max())}"
-        raise broken(f"{where}, /windows/clip", "windows of clips that do not exist", actual, f"0 to {n - 1}")
+def check_references(tables: Tables, where: str) -> Tables:
+    """Raise StoreError for windows and groups of clips that do not exist; reads their columns once."""
+    n = tables.n_clips
+    clip, (first, count) = tables.window_clip, (tables.groups.get(name, np.zeros(0)) for name in ("first", "count"))
+    for name, least, most in (
+        ("windows/clip", clip.min(initial=0), clip.max(initial=0)),
+        ("groups/first", min(first.min(initial=0), count.min(initial=0)), (first + count).max(initial=1) - 1),
+    ):
+        if least < 0 or most >= n:
+            problem = "clips that do not exist"
+            raise broken(f"{where}, /{name}", problem, f"{int(least)} to {int(most)}", f"0 to {n - 1}")
     return tables
 
 
@@ -241,24 +237,18 @@ def check_frames(columns: Mapping[str, Any], where: str) -> None:
 
 
 def check_spans(
-    f: Field, start: IntArray, length: IntArray, offset: IntArray | None, n_rows: IntArray, where: str
+    f: Field, first: IntArray, available: IntArray, offset: IntArray | None = None, *, n_rows: IntArray, where: str
 ) -> FieldSpans:
     """Check that clips lie within the rows of a field: readers allocate as many rows as a clip has.
 
     `n_rows` (N,) are the rows of the field in each clip's shard.
     """
-    bad = (start < 0) | (length < 0) | (start > n_rows)
-    bad |= length > n_rows - np.where(bad, 0, start)
-    if offset is not None:
-        bad |= offset > length
+    begin = first if offset is None else first - offset
+    bad = (begin < 0) | (available < 0) | (first > n_rows)
+    bad |= available > n_rows - np.where(bad, 0, first)
     if bad.any():
         k = int(np.argmax(bad))
-        actual = f"clip {k} from row {start[k]} on, {length[k]} rows"
-        actual += "" if offset is None else f", frame 0 at row {offset[k]} of them"
+        actual = f"clip {k} from row {first[k]} on, {available[k]} rows"
+        actual += "" if offset is None else f", the timeline begins {offset[k]} rows before"
         raise broken(f"{where}, /clips/{f.path}", "spans outside the rows of a field", actual, f"{n_rows[k]} rows")
-    return FieldSpans.of(start, length, offset)
-
-
-def join(tables: Sequence[npt.NDArray[Any]], dtype: npt.DTypeLike = np.int64) -> npt.NDArray[Any]:
-    """Join columns of shards."""
-    return np.concatenate([*tables, np.empty(0, dtype)]).astype(dtype)
+    return FieldSpans(first, available, offset)

@@ -33,7 +33,7 @@ def table_of(store: SegmentQueries, clips: Clips, name: str) -> DataFrame:
 
 def free_types(store: SegmentQueries) -> dict[str, str]:
     """Return the types of the free columns, by name with the prefix."""
-    return {name: kind for split in store.splits for name, kind in store.tables(split).types.items()}
+    return dict(store.tables.types)
 
 
 def clip_row(store: SegmentQueries, clip: ClipView, free: Iterable[str]) -> dict[str, Any]:

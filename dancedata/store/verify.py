@@ -14,19 +14,20 @@ from dancedata.remote import local_folder, origin_of, require_whole
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
-from dancedata.store.listed_file import hdf5_files, listed_files
+from dancedata.store.listed_file import ListedFile, hdf5_files
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
-    REJECTS_FILE,
+    SEGMENTS_FILE,
+    SIDE_FILES,
     STATS_FILE,
+    TABLES_FILE,
     is_shard_name,
     shard_name,
 )
 from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
-from dancedata.store.verify_shard import Problem, verify_split
+from dancedata.store.verify_shard import Problem, verify_shard, verify_tables
 
-_SIDE_FILES = (STATS_FILE, REJECTS_FILE, CARD_FILE)
 _LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")
 #: Most names in one message.
 _SHOWN = 10
@@ -71,21 +72,16 @@ def verify_store(path: str | Path) -> list[Problem]:
             problems.append(Problem("error", str(path), message))
             damaged.add(entry.file)
     records: list[ClipRecord] = []
-    for split in dict.fromkeys(entry.split for entry in description.shards):
-        # A shard that differs is not parsed: its split is read without it, and only where it is whole.
-        tables = description.splits[split]
-        files = {entry.file for entry in description.shards if entry.split == split}
-        files |= {file.file for file in (tables.tables, tables.segments) if file}
-        if files & damaged:
-            continue
-        try:
-            with Store(folder, description, listed_files(folder, description, split)) as store:
-                split_problems = list(verify_split(store, description, split))
-                problems += split_problems
-                if not any(problem.severity == "error" for problem in split_problems):
-                    records += store.tables(split).records()
-        except StoreError as error:
-            problems.append(Problem("error", str(folder), f"it cannot be read: {error}"))
+    if not damaged & {TABLES_FILE, SEGMENTS_FILE}:
+        files = {e.file: ListedFile(folder / e.file, e.size, e.sha256, None) for e in hdf5_files(description)}
+        with Store(folder, description, files) as store:
+            in_tables = list(verify_tables(store, description))
+            problems += in_tables
+            tables = None if in_tables else store.tables
+            records += tables.records() if tables is not None else ()
+            for number, entry in enumerate(description.shards):
+                if entry.file not in damaged:  # a shard that differs is not parsed
+                    problems += verify_shard(store, description, tables, number)
     # In a damaged dataset, counts would only repeat the same problems.
     if not any(p.severity == "error" for p in problems):
         problems += _check_counts(folder, description, records)
@@ -103,7 +99,7 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
         yield Problem("error", where, str(error))
     if not description.shards:
         yield Problem("error", where, "it does not list any shards")
-    for name in (f for f in _SIDE_FILES if f not in description.files):
+    for name in (f for f in SIDE_FILES if f not in description.files):
         yield Problem("error", where, f"it does not list {name}")
     by_split: dict[str, list[str]] = defaultdict(list)
     for entry in description.shards:
@@ -121,6 +117,8 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
 
 def _check_side_files(folder: Path, description: Description) -> Iterator[Problem]:
     for name, entry in description.files.items():
+        if name in (TABLES_FILE, SEGMENTS_FILE):
+            continue  # compared with the shards
         # The card may be edited by hand.
         severity: Literal["error", "note"] = "note" if name == CARD_FILE else "error"
         if Path(name).name != name:

@@ -1,6 +1,6 @@
-"""Checks of the tables and shards of a split whose bytes match dataset.json: layout, bounds, references, values."""
+"""Checks of tables and shards whose bytes match dataset.json: layout, bounds, references, values."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -10,11 +10,11 @@ from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.columns import Lists, Texts, text_problem
 from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import Description, ShardEntry
-from dancedata.store.schema import ALIGNMENT, FORMAT, Field
+from dancedata.store.schema import ALIGNMENT, FORMAT, TABLES_FILE, Field
 from dancedata.store.shard_reader import ShardReader
-from dancedata.store.table_columns import ListColumn, TextColumn, type_of
 from dancedata.store.tables import Tables
 
 #: Most characters of a path and of a message.
@@ -50,38 +50,38 @@ _CHUNK_VALUES = 1 << 20
 _SHOWN = 5
 
 
-def verify_split(store: Store, description: Description, split: str) -> Iterator[Problem]:
-    """Yield the problems of a split's tables and shards."""
-    shards = [entry for entry in description.shards if entry.split == split]
-    where = str(store.path / description.splits[split].tables.file)
+_UNREADABLE = (StoreError, ValueError, IndexError, TypeError, KeyError)
+
+
+def verify_tables(store: Store, description: Description) -> Iterator[Problem]:
+    """Yield the problems of the tables and segments of a dataset."""
+    where = str(store.path / TABLES_FILE)
     try:
-        readers = store.shards(split)
-        layout = [
-            (reader, message)
-            for reader, entry in zip(readers, shards, strict=True)
-            for message in _check_layout(reader, description, entry)
-        ]
-        yield from (Problem("error", str(reader.path), message) for reader, message in layout)
-        if layout:
-            return
-        tables = store.tables(split)
+        tables = store.tables
         messages = [
-            *_check_clips(tables),
-            *_check_spans(readers, tables, description),
+            *_check_clips(tables, description),
+            *_check_spans(tables, description),
             *_check_windows(tables, description),
-            *_check_offsets(tables),
-            *_check_by_id(tables),
-            *_check_licences(store, tables),
+            *_check_columns(tables),
+            *_check_references(store, tables),
             *_check_groups(tables),
             *_check_segments(store, tables, description),
         ]
         yield from (Problem("error", where, message) for message in messages)
-        for number, reader in enumerate(readers):
-            for f in description.fields:
-                for message in _check_values(reader, tables, number, f):
-                    yield Problem("error", str(reader.path), message)
-    except (StoreError, UnicodeDecodeError, ValueError, IndexError, TypeError, KeyError) as error:
+    except _UNREADABLE as error:
         yield Problem("error", where, f"it cannot be read: {error}")
+
+
+def verify_shard(store: Store, description: Description, tables: Tables | None, number: int) -> Iterator[Problem]:
+    """Yield the problems of a shard; without tables, which name the clips, those of its layout."""
+    reader, entry = store.shard_readers[number], description.shards[number]
+    try:
+        messages = list(_check_layout(reader, description, entry))
+        if tables is not None and not messages:
+            messages = [m for f in description.fields for m in _check_values(reader, tables, number, f)]
+    except _UNREADABLE as error:
+        messages = [f"it cannot be read: {error}"]
+    yield from (Problem("error", str(reader.path), message) for message in messages)
 
 
 def _check_layout(reader: ShardReader, description: Description, entry: ShardEntry) -> Iterator[str]:
@@ -89,22 +89,16 @@ def _check_layout(reader: ShardReader, description: Description, entry: ShardEnt
     with reader.opened() as file:
         if int(file.attrs.get("format", -1)) != FORMAT:
             yield f"attribute format is {file.attrs.get('format')}, not {FORMAT}"
-        for path, dtype, rows in ((f.path, f.disk_dtype, entry.fields[f.name][1]) for f in description.fields):
-            dataset = file.get(path)
-            if dataset is None or not getattr(dataset, "shape", None):
-                yield f"/{path} is missing"
-                continue
-            if dataset.dtype != dtype:
-                yield f"/{path} is of type {dataset.dtype}, not {dtype}"
+        for f in description.fields:
+            path, (first, rows) = f.path, entry.fields[f.name]
+            dataset = hdf5.find_dataset(file, path)
+            if dataset.dtype != f.disk_dtype:
+                yield f"/{path} is of type {dataset.dtype}, not {f.disk_dtype}"
             if dataset.shape[:1] != (rows,):
                 yield f"/{path} has shape {dataset.shape}, not {rows} rows"
             yield from _check_place(dataset, path)
-            if dataset.dtype == dtype:
-                hdf5.find_dataset(file, path)
-        for name, (first, _) in entry.fields.items():
-            path = next(f.path for f in description.fields if f.name == name)
-            actual = file[path].id.get_offset() if path in file else None
-            if path in file and file[path].size and first != actual:
+            actual = dataset.id.get_offset()
+            if dataset.size and first != actual:
                 yield f"/{path} begins at byte {actual}, in dataset.json {first}"
 
 
@@ -116,23 +110,32 @@ def _check_place(dataset: Any, path: str) -> Iterator[str]:
         yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
 
 
-def _check_clips(tables: Tables) -> Iterator[str]:
+def _check_clips(tables: Tables, description: Description) -> Iterator[str]:
     for column in CLIP_COLUMNS:
         for row in range(tables.n_clips) if column.name in tables.columns else ():
             problem = column.problem(tables.value(column, row))
             if problem:
                 yield f"/clips/{column.name} of clip {tables.ids[row]!r}: {problem}"
                 break
+    for name in ("split", "file"):
+        stated = [getattr(shard, name).encode() for shard in description.shards]
+        bad = np.repeat(np.array(stated), np.diff(tables.shard_begin)) != tables.columns[name].values
+        if bad.any():
+            yield f"/clips/{name}: not that of the clip in dataset.json, in rows {_places(bad)}"
 
 
-def _check_licences(store: Store, tables: Tables) -> Iterator[str]:
+def _check_references(store: Store, tables: Tables) -> Iterator[str]:
+    """Check that licences and songs that clips name exist."""
     numbers = np.asarray(tables.columns.get("licence", ()), dtype=np.int64)
     bad = (numbers < -1) | (numbers >= len(store.licences))
     if bad.any():
         yield f"/clips/licence: of licences that do not exist, in rows {_places(bad)}"
+    bad = ~tables.columns["song"].isin(["", *tables.songs["id"]]) if {"song"} <= tables.columns.keys() else bad[:0]
+    if bad.any():
+        yield f"/clips/song: of songs that do not exist, in rows {_places(bad)}"
 
 
-def _check_offsets(tables: Tables) -> Iterator[str]:
+def _check_columns(tables: Tables) -> Iterator[str]:
     """Check that the offsets of texts and lists ascend, and that all texts are UTF-8."""
     for table, columns in (("clips", tables.columns), ("groups", tables.groups), ("songs", tables.songs)):
         for name, column in columns.items():
@@ -140,43 +143,30 @@ def _check_offsets(tables: Tables) -> Iterator[str]:
 
 
 def _check_column(name: str, column: Any) -> Iterator[str]:
-    if isinstance(column, ListColumn):
-        if (np.diff(column.begin) < 0).any():
-            yield f"{name}/list: offsets do not ascend"
-        column = column.entries
-    if isinstance(column, TextColumn):
+    if isinstance(column, Lists):
         if (np.diff(column.offset) < 0).any():
             yield f"{name}/offset: offsets do not ascend"
+        column = column.values
+    for row, text in enumerate(column) if isinstance(column, Texts) else ():
+        problem = text_problem(text)
+        if problem:
+            yield f"{name}, row {row}: {problem}"
             return
-        for row in range(len(column)):
-            problem = type_of("text").problem(column[row])
-            if problem:
-                yield f"{name}, row {row}: {problem}"
-                return
-
-
-def _check_by_id(tables: Tables) -> Iterator[str]:
-    by_id = np.asarray(tables.by_id)
-    raw = [tables.ids.raw(row) for row in by_id.tolist()]
-    if sorted(by_id.tolist()) != list(range(tables.n_clips)) or raw != sorted(raw):
-        yield "/clips/by_id: not the rows of the clips, sorted by id"
 
 
 def _check_groups(tables: Tables) -> Iterator[str]:
     """Check that dancers of a group are neighbours, in one shard, in their order, and share what groups share."""
-    stated = tables.columns.get("group")
-    of_group: dict[int, list[int]] = {}
-    for row, group in enumerate([] if stated is None else np.asarray(stated).tolist()):
-        if group >= 0:
-            of_group.setdefault(group, []).append(row)
-    if len(of_group) != len(tables.groups.get("first", ())):
-        yield f"/groups: {len(tables.groups.get('first', ()))} groups, clips name {len(of_group)}"
+    ids = tables.groups["id"].values if tables.groups else np.empty(0, dtype="S1")
+    stated = tables.columns["group"].values if "group" in tables.columns else np.zeros(tables.n_clips, dtype="S1")
+    bad = stated != np.append(ids, [b""])[tables.group_of]
+    if bad.any() or len(set(ids.tolist())) < len(ids):
+        yield f"/groups: not the groups that clips name, once each, as neighbours, in rows {_places(bad)} of /clips"
         return
-    for group, rows in of_group.items():
-        name = f"group {tables.groups['id'][group]}"
-        first, count = int(tables.groups["first"][group]), int(tables.groups["count"][group])
-        if rows != list(range(first, first + count)) or len(set(tables.shard_of(rows).tolist())) > 1:
-            yield f"{name}: clips {listed(rows, _SHOWN)} are not {count} neighbours of one shard from {first} on"
+    for group, first in enumerate(np.asarray(tables.groups.get("first", ())).tolist()):
+        name, count = f"group {ids[group].decode()}", int(tables.groups["count"][group])
+        rows = list(range(first, first + count))
+        if len(set(tables.shard_of(rows).tolist())) != 1:
+            yield f"{name}: its clips are not in one shard"
             continue
         records = [tables.record(row) for row in rows]
         members = [record.member for record in records]
@@ -195,7 +185,7 @@ def _check_groups(tables: Tables) -> Iterator[str]:
 
 def _check_segments(store: Store, tables: Tables, description: Description) -> Iterator[str]:
     """Check that segments are inside their clips, sorted, and their frames those of their times."""
-    table = store.segment_table(tables.split)
+    table = store.segment_table
     if table is None:
         return
     columns, layers = table.columns, store.layers
@@ -229,30 +219,31 @@ def _check_segments(store: Store, tables: Tables, description: Description) -> I
 
 def _check_texts(columns: Mapping[str, Any]) -> Iterator[str]:
     """Check that mirrored words and tokens are as many as the texts, and that no segment ends before it begins."""
-    n_texts = np.diff(columns["texts"].begin)
+    n_texts = np.diff(columns["texts"].offset)
     for name in ("texts_mirrored", "tokens"):
-        n_values = np.diff(columns[name].begin)
+        n_values = np.diff(columns[name].offset)
         bad = (n_values != 0) & (n_values != n_texts)
         if bad.any():
             yield f"/segments/{name}: not as many as the texts, in rows {_places(bad)}"
-    bad = np.asarray(columns["end_t"]) < np.asarray(columns["start_t"])
+    bad = np.asarray(columns["end_s"]) < np.asarray(columns["start_s"])
     if bad.any():
-        yield f"/segments/end_t: before start_t, in rows {_places(bad)}"
+        yield f"/segments/end_s: before start_s, in rows {_places(bad)}"
 
 
-def _check_spans(readers: Sequence[ShardReader], tables: Tables, description: Description) -> Iterator[str]:
+def _check_spans(tables: Tables, description: Description) -> Iterator[str]:
     """Check that motion spans follow one another and fill their shards; tables are read with their bounds checked."""
     for f in description.fields:
         if not f.per_clip:
             continue
         spans = tables.spans[f.name]
-        for number, reader in enumerate(readers):
+        for number, shard in enumerate(description.shards):
             rows = slice(int(tables.shard_begin[number]), int(tables.shard_begin[number + 1]))
             start, length = spans.first[rows], spans.available[rows]
             ends = np.cumsum(length)
-            n_rows = reader.layout(f.name).n_rows
+            n_rows = shard.fields[f.name][1]
             if (start != ends - length).any() or int(ends[-1]) != n_rows:
-                yield f"/clips/{f.path}: clips do not follow one another, or do not fill the {n_rows} rows"
+                problem = f"do not follow one another, or do not fill the {n_rows} rows"
+                yield f"/clips/{f.path}: clips of {shard.file} {problem}"
 
 
 def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
@@ -276,7 +267,7 @@ def _check_rows(tables: Tables, f: Field, description: Description) -> str:
     clip, start = np.asarray(tables.window_clip, dtype=np.int64), np.asarray(tables.window_start, dtype=np.int64)
     spans = tables.spans.get(f.name)
     if spans is None:
-        n_rows = np.array([s.fields[f.name][1] for s in description.shards if s.split == tables.split])
+        n_rows = np.array([s.fields[f.name][1] for s in description.shards])
         rows = tables.window_rows[f.name]
         bad = (rows < 0) | (rows + length > n_rows[tables.shard_of(clip)])
     elif description.scope == "track":

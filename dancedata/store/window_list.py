@@ -38,7 +38,7 @@ class WindowList(Sequence[Window]):
     split
         The windows' split.
     clip_ids
-        Ids of the split's clips.
+        Ids of the dataset's clips.
     clip
         (W,) number of each window's clip in `clip_ids`.
     start, length
@@ -58,13 +58,11 @@ class WindowList(Sequence[Window]):
 
     @classmethod
     def joined(cls, split: str, lists: Sequence[WindowList]) -> WindowList:
-        """Return the windows of several lists, one list after another, under the name of a split."""
+        """Return the windows of several lists of one dataset, one after another, under the name of a split."""
+        clip, start, length = (np.concatenate([getattr(p, n) for p in lists]) for n in ("clip", "start", "length"))
         if len(lists) == 1:
             return cls(split, lists[0].clip_ids, lists[0].clip, lists[0].start, lists[0].length)
-        before = np.cumsum([0, *(len(part.clip_ids) for part in lists)])[:-1]
-        clip = np.concatenate([part.clip + b for part, b in zip(lists, before, strict=True)])
-        start, length = (np.concatenate([getattr(part, name) for part in lists]) for name in ("start", "length"))
-        return cls(split, tuple(clip_id for part in lists for clip_id in part.clip_ids), clip, start, length)
+        return cls(split, lists[0].clip_ids, clip, start, length)
 
     def __len__(self) -> int:
         return len(self.clip)

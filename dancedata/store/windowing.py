@@ -42,10 +42,11 @@ def _frames(description: Description, what: str, seconds: Seconds | None, frames
     return int(frames)
 
 
-def stored_windows(tables: Tables, fields: Sequence[Field]) -> WindowList:
+def stored_windows(tables: Tables, split: str, fields: Sequence[Field]) -> WindowList:
     """Return the windows of a split as stored, of the clips that have all of `fields`."""
-    clip, start = tables.window_clip, tables.window_start
-    windows = WindowList.equally_long(tables.split, tables.ids, clip, start, tables.window_length)
+    rows = tables.splits[split].windows
+    clip, start = tables.window_clip[rows], tables.window_start[rows]
+    windows = WindowList.equally_long(split, tables.ids, clip, start, tables.window_length)
     for f in fields:
         if f.optional:
             windows = windows.take(tables.having(f)[windows.clip])
@@ -53,7 +54,12 @@ def stored_windows(tables: Tables, fields: Sequence[Field]) -> WindowList:
 
 
 def cut_windows(
-    tables: Tables, description: Description, windows: WindowGrid, fields: Sequence[Field], trim: bool = False
+    tables: Tables,
+    split: str,
+    description: Description,
+    windows: WindowGrid,
+    fields: Sequence[Field],
+    trim: bool = False,
 ) -> WindowList:
     """Return windows of any length and stride, which end where the clip ends, or the first of `fields`.
 
@@ -68,17 +74,19 @@ def cut_windows(
                                  found=f"{frames} frames",
                                  allowed=f"multiples of {description.grid.common_period(f.grid)[0]} frames",
                                  fix="choose another, or leave the field out of fields=")  # fmt: skip
-    begin, end = _spans(tables, description, fields, trim)
+    rows = tables.splits[split].clips
+    begin, end = _spans(tables, description, fields, trim, rows)
     counts = np.maximum((end - begin - windows.length) // windows.stride + 1, 0)
     clip = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     index = np.arange(len(clip)) - np.repeat(np.cumsum(counts) - counts, counts)
     start = begin[clip] + index * windows.stride
+    clip += rows.start
     if description.order == "name":  # shard by shard
         edges = np.searchsorted(clip, tables.shard_begin)
         parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
         order = np.concatenate([p.start + window_order(tables.ids, clip[p], index[p], "name") for p in parts])
         clip, start = clip[order], start[order]
-    return WindowList.equally_long(tables.split, tables.ids, clip, start, windows.length)
+    return WindowList.equally_long(split, tables.ids, clip, start, windows.length)
 
 
 def window_starts(
@@ -90,19 +98,21 @@ def window_starts(
     return range(begin, begin + count * windows.stride, windows.stride)
 
 
-def whole_clips(tables: Tables, description: Description, fields: Sequence[Field], trim: bool = False) -> WindowList:
+def whole_clips(
+    tables: Tables, split: str, description: Description, fields: Sequence[Field], trim: bool = False
+) -> WindowList:
     """Return one window per clip: all its frames that are whole rows of every one of `fields`; none without such."""
-    period = whole_period(description, fields)
-    begin, end = _spans(tables, description, fields, trim)
+    period, rows = whole_period(description, fields), tables.splits[split].clips
+    begin, end = _spans(tables, description, fields, trim, rows)
     length = (end - begin) // period * period
     clip = np.flatnonzero(length > 0)
-    return WindowList(tables.split, tables.ids, clip, begin[clip], length[clip])
+    return WindowList(split, tables.ids, clip + rows.start, begin[clip], length[clip])
 
 
 def _spans(
-    tables: Tables, description: Description, fields: Sequence[Field], trim: bool, rows: slice = slice(None)
+    tables: Tables, description: Description, fields: Sequence[Field], trim: bool, rows: slice
 ) -> tuple[IntArray, IntArray]:
-    """Return where clips begin and end, in frames: with `trim` after their trim_start, and within all fields."""
+    """Return where some clips begin and end, in frames: with `trim` after their trim_start, and within all fields."""
     grid, period = description.grid, whole_period(description, fields)
     end = tables.n_frames[rows].astype(np.int64)
     begin = np.zeros_like(end)

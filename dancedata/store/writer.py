@@ -21,7 +21,10 @@ from dancedata.store.schema import (
     FORMAT,
     OPTIONAL_FIELDS,
     REJECTS_FILE,
+    SEGMENTS_FILE,
+    SIDE_FILES,
     STATS_FILE,
+    TABLES_FILE,
     StoreHeader,
     layer_json,
 )
@@ -102,12 +105,15 @@ def write_store(
             published[-1].result()
             stats = compute_stats(out, header, plans)
             document["shards"] = [entry.result() for entry in entries]
-        document |= _write_tables(out, tables, plans)
+        segments, empty = write_tables(out, tables, plans)
+        of_layer = Counter(row.layer for row in segments)
+        document["layers"] = [layer_json(layer, of_layer[number]) for number, layer in enumerate(tables.layers)]
+        document |= {"empty_segments": empty} if empty else {}
         write_text(out / STATS_FILE, dump_json(stats))
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
         write_text(out / CARD_FILE, card)
-        side_files = (STATS_FILE, REJECTS_FILE, CARD_FILE)
-        document["files"] = {name: _describe_file(out / name) for name in side_files}
+        written = (TABLES_FILE, *([SEGMENTS_FILE] if segments else []), *SIDE_FILES)
+        document["files"] = {name: _describe_file(out / name) for name in written}
         document["self_sha256"] = json_sha256(document)
         write_text(out / DATASET_FILE, dump_json(document))
     except OSError as error:
@@ -148,13 +154,6 @@ def _describe(
         "windows": {"length": header.length, "stride": header.stride, "order": header.order},
         "fields": [f.to_json() for f in header.fields],
         "skeleton": header.skeleton.to_json(),
-        "tables": {
-            name: {
-                "file": "segments" if name == "segments" else "tables",
-                "columns": [{"name": column, "type": kind} for column, kind in columns.items()],
-            }
-            for name, columns in tables.types.items()
-        },
         **({"licences": [licence.to_json() for licence in tables.licences]} if tables.licences else {}),
         "counts": _count(header, plans),
         "rejects": dict(sorted(Counter(r.reason for r in rejects).items())),
@@ -187,22 +186,9 @@ def _count_groups(header: StoreHeader, clips: Sequence[StoredClip]) -> dict[str,
     )
 
 
-def _write_tables(out: Path, tables: TablePlan, plans: Sequence[ShardPlan]) -> dict[str, Any]:
-    """Write the tables of all splits, and return their keys of dataset.json."""
-    splits, layers, empty = {}, Counter[int](), 0
-    for split in dict.fromkeys(plan.split for plan in plans):
-        written = write_tables(out, tables, split, [plan for plan in plans if plan.split == split])
-        files = {part: {"file": name, **_describe_file(out / name)} for part, name in written["files"].items()}
-        splits[split] = {**files, "rows": written["rows"]}
-        layers.update(written["layers"])
-        empty += written["empty_segments"]
-    entries = [layer_json(layer, layers[number]) for number, layer in enumerate(tables.layers)]
-    return {"splits": splits, "layers": entries, **({"empty_segments": empty} if empty else {})}
-
-
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
     """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
-    reserved = {*document, "shards", "splits", "layers", "licences", "files", "self_sha256"}
+    reserved = {*document, "shards", "layers", "licences", "files", "self_sha256"}
     clashing = sorted(reserved & set(header.meta))
     if clashing:
         raise StoreError("meta has keys that the format uses itself", found=", ".join(clashing))

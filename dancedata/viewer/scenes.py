@@ -268,7 +268,7 @@ class Scenes(SceneList):
     def _group(self, members: tuple[Item, ...]) -> Item:
         first = members[0]
         source = self.store.clip(first.clip.source).group if first.clip.source else ""
-        n_source = self._sizes[first.clip.split].get(first.clip.group, len(members))
+        n_source = self._sizes.get(first.clip.group, len(members))
         return replace(first, members=members, n_source=n_source, source=source)
 
     def _group_scene(self, item: Item, name: str | None, first_s: float | None) -> Scene:
@@ -303,13 +303,10 @@ class Scenes(SceneList):
         )
 
     @cached_property
-    def _sizes(self) -> dict[str, dict[str, int]]:
-        """Dancers of each group in the source, by split and group."""
-        tables = {split: self.store.tables(split).groups for split in self.store.splits}
-        return {
-            split: dict(zip(groups["id"], np.asarray(groups["n_source"]).tolist(), strict=True)) if groups else {}
-            for split, groups in tables.items()
-        }
+    def _sizes(self) -> dict[str, int]:
+        """Dancers of each group in the source."""
+        groups = self.store.tables.groups
+        return dict(zip(groups["id"], np.asarray(groups["n_source"]).tolist(), strict=True)) if groups else {}
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:

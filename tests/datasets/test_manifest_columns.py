@@ -252,8 +252,7 @@ def test_parts_and_columns_of_a_dataset(built: Path, files: Path) -> None:
             "CC BY 4.0", "CC BY 4.0", "all rights reserved",
         ]  # fmt: skip
         # Rows of one song from its first half row on: the parts begin at 7 and 4 s later.
-        offsets = [int(store.tables(split).spans["librosa35"].offset[0]) for split in ("train", "test")]
-        assert offsets == [7, 7 + 120]
+        assert sorted(set(store.tables.spans["librosa35"].offset.tolist())) == [7, 7 + 120]
 
 
 def test_terms_on_the_card_and_in_a_page(built: Path, files: Path, tmp_path: Path) -> None:

@@ -1,16 +1,16 @@
 """Freezes a dataset of the version that is installed: python tests/frozen/freeze.py OUT.tar.xz
 
-The source is noise from a seed, 0.4 s of motion and 0.6 s of music for one clip of each split.
+Two groups of two dancers, noise from a seed, with words.
 """
 
 import hashlib
 import io
 import json
-import pickle
 import sys
 import tarfile
 import tempfile
-import wave
+from dataclasses import replace
+from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -18,31 +18,15 @@ from typing import Any
 import numpy as np
 
 import dancedata
+from dancedata.core.segments import Layer, Segment
+from dancedata.store import write_store
+from tests.groups_store import HEADER, stored
 
-CLIPS = ("gBR_sBM_cAll_d04_mBR2_ch03", "gJS_sBM_cAll_d01_mJS3_ch01", "gJB_sBM_cAll_d07_mJB5_ch02")
-FRAMES, SAMPLES, RATE = 24, 13_230, 22_050
-
-
-def write_source(root: Path) -> None:
-    """Write motions/*.pkl and wavs/*.wav."""
-    rng = np.random.default_rng(27)
-    for folder in ("motions", "wavs"):
-        (root / folder).mkdir(parents=True)
-    for name in CLIPS:
-        motion = {
-            "smpl_poses": np.cumsum(rng.normal(0, 0.02, (FRAMES, 72)), axis=0).astype(np.float32),
-            "smpl_trans": np.add((0, 90, 0), np.cumsum(rng.normal(0, 0.3, (FRAMES, 3)), axis=0)).astype(np.float32),
-            "smpl_scaling": np.array([93.75], np.float32),
-        }
-        (root / "motions" / f"{name}.pkl").write_bytes(pickle.dumps(motion))
-        t = np.arange(SAMPLES) / RATE
-        song = 0.3 * np.sin(2 * np.pi * rng.uniform(200, 500) * t) * (np.sin(2 * np.pi * 2 * t) > 0)
-        song += rng.normal(0, 0.01, SAMPLES)
-        with wave.open(str(root / "wavs" / f"{name.split('_')[4]}.wav"), "wb") as file:
-            file.setnchannels(1)
-            file.setsampwidth(2)
-            file.setframerate(RATE)
-            file.writeframes((song * 32767).astype("<i2").tobytes())
+WORDS = Layer("words", language="en", sided="mirrored")
+SEGMENTS = (
+    Segment(WORDS, Fraction(0), Fraction(1, 3), "a", ("one", "left"), ("one", "right")),
+    Segment(WORDS, Fraction(1, 3), Fraction(1, 2), "b", ("same",), ("same",)),
+)
 
 
 def read(folder: Path) -> dict[str, Any]:
@@ -86,16 +70,17 @@ def normalized(folder: Path, field: str) -> list[float]:
 
 
 def main(out: Path) -> None:
-    """Build, read and pack; equal code gives equal bytes."""
+    """Write, read and pack; equal code gives equal bytes."""
+    clips = [replace(c, segments=SEGMENTS) for c in stored({"train": (2,), "test": (2,)}, length=6) if c.group]
+    for clip in clips:
+        del clip.motion["edge151"]
+    header = replace(HEADER, length=6, stride=3, fields=HEADER.fields[1:])
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        write_source(root / "source")
-        windows = {"windows.length_s": 0.2, "windows.stride_s": 0.2}
-        dancedata.build(
-            "aist++", root / "source", root / "track", overrides=windows, cache=root / "cache", progress=False
-        )
-        files = {f"track/{path.name}": path.read_bytes() for path in sorted((root / "track").iterdir())}
-        files["read.json"] = json.dumps({"track": read(root / "track")}, indent=1).encode()
+        (root / "groups").mkdir()
+        write_store(root / "groups", header, clips)
+        files = {f"groups/{path.name}": path.read_bytes() for path in sorted((root / "groups").iterdir())}
+        files["read.json"] = json.dumps({"groups": read(root / "groups")}, indent=1).encode()
     with tarfile.open(out, "x:xz", preset=9) as archive:
         for name, data in sorted(files.items()):
             entry = tarfile.TarInfo(name)

@@ -123,12 +123,12 @@ def test_a_folder_that_is_not_a_dataset_is_an_error(built: Path, tmp_path: Path)
 
 def bend(out: Path, name: str, by: float, *, split: str = "train") -> None:
     """Change the first value of an HDF5 dataset, as another processor might, and dataset.json with it."""
-    shard = next(out.glob(f"{split}-tables.h5" if name.startswith("clips/") else f"{split}-*-of-*.h5"))
+    shard = next(out.glob("tables.h5" if name.startswith("clips/") else f"{split}-*-of-*.h5"))
     with h5py.File(shard, "r+", locking=False) as file:
         file[name][(0,) * file[name].ndim] += by
     document = json.loads((out / "dataset.json").read_text())
-    for entry in [*document["shards"], *(files["tables"] for files in document["splits"].values())]:
-        entry["sha256"] = sha256_file(out / entry["file"])
+    for file, entry in [(entry["file"], entry) for entry in document["shards"]] + [*document["files"].items()]:
+        entry["sha256"] = sha256_file(out / file)
     (out / "dataset.json").write_text(json.dumps({**document, "self_sha256": self_hash(document)}))
 
 

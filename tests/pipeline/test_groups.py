@@ -129,7 +129,7 @@ def test_a_group_is_built_whole(tmp_path: Path, cache: Path) -> None:
     assert [line.split()[:3] for line in describe_store(tmp_path / "out").split("\n")[3:5]] == [
         ["split", "clips", "groups"], ["train", "5", "2"],
     ]  # fmt: skip
-    tables = store.tables("train")
+    tables = store.tables
     assert [int(n) for n in tables.groups["n_source"]] == [3, 2]
     assert len(tables.songs["id"]) == 2
 
@@ -148,7 +148,7 @@ def test_a_group_lacks_no_dancer_silently(tmp_path: Path, cache: Path) -> None:
     kept = build(source, tmp_path / "kept", cache, groups={"incomplete": "keep"})
     assert {row["clip"]: row["reason"] for row in kept.rejects} == {"a_p1": "nan"}
     assert [c.member for c in kept.clips if c.group == "a"] == [0, 2]
-    assert [int(n) for n in kept.tables("train").groups["n_source"]] == [3, 2]
+    assert [int(n) for n in kept.tables.groups["n_source"]] == [3, 2]
     # Without the bad dancer from the start, the rows are the same.
     alone = {key: value[[0, 2]] for key, value in np.load(source / "a.npz").items()}
     write(tmp_path / "without", "a", 2, **alone)
@@ -177,7 +177,7 @@ def test_a_dancer_who_is_left_out_sets_the_group_aside(tmp_path: Path, cache: Pa
     assert "without a_p1" in rows["a_p2"]["detail"]
     kept = build(source, tmp_path / "kept", cache, groups={"incomplete": "keep"})
     assert [c.member for c in kept.clips if c.group == "a"] == [0, 2]
-    assert int(kept.tables("train").groups["n_source"][0]) == 3
+    assert int(kept.tables.groups["n_source"][0]) == 3
     assert verify_store(tmp_path / "kept") == []
 
 

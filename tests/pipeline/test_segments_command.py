@@ -14,7 +14,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.segments import segments
 from dancedata.report.write import write_report
 from dancedata.store import Store, verify_store
-from dancedata.store.schema import segments_name
+from dancedata.store.schema import SEGMENTS_FILE
 from dancedata.store.segment_numbers import layer_numbers
 from tests.messages import raises_message
 
@@ -74,7 +74,7 @@ def test_a_file_replaces_its_layers_and_goes_with_copies(built: Store, tmp_path:
     assert verify_store(built.path) == []
     store = dancedata.open(built.path)
     after = hashes(built.path)
-    assert {name for name in before if before[name] != after[name]} == {"dataset.json", segments_name("train")}
+    assert {name for name in before if before[name] != after[name]} == {"dataset.json", SEGMENTS_FILE}
     assert shard.stat().st_ino == inode
     (words,) = store.segments("own", "description")
     (mirrored,) = store.segments("own__mirror", "description")

@@ -26,7 +26,7 @@ def published(tmp_path_factory: pytest.TempPathFactory, random_store: Callable[.
         Field("pose", "motion", random_columns(7), Fraction(30)),
         Field("music", "audio", random_columns(5, mirror=False), Fraction(30)),
     )
-    random_store(out, fields=fields, clips={"train": 12, "val": 2, "test": 2}, shard_bytes=1 << 13)
+    random_store(out, fields=fields, clips={"train": 18, "val": 2, "test": 2}, shard_bytes=1 << 13)
     return out
 
 

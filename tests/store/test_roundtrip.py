@@ -120,17 +120,17 @@ def test_unicode_ids_and_texts(tmp_path: Path) -> None:
 def test_shared_timeline_is_stored_once_a_shard(make_store: Any) -> None:
     one = make_store(clips={"train": 6}, clips_per_song=6)
     many = make_store(clips={"train": 6}, clips_per_song=6, shard_bytes=1)
-    [shard] = open_store(one.path)._shards["train"]
+    [shard] = open_store(one.path).shards("train")
     timeline = one.clips[0].audio["music"][0].array
     assert shard.layout("music").n_rows == timeline.shape[0]
-    shards = open_store(many.path)._shards["train"]
+    shards = open_store(many.path).shards("train")
     assert len(shards) == 6
     assert all(s.layout("music").n_rows == timeline.shape[0] for s in shards)
 
 
 def test_window_scope_shares_equal_blocks(make_store: Any) -> None:
     made = make_store(scope="window", clips={"train": 3}, clips_per_song=3, n_frames=(90, 90))
-    [shard] = open_store(made.path)._shards["train"]
+    [shard] = open_store(made.path).shards("train")
     n_windows = len(made.clips[0].starts)
     assert shard.layout("music").n_rows == n_windows * 30
     assert shard.layout("pose").n_rows == 3 * n_windows * 30

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import shutil
 import tracemalloc
 from collections.abc import Callable
 from fractions import Fraction
@@ -24,15 +23,14 @@ from dancedata.testing.stores import random_fields, write_random_store
 from tests.messages import raises_message
 
 TRAIN = "train-00000-of-00001.h5"
-TABLES = "train-tables.h5"
+TABLES = "tables.h5"
 
 
 def seal(folder: Path) -> None:
     """Make sizes and hashes right again after a change, so that only deeper defects are left to find."""
     path = folder / "dataset.json"
     info = json.loads(path.read_text())
-    entries = [*info["shards"], *(split[part] for split in info.get("splits", {}).values() for part in split)]
-    named = [(e, e["file"]) for e in entries if "file" in e] + [(e, n) for n, e in info["files"].items()]
+    named = [(e, e["file"]) for e in info["shards"]] + [(e, n) for n, e in info["files"].items()]
     for entry, name in named:
         if (folder / name).is_file():
             entry.update(size=(folder / name).stat().st_size, sha256=sha256_file(folder / name))
@@ -88,11 +86,14 @@ def test_changed_file_is_not_parsed(make_store: Any, name: str, keep: int | None
     path, data = made.path / name, (made.path / name).read_bytes()
     path.write_bytes(bytes(8) + data[8:] if keep is None else data[:keep])
 
-    def verify(store: Any, description: Any, split: str) -> Any:
-        assert split != "train"
+    def verify(store: Any, description: Any, tables: Any, number: int) -> Any:
+        assert name == TRAIN
+        assert description.shards[number].file != TRAIN
         return ()
 
-    monkeypatch.setattr("dancedata.store.verify.verify_split", verify)
+    monkeypatch.setattr("dancedata.store.verify.verify_shard", verify)
+    if name == TABLES:
+        monkeypatch.setattr("dancedata.store.verify.verify_tables", lambda *args: 1 / 0)
     problems = [str(p) for p in verify_store(made.path) if p.severity == "error"]
     assert ("bytes have changed" if keep is None else "bytes, in dataset.json") in problems[0]
 
@@ -132,11 +133,11 @@ JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
     ("side file", lambda d: d["files"].pop("stats.json"), "does not list stats.json"),
     ("field", lambda d: d["fields"][0].update(name="other"), "does not state the rows of every field"),
     ("needs", lambda d: d.update(needs=["wings"]), "needs wings"),
-    ("type", lambda d: d["tables"]["clips"]["columns"][0].update(type="texture"), "KeyError: 'texture'"),
-    ("other type", lambda d: d["tables"]["clips"]["columns"][0].update(type="int"), "lacks a dataset"),
-    ("no tables", lambda d: d["splits"].pop("train"), "tables of test, val, shards of test, train, val"),
-    ("windows of split", lambda d: d["splits"]["train"]["rows"].update(windows=3), "another number of rows"),
-    ("clips of shard", lambda d: d["shards"][0].update(clips=3), "the shards hold another number of clips"),
+    ("no tables", lambda d: d["files"].pop("tables.h5"), "does not list tables.h5"),
+    ("order of shards", lambda d: d["shards"].append(d["shards"][0]), "neighbours"),
+    ("windows of shard", lambda d: d["shards"][0].update(windows=3), "another number of rows"),
+    ("clips of shard", lambda d: d["shards"][0].update(clips=3), "another number of rows"),
+    ("split of shard", lambda d: d["shards"][1].update(split="dev"), "/clips/split: not that of the clip"),
     ("first byte", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(0, 64), "in dataset.json 64"),
     ("rows", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(1, 9), "not 9 rows"),
     ("rate", lambda d: d["fields"][0].update(rate="60"), "/windows/rows/pose"),
@@ -168,16 +169,16 @@ def test_values_that_are_not_finite(make_store: Any, field: str, value: float) -
     assert "row 41" in message
 
 
-TABLE_CASES: list[tuple[str, int, int, str]] = [
+TABLE_CASES: list[tuple[str, int, Any, str]] = [
     ("windows/clip", 0, 99, "clips that do not exist"),
     ("windows/start", 0, -1, "outside their clip"),
     ("windows/start", 0, 10**6, "outside their clip"),
     ("clips/n_frames", 0, 0, "not a whole number from 1"),
     ("clips/n_flags", 0, -1, "/clips/n_flags of clip"),
-    ("clips/by_id", 0, 1, "/clips/by_id"),
-    ("clips/by_id", 0, 99, "clips that do not exist"),
-    ("clips/id/offset", 1, 99, "/clips/id"),
-    ("clips/id/bytes", 0, 0xFF, "cannot be read"),
+    ("clips/id", 0, b"\xff", "/clips/id: a text that is not valid UTF-8"),
+    ("clips/music", 0, b"a\0b", "/clips/music of clip 'train_c00': a text with a NUL"),
+    ("clips/file", 0, b"val-00000-of-00001.h5", "/clips/file: not that of the clip in dataset.json, in rows 0"),
+    ("clips/lists/offset", 1, 99, "/clips/lists/offset: offsets that do not ascend within the values"),
     ("clips/motion/pose/start", 1, 0, "do not follow one another"),
     ("clips/motion/fast/length", 0, 10**7, "spans outside"),
     ("clips/audio/music/length", 0, 10**7, "spans outside"),
@@ -186,7 +187,7 @@ TABLE_CASES: list[tuple[str, int, int, str]] = [
 
 
 @pytest.mark.parametrize(("dataset", "index", "value", "message"), TABLE_CASES)
-def test_rows_and_windows_out_of_bounds(make_store: Any, dataset: str, index: int, value: int, message: str) -> None:
+def test_rows_and_windows_out_of_bounds(make_store: Any, dataset: str, index: int, value: Any, message: str) -> None:
     made = make_store()
     edit(made.path, dataset, index, value, TABLES)
     assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
@@ -273,26 +274,6 @@ def test_codebooks_that_do_not_fit(make_store: Any, out: Path, case: str) -> Non
         write_codes(make_store, out, dataclasses.replace(CODES, codebook=dataclasses.replace(good, **changes)))
 
 
-@pytest.mark.parametrize("dataset", ["clips/lists/list", "clips/lists/offset"])
-def test_offsets_ascend(make_store: Any, dataset: str) -> None:
-    made = make_store(clips={"train": 3})
-    clips = [dataclasses.replace(clip, lists=("a", "b")) for clip in made.clips]
-    shutil.rmtree(made.path)
-    made.path.mkdir()
-    write_store(made.path, made.header, clips)
-    with h5py.File(made.path / TABLES, locking=False) as file:
-        offsets = file[dataset][...]
-    found = errors_after(made.path, dataset, slice(1, 3), offsets[2:0:-1])
-    assert "offsets do not ascend" in found
-
-
-def test_rows_by_id_are_sorted(make_store: Any) -> None:
-    made = make_store(clips={"train": 3})
-    assert "/clips/by_id: not the rows of the clips, sorted by id" in errors_after(
-        made.path, "clips/by_id", slice(0, 2), [1, 0]
-    )
-
-
 def test_windows_begin_at_a_row_of_every_field(make_store: Any) -> None:
     fields = random_fields({"pose": 3}, {"slow": 2}, slow=15)
     made = make_store(fields=fields, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
@@ -308,7 +289,8 @@ LAYOUTS: dict[str, tuple[str, Callable[[Any], Any], dict[str, str], str]] = {
     "packed": ("motion/pose", lambda old: old, {"compression": "gzip"}, "/motion/pose is not contiguous"),
     "big-endian": ("motion/pose", lambda old: old.astype(">f4"), {}, "/motion/pose is of type >f4"),
     "missing": ("windows/start", lambda old: None, {}, "lacks a dataset"),
-    "shorter": ("clips/genre/bytes", lambda old: old[1:], {}, "offsets do not begin at 0 and end at the last entry"),
+    "shorter": ("clips/lists/values", lambda old: old[1:], {}, "offsets do not begin at 0 and end at the last entry"),
+    "of another type": ("clips/genre", lambda old: np.arange(len(old)), {}, "/clips/genre: a column of a table"),
 }
 
 
@@ -341,7 +323,7 @@ def test_shard_that_is_not_hdf5(make_store: Any) -> None:
 
 def test_clip_in_two_splits(make_store: Any) -> None:
     made = make_store(clips={"train": 2, "other": 1})
-    edit(made.path, "clips/id/bytes", slice(0, 5), np.frombuffer(b"train", dtype=np.uint8), "other-tables.h5")
+    edit(made.path, "clips/id", 2, b"train_c00", TABLES)
     message = "clip train_c00 occurs 2 times, in other, train"
     assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
 
