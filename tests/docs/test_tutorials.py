@@ -60,20 +60,26 @@ def one_thread() -> Iterator[None]:
 
 
 def run(line: str, environment: dict[str, str], *, here: bool) -> None:
-    """Run a line of a shell block; commands of dancedata in this process if `here`, or a fork: it saves imports."""
+    """Run a line of a shell block; commands of dancedata in this process if `here`, or a fork: it saves imports.
+
+    Builds have one job: results are equal, and workers would import all of it again.
+    """
     command, _, target = line.partition(" > ")
-    if line.startswith("dancedata ") and (target or not here):
-        forked = warm.run([sys.executable, "-m", *shlex.split(command)], environment)
+    name, *words = shlex.split(command)
+    if words[0] in ("build", "align"):
+        words += ["--jobs", "1"]
+    if name == "dancedata" and here and not target:
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, f"{line}\n{done.output}\n{done.exception}"
+    elif name == "dancedata" or words[0].endswith("make_captures.py"):
+        code = ["-m", name, *words] if name == "dancedata" else ["-c", Path(words[0]).read_text("utf-8"), *words[1:]]
+        forked = warm.run([sys.executable, *code], environment)
         assert forked.returncode == 0, f"{line}\n{forked.stdout}\n{forked.stderr}"
         if target:
             Path(target).write_text(forked.stdout, encoding="utf-8")
-    elif line.startswith("dancedata "):
-        done = CliRunner().invoke(app, shlex.split(line)[1:])
-        assert done.exit_code == 0, f"{line}\n{done.output}\n{done.exception}"
     else:
-        process = subprocess.run(
-            ["bash", "-e", "-c", line], env=environment, capture_output=True, text=True, check=False
-        )
+        command = ["bash", "-e", "-c", line]
+        process = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         assert process.returncode == 0, f"{line}\n{process.stdout}\n{process.stderr}"
 
 

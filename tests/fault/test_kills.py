@@ -4,7 +4,6 @@ import os
 import random
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -19,41 +18,28 @@ SONG_S = 0.2
 
 @pytest.mark.parametrize("kills", [pytest.param(2), pytest.param(50, marks=pytest.mark.nightly)])
 def test_a_build_killed_at_random_moments_gives_the_same_result(slow, corpus, out, undisturbed, hashes, kills):
+    """A moment is a while after a number of songs were begun, or the end."""
     slow.sleep(SONG_S)
     chance = random.Random(kills)
-    longest = start_s = None
     entries: dict[str, int] = {}
-    done = 0
-    while done < kills:
-        begun = time.monotonic()
+    for kill in range(kills):
+        before, songs = len(slow.calls()), chance.randint(0, 3)
         process = slow.start(corpus, out, "--jobs", 2, start_new_session=True)
-        if longest is None:
-            # The first build shows how long it takes; those that follow are killed within that time.
-            assert process.wait() == 0
-            longest = time.monotonic() - begun
-            shutil.rmtree(slow.cache)
-            slow.log("cache removed")
-            shutil.rmtree(out)
-            continue
-        start_s = start_s or 0.2 * longest
-        try:
-            process.wait(timeout=chance.uniform(start_s, longest))
-        except subprocess.TimeoutExpired:
+        while process.poll() is None and len(slow.calls()) < before + songs:
+            time.sleep(0.01)
+        time.sleep(chance.uniform(0, SONG_S))
+        if process.poll() is None:
             # Alternately all processes, as in a power failure, and the main one: its workers live on for a moment.
-            (os.killpg if done % 2 else os.kill)(process.pid, signal.SIGKILL)
-            assert process.wait() == -signal.SIGKILL
-            done += 1
-            slow.log(*(f"published {song}" for song in slow.published()))
-            assert slow.entries().items() >= entries.items(), "a unit was computed and published again"
-            entries = slow.entries()
-            continue
-        assert process.returncode == 0
-        assert hashes(out) == undisturbed
-        assert slow.entries().items() >= entries.items()
-        shutil.rmtree(out)
-        shutil.rmtree(slow.cache)
-        entries = {}
-        slow.log("cache removed")
+            (os.killpg if kill % 2 else os.kill)(process.pid, signal.SIGKILL)
+        if process.wait() == 0:
+            assert hashes(out) == undisturbed
+            shutil.rmtree(out)
+            shutil.rmtree(slow.cache)
+            entries = {}
+            slow.log("cache removed")
+        slow.log(*(f"published {song}" for song in slow.published()))
+        assert slow.entries().items() >= entries.items(), "a unit was computed and published again"
+        entries = slow.entries()
     slow.build(corpus, out, "--jobs", 1)
     assert hashes(out) == undisturbed
     assert slow.entries().items() >= entries.items()
