@@ -29,13 +29,12 @@ from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
 from dancedata.curation.anatomy import bone_spread
 from dancedata.curation.glitches import spikes
-from dancedata.curation.repair import Repairs
+from dancedata.curation.repair import LIMITS, repaired
 from dancedata.curation.scores import MEASURES, score_motion
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.safe_pickle import load_pickle
-from dancedata.recipes.curation import REPAIR_LIMITS
 from dancedata.synthetic import synthesise_motion
 from dancedata.synthetic.plan import CATALOGUE
 
@@ -331,9 +330,8 @@ def main() -> None:
         n = sum(after > limit for _, after in spreads)
         print(f"{what}: bones of joints, a shin that breathes by 4 %: {n} of {len(spreads)}; as they are: "
               f"{sum(before > limit for before, _ in spreads)}")  # fmt: skip
-    repairs = Repairs(**{name: limit for name, limit in REPAIR_LIMITS.items()})
     for what, clips in sets.items():
-        untouched = {name: repairs.apply(motion).motion is motion for name, motion in clips.items()}
+        untouched = {name: repaired(motion, LIMITS).motion is motion for name, motion in clips.items()}
         print(f"{what}: repairs leave {sum(untouched.values())} of {len(clips)} clips as they are")
         for name, scores in alarms[what].items():
             above = [f"{k} {s.value:.3g} ({len(s.above(MEASURES[k].limit))} spans)" for k, s in scores.items()

@@ -47,7 +47,14 @@ class Case:
 
 def today(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return a recipe of the commit to compare with in the words of today."""
-    return dict(document)
+    now = dict(document)
+    transforms = [{name: now.pop(name)} for name in ("repair", "retarget") if name in now]
+    rules = {"curate": now.pop("curate")} if "curate" in now else {}
+    if "filter" in now["windows"]:
+        rules |= now["windows"]["filter"]
+        now["windows"] = {key: value for key, value in now["windows"].items() if key != "filter"}
+    annotators = now.pop("segments", {})
+    return {**now, "transforms": transforms, "annotators": annotators, "rules": rules}
 
 
 def shared() -> Path | None:

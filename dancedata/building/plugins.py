@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -22,9 +22,11 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Plugin
 from dancedata.core.registry import Registry
 from dancedata.core.segments import Segment
+from dancedata.core.sided_words import ENGLISH, Lexicon
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
 from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import FieldSpec
 
 
 class Loadable(Protocol):
@@ -210,12 +212,15 @@ class Annotator(Plugin, Maker):
         What a copy gets: "own" found in its motion, the "parent"'s changed by the step, or "none".
     stored
         Whether segments are stored, or only judge windows.
+    lexicons
+        Words that change with the sides of the body, for texts of mirrored dancers.
     """
 
     stage = "segments"
     suffix = "json"
     copies: ClassVar[Literal["own", "parent", "none"]] = "parent"
     stored: ClassVar[bool] = True
+    lexicons: ClassVar[tuple[Lexicon, ...]] = (ENGLISH,)
 
     @property
     def place(self) -> str:
@@ -279,9 +284,25 @@ class WindowRule(Plugin):
     ----------
     of_group
         Whether a window goes if the rule names it for "any" dancer, or only for "all".
+    annotators
+        Those whose segments it reads; a build has them without a recipe that names them.
     """
 
     of_group: ClassVar[Literal["any", "all"]] = "any"
+    annotators: ClassVar[tuple[Annotator, ...]] = ()
+
+    @property
+    def parameters(self) -> Plugin:
+        """The plug-in whose keys a recipe has."""
+        return self
+
+    def check(self, fields: Sequence[FieldSpec]) -> None:
+        """Raise UsageError, which begins with its name, if it does not fit the fields of a recipe."""
+        return
+
+    def notes(self, splits: Collection[str]) -> Sequence[str]:
+        """Return what `plan` and dataset.json say of it, for a source with these splits."""
+        return ()
 
     @abstractmethod
     def judge(self, seen: Seen, dancer: int, starts: Sequence[int]) -> list[Reject]:

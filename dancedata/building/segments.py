@@ -18,9 +18,7 @@ from dancedata.core.text import counted, quoted
 _QUALITY = "quality"
 
 
-def annotated(
-    results: Sequence[Result], annotators: Sequence[Annotator], lexicons: Sequence[Lexicon], grid: FrameGrid
-) -> list[Result]:
+def annotated(results: Sequence[Result], annotators: Sequence[Annotator], grid: FrameGrid) -> list[Result]:
     """Return results with the segments of each dancer that stays, by annotator."""
     done: dict[tuple[str, str], Result] = {}
     for of_copies in (False, True):  # those of copies follow from completed ones
@@ -33,7 +31,7 @@ def annotated(
                 for r in of_round
                 for k in r.stay
             ]
-            words = iter(with_mirrored_words(segments, lexicons))
+            words = iter(with_mirrored_words(segments, annotator.lexicons))
             of_round = [_with(r, annotator, {k: next(words) for k in r.stay}) for r in of_round]
         done |= {r.take.place: r for r in of_round}
     return list(done.values())
@@ -57,9 +55,7 @@ def all_segments(
     ]
 
 
-def unmirrored(
-    results: Sequence[Result], annotators: Sequence[Annotator], lexicons: Sequence[Lexicon]
-) -> list[Reject]:
+def unmirrored(results: Sequence[Result], annotators: Sequence[Annotator]) -> list[Reject]:
     """Return a reject for each layer of which copies of a kind go without segments."""
     by_place = {r.take.place: r for r in results}
     by_step: dict[str, list[Result]] = {}
@@ -68,17 +64,17 @@ def unmirrored(
     rejects = []
     for copies in by_step.values():
         of_parents = [
-            (result.take, k, segment)
+            (result.take, k, segment, annotator.lexicons)
             for result in copies
             for annotator in annotators
             if annotator.stored and annotator.copies != "none"
             for k in result.stay
             for segment in by_place[result.take.root.place].segments[annotator.name][k]
         ]
-        lost = [(take.dancers[k].id, s) for take, k, s in of_parents if _is_lost(s, take)]
-        for layer in sorted({s.layer for _, s in lost}, key=repr):
-            said = [s for _, _, s in of_parents if s.layer == layer]
-            rejects.append(_unmirrored(layer, [clip for clip, s in lost if s.layer == layer], said, lexicons))
+        lost = [(take.dancers[k].id, s, words) for take, k, s, words in of_parents if _is_lost(s, take)]
+        for layer, lexicons in sorted({s.layer: words for _, s, words in lost}.items(), key=repr):
+            said = [s for _, _, s, _ in of_parents if s.layer == layer]
+            rejects.append(_unmirrored(layer, [clip for clip, s, _ in lost if s.layer == layer], said, lexicons))
     return rejects
 
 
@@ -87,7 +83,7 @@ def _unmirrored(layer: Layer, clips: Sequence[str], said: Sequence[Segment], lex
     found = f"{counted(len(clips), 'segment')} of {counted(len(set(clips)), 'clip')}"
     language = f"language {layer.language}" if layer.language else "without a language"
     detail = f"mirrored copies go without {found}: layer {layer.name}, {language}, has no mirrored words for them"
-    fix = "state the language of the layer, its texts_mirrored, or sided: no; or give a lexicon: segments.lexicon"
+    fix = "state the language of the layer, its texts_mirrored, or sided: no; or give a lexicon, annotators.captions"
     lexicon = lexicon_of(layer.language, lexicons)
     if lexicon is not None and (word := unread_word(layer, said, lexicon)):
         detail += f"; whether {quoted(word)} names a side cannot be told"

@@ -14,7 +14,6 @@ from dancedata.building.stored import Clips, stored
 from dancedata.building.take import Take, Transform
 from dancedata.building.windows import cut
 from dancedata.core.errors import SourceError
-from dancedata.core.sided_words import Lexicon
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
@@ -29,7 +28,6 @@ class Parts(NamedTuple):
     annotators: Sequence[Annotator]
     rules: Sequence[WindowRule]
     windows: WindowSpec
-    lexicons: Sequence[Lexicon]
 
 
 class Groups(NamedTuple):
@@ -49,13 +47,13 @@ def build_clips(
     cache: Cache, takes: Sequence[Take], parts: Parts, groups: Groups, *, jobs: Jobs, progress: Progress
 ) -> Clips:
     """Return the clips of a source's takes."""
-    transforms, fields, annotators, rules, windows, lexicons = parts
+    transforms, fields, annotators, rules, windows = parts
     results = cut(expand(takes, transforms), fields, windows)
     results = compute(cache, results, [*fields, *annotators], jobs=jobs, progress=progress)
     results = judged(results, rules, fields, annotators, windows)
     results = whole(results, groups.members, groups.keep)
-    results = annotated(results, annotators, lexicons, windows.grid)
-    return stored(results, fields, annotators, lexicons, groups.sizes, windows.grid)
+    results = annotated(results, annotators, windows.grid)
+    return stored(results, fields, annotators, groups.sizes, windows.grid)
 
 
 def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]:

@@ -13,7 +13,6 @@ from dancedata.building.segments import unmirrored
 from dancedata.core.clip import Reject
 from dancedata.core.grid import FrameGrid
 from dancedata.core.licence import Licence
-from dancedata.core.sided_words import Lexicon
 from dancedata.store import AudioBlock, Signal, StoredClip
 
 
@@ -54,7 +53,6 @@ def stored(
     results: Sequence[Result],
     fields: Sequence[Field],
     annotators: Sequence[Annotator],
-    lexicons: Sequence[Lexicon],
     sizes: Mapping[str, int],
     grid: FrameGrid,
 ) -> Clips:
@@ -70,7 +68,7 @@ def stored(
         [
             *(reject for r in results for reject in r.rejects),
             *(reject for place in places for reject in _without(place, fields)),
-            *unmirrored(results, annotators, lexicons),
+            *unmirrored(results, annotators),
         ],
         [{"clip": p.id, **flag} for p in places if p.result is p.root for flag in p.flags],
     )

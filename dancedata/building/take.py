@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from dancedata.core.columns import Columns
+    from dancedata.recipes.fields import FieldSpec
 
 #: Up to this many values, motions remember matrices and joints: 200 MB.
 _REMEMBERED = 2**23
@@ -210,12 +211,26 @@ class Transform(Plugin):
         Whether windows of a copy are those of its parent.
     cuts
         Whether it takes a part of the motion: segments are those of the whole, changed by `segment`.
+    keeps_original
+        Whether each motion field has a second one, NAME.original, of the motion without it.
+    not_for_groups
+        Why takes of several dancers cannot be changed; "" where they can.
     """
 
     moves: ClassVar[bool] = True
     changes_rows: ClassVar[bool] = False
     keeps_time: ClassVar[bool] = True
     cuts: ClassVar[bool] = False
+    keeps_original: ClassVar[bool] = False
+    not_for_groups: ClassVar[str] = ""
+
+    def check(self, fields: Sequence[FieldSpec]) -> None:
+        """Raise UsageError, which begins with its name, if it does not fit the fields of a recipe."""
+        return
+
+    def notes(self, splits: Collection[str]) -> Sequence[str]:
+        """Return what `plan` and dataset.json say of it, for a source with these splits."""
+        return ()
 
     def expand(self, take: Take) -> Sequence[Take]:
         """Return the takes that become of one; by default it is replaced."""

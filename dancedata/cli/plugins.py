@@ -30,7 +30,7 @@ from dancedata.core.registry import (
 from dancedata.core.resources import resource, resources
 from dancedata.exports.base.job import EXPORTS
 from dancedata.files.atomic import write_text
-from dancedata.recipes.yaml import read_yaml
+from dancedata.files.yaml import read_yaml
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _TEST = '''"""Conformance of the {kind} {name}."""
@@ -120,7 +120,7 @@ KINDS = {
     "feature": Kind(FEATURES, "feature.py", "audio: {NAME: {}}"),
     "key-motion": Kind(KEYMOTIONS, "key_motion.py", "keymotion: {NAME: {}}"),
     "augmentation": Kind(AUGMENTATIONS, "augmentation.py", "augment: {NAME: {}}"),
-    "filter": Kind(FILTERS, "filter.py", "windows: {filter: {NAME: {}}}"),
+    "filter": Kind(FILTERS, "filter.py", "rules: {NAME: {}}"),
     "metric": Kind(METRICS, "metric.py", "", 'METRICS.get("NAME")().measure(dance), and protocols'),
     "export": Kind(EXPORTS, "export.py", "", "dancedata export STORE --to NAME --out DIR"),
 }

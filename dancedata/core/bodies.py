@@ -162,7 +162,7 @@ CROSSING = 2
 
 
 #: What to do with motion on a skeleton of another family.
-RETARGET = "put the motions on SMPL's joints by the recipe's stage retarget: --set retarget.skeleton=smpl24"
+RETARGET = "put the motions on SMPL's joints by the transform retarget: --set transforms.retarget.skeleton=smpl24"
 
 
 def crosses(source: Skeleton | None, target: Skeleton) -> bool:

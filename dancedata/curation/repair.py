@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from dancedata.core.rotations import Float64Array, rotation, slerp
 from dancedata.core.skeleton import Skeleton
 from dancedata.curation.anatomy import floor_trend
 from dancedata.curation.glitches import JITTER_HZ, frozen, jitter, low_pass, spike_groups, spikes
+from dancedata.curation.scores import MEASURES
 
 #: Raised by hand when a repair gives other numbers for the same motion.
 VERSION = 1
@@ -24,51 +24,24 @@ _TRIFLE_M = 0.03
 
 
 @dataclass(frozen=True)
-class Repairs:
-    """Which repairs, and above which limit; None for those that are not made.
-
-    `spikes`: Least size, metres.
-    `gaps`: Longest frozen span that is filled, seconds.
-    `floor`: Least drift of the floor, metres.
-    `smoothing`: Least jitter, metres.
-    `original`: Whether the motion as it was is stored beside the repaired one.
-    """
-
-    spikes: float | None = None
-    gaps: float | None = None
-    floor: float | None = None
-    smoothing: float | None = None
-    original: bool = True
-
-    def __bool__(self) -> bool:
-        return any(limit is not None for limit in (self.spikes, self.gaps, self.floor, self.smoothing))
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON data: the stages that are made with their limits, and whether the original is stored."""
-        return {**self.key(), "original": self.original}
-
-    def key(self) -> dict[str, float]:
-        """Return what decides the numbers, for keys of the cache."""
-        stages = {name: getattr(self, name) for name in STAGES}
-        return {name: limit for name, limit in stages.items() if limit is not None}
-
-    def apply(self, motion: Motion) -> Repaired:
-        """Make the repairs, in the order of `STAGES`; a motion without these faults is returned as it is."""
-        flags: list[Flag] = []
-        for name, stage in STAGES.items():
-            limit = getattr(self, name)
-            if limit is not None:
-                motion, stage_flags = stage(motion, limit)
-                flags += stage_flags
-        return Repaired(motion, tuple(flags))
-
-
-@dataclass(frozen=True)
 class Repaired:
     """A motion, and a flag for each frame and joint that a repair changed; one without a frame is of all frames."""
 
     motion: Motion
     flags: tuple[Flag, ...]
+
+
+def repaired(motion: Motion, limits: Mapping[str, float]) -> Repaired:
+    """Make the repairs that have a limit, in the order of `STAGES`; a motion without these faults is returned itself.
+
+    `limits`: By name of the repair: metres, of `gaps` seconds.
+    """
+    flags: list[Flag] = []
+    for name, stage in STAGES.items():
+        if name in limits:
+            motion, stage_flags = stage(motion, limits[name])
+            flags += stage_flags
+    return Repaired(motion, tuple(flags))
 
 
 def repair_spikes(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
@@ -177,6 +150,16 @@ STAGES: dict[str, Callable[[Motion, float], tuple[Motion, list[Flag]]]] = {
     "floor": level_floor,
     "smoothing": smooth,
 }
+
+
+#: Limits of the repairs that name none, and their units.
+LIMITS = {
+    "spikes": MEASURES["spikes"].limit,
+    "gaps": 0.5,
+    "floor": MEASURES["floor_drift"].limit,
+    "smoothing": MEASURES["jitter"].limit,
+}
+UNITS = {"spikes": "m", "gaps": "s", "floor": "m", "smoothing": "m"}
 
 
 def _above(skeleton: Skeleton, joint: int) -> list[int]:

@@ -8,13 +8,17 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.sides import MIN_ELBOWS, sides_of, wrong_up
+from dancedata.core.text import shown
 from dancedata.curation import anatomy, glitches
 from dancedata.curation.spans import Span, union, worst_spans
 
 #: Raised by hand when a score gives other numbers for the same motion.
 VERSION = 2
+#: Largest limit that a recipe may have.
+_MOST = 1e6
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,19 @@ def joined_scores(parts: Sequence[tuple[int, Mapping[str, Score]]]) -> dict[str,
                  for first, scores in parts for span in scores[name].spans]  # fmt: skip
         joined[name] = Score(value, union(spans) if len(parts) > 1 else tuple(spans))
     return joined
+
+
+def checked_limit(value: object, where: str, default: float, low: float) -> float | None:
+    """Return a limit of a recipe; None for false or None, the default for true.
+
+    Raises UsageError: if it is no number from `low` to a million.
+    """
+    if value is None or isinstance(value, bool):
+        return default if value else None
+    if not (isinstance(value, int | float) and low <= value <= _MOST):
+        raise UsageError(f"{where}: must be true, false or a number", found=shown(repr(value)),
+                         allowed=f"{low:g} to {_MOST:,.0f}")  # fmt: skip
+    return float(value)
 
 
 def _rounded(score: Score) -> Score:

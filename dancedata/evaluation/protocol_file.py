@@ -11,8 +11,8 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.registry import METRICS
 from dancedata.core.text import shown
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol, Published
+from dancedata.files.yaml import read_yaml
 from dancedata.recipes.plugins import make_dataclass, make_plugin
-from dancedata.recipes.yaml import read_yaml
 
 _TEXTS = ("name", "citation", "source", "licence_note", "pool_split")
 _REQUIRED = ("protocol", "name", "version", "citation", "source", "motion", "measures")

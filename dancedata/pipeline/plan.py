@@ -164,7 +164,7 @@ class Plan:
 
     def _notes(self) -> list[str]:
         notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
-        chosen = self.recipe.windows.filter
+        chosen = self.recipe.filter
         if chosen is not None:
             where = ", ".join(chosen.splits)
             notes.append(

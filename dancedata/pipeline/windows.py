@@ -98,7 +98,7 @@ def _filtered(
 
     If it keeps none, the last reject is that of the clip. Without a filter for the clip's split, all are kept.
     """
-    chosen = recipe.windows.filter
+    chosen = recipe.filter
     if chosen is None or ref.split not in chosen.splits or not starts:
         return starts, []
     rows = np.asarray(motion.arrays[chosen.field])

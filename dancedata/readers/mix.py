@@ -361,7 +361,7 @@ def _require_alike(by_name: Mapping[str, SplitDataset]) -> None:
     if problems:
         raise UsageError("datasets of a mix do not agree\n  - " + "\n  - ".join(problems),
                          fix="read them with the same arguments; build again what differs in fields, rates or body "
-                         "(retarget: {skeleton: smpl24} gives one body)")  # fmt: skip
+                         "(the transform retarget gives one body)")  # fmt: skip
 
 
 def _properties(dataset: SplitDataset) -> dict[str, str]:

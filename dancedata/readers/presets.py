@@ -207,7 +207,7 @@ def fields_to_read(
 
 def _missing_field(store: Store, name: str, preset: str | None) -> UsageError:
     """Return the error of a field that the dataset lacks; it names the shipped recipes that compute the field."""
-    from dancedata.recipes.yaml import recipes_with  # here, as readers need no YAML
+    from dancedata.files.yaml import recipes_with  # here, as readers need no YAML
 
     makers = recipes_with(name)
     build = f"build with a recipe that has it, such as {' or '.join(makers)}, or add it to your own recipe"

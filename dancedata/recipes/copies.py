@@ -15,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.rotations import Float64Array
 from dancedata.recipes.documents import document_of
+from dancedata.recipes.fields import FieldSpec
 
 #: The split whose clips are copied.
 _SPLIT = "train"
@@ -33,9 +34,13 @@ class CopySpec:
     name: str
     augmentation: CopyAugmentation
 
-    def document(self) -> dict[str, Any] | Literal[True]:
-        """Return the augmentation's parameters, as in a recipe; True if it has none."""
-        return document_of(self.augmentation) or True
+    def check(self, fields: Iterable[FieldSpec]) -> None:
+        """Raise UsageError, which begins with its name, if there are no copies of a field of motion."""
+        for field in (field for field in fields if field.kind != "audio"):
+            try:
+                self.augmentation.check(field.columns)
+            except UsageError as error:
+                raise UsageError(f"{self.name}: field {field.name}: {error}") from error
 
     def key(self) -> list[Any]:
         """Return what decides the motion of copies, for keys of the cache."""

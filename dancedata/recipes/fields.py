@@ -12,7 +12,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation, WindowFilter
+from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation
 from dancedata.recipes.documents import document_of
 
 Kind = Literal["motion", "keymotion", "audio"]
@@ -20,11 +20,10 @@ Kind = Literal["motion", "keymotion", "audio"]
 
 @dataclass(frozen=True)
 class WindowSpec(WindowGrid):
-    """Windows in frames of a grid; their order as in the store's format; which are kept."""
+    """Windows in frames of a grid; their order as in the store's format."""
 
     grid: FrameGrid
     order: Literal["time", "name"] = "time"
-    filter: WindowFilter | None = None
 
     @property
     def length_s(self) -> float:
@@ -42,13 +41,7 @@ class WindowSpec(WindowGrid):
 
     def document(self) -> dict[str, Any]:
         """Return all keys, defaults included."""
-        window_filter = None if self.filter is None else {self.filter.name: document_of(self.filter)}
-        return {
-            "length_frames": self.length,
-            "stride_frames": self.stride,
-            "order": self.order,
-            "filter": window_filter,
-        }
+        return {"length_frames": self.length, "stride_frames": self.stride, "order": self.order}
 
 
 @dataclass(frozen=True)
@@ -101,14 +94,14 @@ class FieldSpec(ABC):
 class MotionField(FieldSpec):
     """A field that follows from a clip's motion: a representation with its contact rule.
 
-    `repaired`: False for the motion as it was before the recipe's repairs.
+    `without`: Names of the transforms that it is made without, such as repairs.
     """
 
     kind: ClassVar[Literal["motion"]] = "motion"
 
     representation: Representation
     contacts: ContactRule | None
-    repaired: bool = True
+    without: tuple[str, ...] = ()
 
     @property
     def columns(self) -> Columns:
@@ -124,6 +117,11 @@ class MotionField(FieldSpec):
     def version(self) -> tuple[int, int]:
         """Versions of representation and contact rule."""
         return self.representation.version, 0 if self.contacts is None else self.contacts.version
+
+    @property
+    def repaired(self) -> bool:
+        """Whether it goes through all transforms."""
+        return not self.without
 
     def document(self) -> dict[str, Any]:
         """Return the representation's parameters, the contact rule, and whether it is optional."""

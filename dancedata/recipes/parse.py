@@ -6,6 +6,7 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,11 @@ from dancedata.core.plugin_files import load_plugins
 from dancedata.core.registry import DATASETS, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
-from dancedata.recipes.curation import CurationSpec, parse_curation
-from dancedata.recipes.fields import MotionField, WindowSpec
-from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, make_slots, slot_keys
+from dancedata.files.yaml import load_yaml, read_yaml
+from dancedata.recipes.fields import WindowSpec
+from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, named_entries, slot_keys
 from dancedata.recipes.recipe import Recipe
-from dancedata.recipes.retarget import parse_retarget
-from dancedata.recipes.segments import SegmentSpec, parse_segments
-from dancedata.recipes.yaml import load_yaml, read_yaml
-from dancedata.store.motion_fields import ORIGINAL
+from dancedata.recipes.slots import make_slots
 
 #: Characters shown of a PyYAML error, which has several lines.
 _YAML_PROBLEM = 600
@@ -132,7 +130,10 @@ def set_key(document: dict[str, Any], key: str, value: Any) -> None:
         raise UsageError("not a key of a recipe", found=repr(key), allowed="such as windows.stride_s")
     *above, last = _steps(document, parts)
     level: Any = document
-    for step in above:
+    for step, below in pairwise((*above, last)):
+        if level is document and step == "transforms":
+            level = _entry(document, below)
+            continue
         if not isinstance(level.get(step), dict):
             # "dataset: aist++" and "librosa35:" are short for a mapping.
             level[step] = {level[step]: {}} if isinstance(level.get(step), str) else {}
@@ -140,6 +141,18 @@ def set_key(document: dict[str, Any], key: str, value: Any) -> None:
     if above == ["windows"]:
         level.pop(_TWINS.get(last), None)
     level[last] = value
+
+
+def _entry(document: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return the entry of a transform, ``{name: parameters}``; a recipe without it has it as its last one then."""
+    chain = document.get("transforms")
+    chain = chain if isinstance(chain, list) else [chain] if isinstance(chain, str) else []
+    document["transforms"] = chain = [{entry: {}} if isinstance(entry, str) else entry for entry in chain]
+    entry = next((entry for entry in chain if isinstance(entry, dict) and name in entry), None)
+    if entry is None:
+        entry = {name: {}}
+        chain.append(entry)
+    return entry
 
 
 def _steps(document: Mapping[str, Any], parts: list[str]) -> list[str]:
@@ -156,6 +169,7 @@ def _steps(document: Mapping[str, Any], parts: list[str]) -> list[str]:
         parts = parts[n:]
         registry = None if steps else SLOTS.get(step)
         level = level.get(step)
+        level = named_entries(level) if registry is not None else level
         steps.append(step)
     return steps
 
@@ -173,20 +187,9 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     if lengths is not None and grid is not None:
         windows = problems.catch(partial(_windows, lengths, grid))
     by_window = document.get("scope") == "window"
-    retarget = problems.catch(partial(parse_retarget, document.get("retarget")))
-    segments = problems.catch(partial(parse_segments, document.get("segments")))
-    curation = problems.catch(partial(parse_curation, document.get("curate"), document.get("repair")))
     slots = make_slots(document, grid, windows, by_window=by_window, problems=problems)
-    dataset, windows = slots.dataset, slots.windows
-    motion = problems.catch(partial(_with_originals, slots.motion, curation or CurationSpec()))
-    if (
-        problems
-        or not (top and store and groups)
-        or grid is None
-        or dataset is None
-        or windows is None
-        or motion is None
-    ):
+    dataset = slots.dataset
+    if problems or not (top and store and groups) or grid is None or dataset is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
     return Recipe(
@@ -196,28 +199,16 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         grid=grid,
         scope="window" if by_window else "track",
         windows=windows,
-        motion=motion,
+        transforms=slots.transforms,
+        motion=slots.motion,
         audio=slots.audio,
         keymotion=slots.keymotion,
         augment=slots.augment,
+        annotators=slots.annotators,
+        rules=slots.rules,
         shard_mb=store["shard_mb"],
         incomplete_groups=groups["incomplete"],
-        retarget=retarget,
-        segments=segments or SegmentSpec(),
-        curation=curation or CurationSpec(),
     )
-
-
-def _with_originals(fields: tuple[MotionField, ...], curation: CurationSpec) -> tuple[MotionField, ...]:
-    """Return the motion fields with one more for each, of the motion before repairs, if the recipe keeps it."""
-    if not curation.repairs or not curation.repairs.original:
-        return fields
-    originals = [replace(field, name=f"{field.name}{ORIGINAL}", repaired=False) for field in fields]
-    taken = {field.name for field in fields} & {field.name for field in originals}
-    if taken:
-        raise UsageError(f"motion.{min(taken)}: this is the name of the field with the motion before repairs",
-                         fix="give it another name, or leave the original out: repair.original=false")  # fmt: skip
-    return tuple(sorted((*fields, *originals), key=lambda field: field.name))
 
 
 def _windows(keys: Mapping[str, Any], grid: FrameGrid) -> WindowSpec:
@@ -302,9 +293,7 @@ _KEYS = {
         "fps": _Key(),
         "scope": _choice("track", "window"),
         "windows": _Key(_MISSING),
-        **dict.fromkeys(("motion", "audio", "keymotion", "augment"), _Key()),
-        "retarget": _Key(),
-        **dict.fromkeys(("segments", "curate", "repair"), _Key()),
+        **dict.fromkeys(("transforms", "motion", "audio", "keymotion", "augment", "annotators", "rules"), _Key()),
         "store": _Key({}),
         "groups": _Key({}),
     },
@@ -314,7 +303,6 @@ _KEYS = {
         "stride_s": _SECONDS,
         "stride_frames": _COUNT,
         "order": _choice("time", "name"),
-        "filter": _Key(),
     },
     "store": {"shard_mb": replace(_COUNT, default=256)},
     "groups": {"incomplete": _choice("set_aside", "keep")},

@@ -1,54 +1,55 @@
-"""The plug-ins of a recipe, made from their names and parameters: one slot after the other."""
+"""Plug-ins made from their names and parameters, as recipes and protocols have them."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from dancedata.core.columns import Columns
+from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import without_file_key
-from dancedata.core.plugins import CopyAugmentation, Dataset, Plugin, WindowFilter
+from dancedata.core.plugins import Plugin
 from dancedata.core.registry import (
     AUGMENTATIONS,
-    CONTACTS,
     DATASETS,
     FEATURES,
-    FILTERS,
     KEYMOTIONS,
     REPRESENTATIONS,
     Registry,
 )
 from dancedata.core.text import shown
-from dancedata.recipes.copies import CopySpec
-from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-F = TypeVar("F", bound=FieldSpec)
 P = TypeVar("P", bound=Plugin)
 R = TypeVar("R")
 T = TypeVar("T", bound="DataclassInstance")
 
-#: Registry of each slot, by its key in a recipe.
+#: Registry of each slot, by its key in a recipe; rules may be window filters, too.
 SLOTS: dict[str, Registry[Any]] = {
     "dataset": DATASETS,
+    "transforms": TRANSFORMS,
     "motion": REPRESENTATIONS,
     "audio": FEATURES,
     "keymotion": KEYMOTIONS,
     "augment": AUGMENTATIONS,
+    "annotators": ANNOTATORS,
+    "rules": RULES,
 }
+#: Annotators that every build has, with their defaults.
+ALWAYS = ("captions",)
+#: Slots whose plug-ins an unknown key may be.
+_ADDED = ("transforms", "augment", "annotators", "rules")
 #: Keys of a slot in addition to the plug-in's.
-_SLOT_KEYS = {"motion": ("contacts", "optional"), "audio": ("fps",), "keymotion": ("optional",)}
+SLOT_KEYS = {"motion": ("contacts", "optional"), "audio": ("fps",), "keymotion": ("optional",)}
 #: Motion is resampled to a recipe's rate however slowly it was captured: a billion per second would fill any memory.
 MAX_FPS = 1000
 _LABEL = re.compile(r"[A-Za-z0-9_-]+")
@@ -64,70 +65,6 @@ class Problems(list[str]):
         except DanceDataError as error:
             self.append(f"{where}{error}")
             return None
-
-
-@dataclasses.dataclass(frozen=True)
-class Slots:
-    """The plug-ins of a recipe; None where there is a problem."""
-
-    dataset: Dataset | None
-    windows: WindowSpec | None
-    motion: tuple[MotionField, ...]
-    keymotion: tuple[KeyMotionField, ...]
-    audio: tuple[FeatureJob, ...]
-    augment: tuple[CopySpec, ...]
-
-
-def make_slots(
-    document: Mapping[str, Any],
-    grid: FrameGrid | None,
-    windows: WindowSpec | None,
-    *,
-    by_window: bool,
-    problems: Problems,
-) -> Slots:
-    """Make all plug-ins of a recipe document.
-
-    `grid`, `windows`: None if they are wrong; fields are checked all the same, so that their errors come in the same
-        message.
-    `by_window`: Whether features are computed by window.
-    """
-    any_grid = grid or FrameGrid.of(30)
-    dataset = one_of(DATASETS, "dataset", document.get("dataset"), problems)
-    motion = _motion_fields(document.get("motion"), any_grid, problems)
-    keymotion = _key_motion_fields(document.get("keymotion"), any_grid, problems)
-    columns = {field.name: field.columns for field in (*motion, *keymotion)}
-    augment = _copy_specs(document.get("augment"), columns, problems)
-    if windows is not None:
-        chosen = _window_filter(document["windows"].get("filter"), columns, problems)
-        windows = dataclasses.replace(windows, filter=chosen)
-        may_lack = {field.name for field in (*motion, *keymotion) if field.optional}
-        if chosen is not None and chosen.field in may_lack:
-            problems.append(
-                f"windows.filter.{chosen.name}: {chosen.field} is optional, and clips without it cannot be filtered; "
-                "fix: name a field that every clip has"
-            )
-    audio = _feature_jobs(document.get("audio"), any_grid, windows if by_window else None, problems)
-    problems += _optional_problems(motion, keymotion, by_window=by_window)
-    if windows is not None:
-        for field in (*motion, *audio):
-            problems.catch(partial(field.require_whole, windows))
-    timed = [spec.name for spec in augment if spec.augmentation.changes == "time"]
-    for job in audio:
-        if timed and job.feature.from_files:
-            problems.append(
-                f"audio.{job.name}: rows from files have no copies at another speed; "
-                f"fix: leave out augment.{timed[0]}, or the field"
-            )
-        if augment and job.feature.of_motion:
-            problems.append(
-                f"audio.{job.name}: rows of motion from files have no copies: a copy needs files of its own; "
-                f"fix: leave out augment.{augment[0].name}, or the field"
-            )
-    for job in audio if grid is not None else ():
-        # A rate that a feature cannot compute at is an error now, not after all music was decoded.
-        problems.catch(partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")
-    return Slots(dataset, windows, motion, keymotion, audio, augment)
 
 
 def frame_grid(fps: Any, key: str = "fps") -> FrameGrid:
@@ -147,132 +84,6 @@ def frame_grid(fps: Any, key: str = "fps") -> FrameGrid:
     return grid
 
 
-def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[MotionField, ...]:
-    if not isinstance(slot, (dict, str)) or not slot:
-        names = slot if isinstance(slot, list) and all(isinstance(name, str) for name in slot) else []
-        example = ", ".join(f"{shown(name)}: {{}}" for name in names or ["edge151"])
-        problems.append(f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(slot))}")
-        return ()
-    fields = []
-    for name, representation, keys in _instances(REPRESENTATIONS, "motion", slot, problems):
-        if representation is None:
-            continue
-        rule = keys.get("contacts")
-        default = representation.default_contacts
-        rule = default if rule is None else rule
-        if rule is not None and default is None:
-            problems.append(f"motion.{name}.contacts: {name} has no contact columns")
-        contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
-        rate = representation.rate
-        of_rate = grid if rate is None else FrameGrid(rate)
-        optional = _is_optional(f"motion.{name}", keys, problems)
-        fields.append(MotionField(name, of_rate, representation, contacts, optional=optional))
-    return _by_name(fields)
-
-
-def _is_optional(where: str, keys: Mapping[str, Any], problems: Problems) -> bool:
-    optional = keys.get("optional", False)
-    if not isinstance(optional, bool):
-        problems.append(f"{where}.optional: must be true or false; found {shown(repr(optional))}")
-    return optional is True
-
-
-def _optional_problems(
-    fields: Sequence[MotionField], keymotion: Sequence[KeyMotionField], *, by_window: bool
-) -> list[str]:
-    """Return why fields of motion and key motions cannot be optional."""
-    optional = [field for field in fields if field.optional]
-    problems = []
-    for field in (*optional, *(field for field in keymotion if field.optional)) if by_window else ():
-        problems.append(f"{field.kind}.{field.name}.optional: clips without a field need scope: track")
-    if optional and len(optional) == len(fields):
-        problems.append("motion: all fields are optional; fix: one field has to be there for every clip")
-    for field in optional:
-        if field.representation.name == "root_place":
-            problems.append(f"motion.{field.name}.optional: the places of dancers cannot be left out")
-    return problems
-
-
-def _feature_jobs(
-    slot: Any, grid: FrameGrid, windows: WindowSpec | None, problems: Problems
-) -> tuple[FeatureJob, ...]:
-    jobs = []
-    for name, feature, keys in _instances(FEATURES, "audio", slot, problems):
-        fps = keys.get("fps")
-        rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
-        if feature is not None and rows is not None:
-            jobs.append(FeatureJob(name, rows, feature, windows, rows != grid))
-    return _by_name(jobs)
-
-
-def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[KeyMotionField, ...]:
-    return _by_name(
-        [
-            KeyMotionField(name, grid, finder, optional=_is_optional(f"keymotion.{name}", keys, problems))
-            for name, finder, keys in _instances(KEYMOTIONS, "keymotion", slot, problems)
-            if finder is not None
-        ]
-    )
-
-
-def _copy_specs(slot: Any, fields: Mapping[str, Columns], problems: Problems) -> tuple[CopySpec, ...]:
-    """Make the augmentations that a recipe names: ``{NAME: {parameters}}``, or ``{NAME: true}`` for the defaults."""
-    if slot is not None and not isinstance(slot, dict | str):
-        problems.append(f"augment: must be a mapping such as {{mirror: true}}; found {shown(repr(slot))}")
-        return ()
-    specs = []
-    for key, value in ({slot: True} if isinstance(slot, str) else slot or {}).items():
-        name, parameters = str(key), {} if isinstance(value, bool) else value
-        augmentation = make_plugin(AUGMENTATIONS, "augment", name, parameters, problems, several=True)
-        if augmentation is None or value is False:
-            continue
-        if not isinstance(augmentation, CopyAugmentation):
-            problems.append(
-                f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
-                f"fix: WindowDataset(..., augment=[{augmentation.name!r}])"
-            )
-            continue
-        for field, columns in fields.items():
-            problems.catch(partial(augmentation.check, columns), f"augment.{name}: field {field}: ")
-        specs.append(CopySpec(name, augmentation))
-    return tuple(sorted(specs, key=lambda spec: spec.name))
-
-
-def _window_filter(slot: Any, fields: Mapping[str, Columns], problems: Problems) -> WindowFilter | None:
-    window_filter = None if slot is None else one_of(FILTERS, "windows.filter", slot, problems)
-    if window_filter is None:
-        return None
-    field, where = window_filter.field, f"windows.filter.{window_filter.name}"
-    if field not in fields:
-        meant = did_you_mean(field, fields)
-        default = " (the default)" if field == getattr(type(window_filter), "field", None) else ""
-        problems.append(f"{where}.field: no such field in motion or keymotion: {shown(field)}{default}; {meant}")
-        return None
-    problems.catch(partial(window_filter.check, fields[field]), f"{where}: field {field}: ")
-    return window_filter
-
-
-def _instances(
-    registry: Registry[P], slot: str, plugins: Any, problems: Problems
-) -> Iterator[tuple[str, P | None, dict[str, Any]]]:
-    """Yield name, plug-in (None if it is wrong) and the values of the slot's keys for each entry of a slot."""
-    also = _SLOT_KEYS.get(slot, ())
-    if not isinstance(plugins, dict):
-        plugins = {str(plugins): {}} if plugins else {}
-    for key, parameters in plugins.items():
-        name = str(key)  # in YAML a key may be a number
-        keys: dict[str, Any] = {}
-        if also and isinstance(parameters, dict):
-            keys = {key: parameters[key] for key in also if key in parameters}
-            parameters = {key: value for key, value in parameters.items() if key not in keys}
-        yield name, make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=True), keys
-
-
-def _by_name(fields: Sequence[F]) -> tuple[F, ...]:
-    # The recipe's hash does not depend on the order.
-    return tuple(sorted(fields, key=lambda field: field.name))
-
-
 def make_plugin(
     registry: Registry[P],
     where: str,
@@ -289,7 +100,7 @@ def make_plugin(
     `beside`: All that the slot holds: if `name` is not a plug-in, it may be a misplaced key of one of these.
     `several`: Whether the slot takes several of one plug-in, named PLUGIN.NAME.
     """
-    also = _SLOT_KEYS.get(where, ()) if several else ()
+    keys = SLOT_KEYS.get(where, ()) if several else ()
     plugin, label = registry.split(name) if several else (name, None)
     if label is not None and not _LABEL.fullmatch(label):
         problems.append(
@@ -304,7 +115,7 @@ def make_plugin(
     except DanceDataError as error:
         problems.append(f"{where}: {error}")
         return None
-    return make_dataclass(cls, f"{where}.{name}", parameters, problems, also)
+    return make_dataclass(cls, f"{where}.{name}", parameters, problems, keys)
 
 
 def one_of(registry: Registry[P], where: str, plugin: Any, problems: list[str]) -> P | None:
@@ -366,7 +177,9 @@ def make_dataclass(
         ]
         return None
     except DanceDataError as error:
-        problems.append(f"{where}: {error}")
+        text = str(error)
+        of_key = re.split("[.:]", text, maxsplit=1)[0] in fields  # "spikes: must be ..."
+        problems.append(f"{where}.{text}" if of_key else f"{where}: {text}")
         return None
     return None if unknown else _with_whole_paths(plugin)
 
@@ -379,18 +192,26 @@ def _with_whole_paths(plugin: T) -> T:
     return dataclasses.replace(plugin, **whole) if whole else plugin
 
 
+def named_entries(slot: Any) -> dict[Any, Any]:
+    """Return the entries of a slot by name: of a mapping, a single name, or a list of both."""
+    if isinstance(slot, dict):
+        return slot
+    entries = slot if isinstance(slot, list) else [] if slot is None else [slot]
+    return {k: v for entry in entries for k, v in (entry if isinstance(entry, dict) else {str(entry): {}}).items()}
+
+
 def slot_keys(document: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the keys of all plug-ins that a document names, as --set takes them."""
-    yield from _key_paths(AUGMENTATIONS, "augment", dict.fromkeys(AUGMENTATIONS.names()))
+    """Yield the keys of all plug-ins that a document names, as --set takes them, and of those that it may add."""
     for slot, registry in SLOTS.items():
-        yield from _key_paths(registry, slot, document.get(slot))
+        more = dict.fromkeys(registry.names()) if slot in _ADDED else {}
+        yield from _key_paths(registry, slot, {**more, **named_entries(document.get(slot))})
 
 
 def _key_paths(registry: Registry[P], where: str, plugins: Any) -> Iterator[str]:
     """Yield the keys of the plug-ins that a slot names, as --set takes them: "audio.librosa35.tightness"."""
-    for name in [plugins] if isinstance(plugins, str) else plugins if isinstance(plugins, dict) else ():
+    for name in named_entries(plugins):
         plugin, _ = registry.split(str(name))
         if plugin in registry:
             keys = [f.name for f in dataclasses.fields(registry.get(plugin))]
             yield f"{where}.{name}"
-            yield from (f"{where}.{name}.{key}" for key in (*keys, *_SLOT_KEYS.get(where, ())))
+            yield from (f"{where}.{name}.{key}" for key in (*keys, *SLOT_KEYS.get(where, ())))

@@ -12,19 +12,22 @@ from typing import Any, Literal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugin_files import PluginFile, plugin_file
-from dancedata.core.plugins import Dataset, Plugin
+from dancedata.core.plugins import Dataset, Plugin, WindowFilter
 from dancedata.core.skeleton import Skeleton
 from dancedata.recipes.copies import CopySpec
-from dancedata.recipes.curation import CurationSpec
+from dancedata.recipes.curation import CurateRule, CurationSpec, Repairs
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
 from dancedata.recipes.retarget import RetargetSpec
-from dancedata.recipes.segments import SegmentSpec
+from dancedata.recipes.segments import FactsSpec, SegmentSpec
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A checked recipe, its plug-ins made."""
+    """A checked recipe, its plug-ins made.
+
+    `transforms`, `annotators`, `rules`: Of the bases in `building`, which imports this.
+    """
 
     name: str
     description: str
@@ -32,15 +35,15 @@ class Recipe:
     grid: FrameGrid
     scope: Literal["track", "window"]
     windows: WindowSpec
+    transforms: tuple[Any, ...]
     motion: tuple[MotionField, ...]
     audio: tuple[FeatureJob, ...]
     keymotion: tuple[KeyMotionField, ...]
     augment: tuple[CopySpec, ...]
+    annotators: tuple[Any, ...]
+    rules: tuple[Any, ...]
     shard_mb: int
     incomplete_groups: Literal["set_aside", "keep"] = "set_aside"
-    retarget: RetargetSpec | None = None
-    segments: SegmentSpec = SegmentSpec()  # noqa: RUF009 (frozen)
-    curation: CurationSpec = CurationSpec()  # noqa: RUF009 (frozen)
 
     def __repr__(self) -> str:
         fields = ", ".join(field.name for field in self.fields)
@@ -77,6 +80,42 @@ class Recipe:
         """The recipe without audio fields: all that encoding depends on, so that workers load no feature for it."""
         return replace(self, audio=())
 
+    # What the stages of `pipeline` read of transforms, annotators and rules, as long as they are there.
+
+    @cached_property
+    def retarget(self) -> RetargetSpec | None:
+        """The transform, if the recipe has it."""
+        step: Any = next((step for step in self.transforms if step.name == "retarget"), None)
+        if step is None:
+            return None
+        names = None if step.joint_map == "auto" else step.joint_map
+        return RetargetSpec(step.skeleton, names, None if step.scale == "auto" else step.scale, step.feet)
+
+    @cached_property
+    def curation(self) -> CurationSpec:
+        """The limits of the rule `curate`, and of the transform `repair`."""
+        step: Any = next((step for step in self.transforms if step.name == "repair"), None)
+        rule: Any = next((rule for rule in self.rules if rule.name == "curate"), None)
+        limits = {} if rule is None else rule.limits
+        return CurationSpec(
+            tuple(CurateRule(score, of.limit, of.leave_out, of.splits) for score, of in limits.items()),
+            Repairs() if step is None else Repairs(**step.limits, original=step.original),
+        )
+
+    @cached_property
+    def segments(self) -> SegmentSpec:
+        """The annotators."""
+        named: dict[str, Any] = {annotator.name: annotator for annotator in self.annotators}
+        facts = named.get("facts")
+        spec = None if facts is None else FactsSpec(facts.kinds, facts.turn_degrees, facts.flight_s, facts.travel_m)
+        return SegmentSpec(spec, "genre" in named, named["captions"].lexicon)
+
+    @cached_property
+    def filter(self) -> WindowFilter | None:
+        """The window filter, if there is one."""
+        chosen = (rule.parameters for rule in self.rules if isinstance(rule.parameters, WindowFilter))
+        return next(chosen, None)
+
     @property
     def plugin_files(self) -> dict[str, PluginFile]:
         """Files of its local plug-ins, by the kind and name of each, as "motion edge151"."""
@@ -85,8 +124,10 @@ class Recipe:
         used |= {f"contacts {field.contacts.name}": field.contacts for field in self.motion if field.contacts}
         used |= {f"audio {job.name}": job.feature for job in self.audio}
         used |= {f"keymotion {field.name}": field.finder for field in self.keymotion}
-        used |= {f"augment {spec.name}": spec.augmentation for spec in self.augment}
-        used |= {} if self.windows.filter is None else {f"filter {self.windows.filter.name}": self.windows.filter}
+        used |= {f"transform {step.name}": step for step in self.transforms}
+        used |= {f"augment {copy.name}": copy.augmentation for copy in self.augment}
+        used |= {f"annotator {annotator.name}": annotator for annotator in self.annotators}
+        used |= {f"rule {rule.name}": rule.parameters for rule in self.rules}
         files = {name: plugin_file(type(plugin)) for name, plugin in used.items()}
         return {name: file for name, file in files.items() if file is not None}
 
@@ -106,15 +147,15 @@ class Recipe:
             "fps": str(self.grid),
             "scope": self.scope,
             "windows": self.windows.document(),
-            "motion": {field.name: field.document() for field in self.motion if field.repaired},
+            "transforms": [{step.name: document_of(step)} for step in self.transforms],
+            "motion": {field.name: field.document() for field in self.motion if not field.without},
             "audio": {field.name: field.document() for field in self.audio},
             "keymotion": {field.name: field.document() for field in self.keymotion},
-            "augment": {spec.name: spec.document() for spec in self.augment},
+            "augment": {copy.name: document_of(copy.augmentation) for copy in self.augment},
+            "annotators": {annotator.name: document_of(annotator) for annotator in self.annotators},
+            "rules": {rule.name: document_of(rule.parameters) for rule in self.rules},
             "store": {"shard_mb": self.shard_mb},
             "groups": {"incomplete": self.incomplete_groups},
-            "retarget": None if self.retarget is None else self.retarget.document(),
-            "segments": self.segments.document(),
-            **self.curation.document(),
         }
 
     @cached_property

@@ -1,16 +1,14 @@
-"""The stage `retarget` of a recipe: motion of every clip on one skeleton."""
+"""What the stages of `pipeline` read of the transform `retarget`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dancedata.core.bodies import SKELETONS, has_body
-from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.bodies import SKELETONS
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
-from dancedata.core.text import shown
-from dancedata.retarget.maps import Names, load_map
+from dancedata.retarget.maps import Names
 from dancedata.retarget.transfer import VERSION, Retargeted, retargeted
 
 _KEYS = ("skeleton", "joint_map", "scale", "feet")
@@ -65,34 +63,3 @@ class RetargetSpec:
 
     def _scale(self, grouped: bool) -> float | None:
         return 1.0 if grouped and self.scale is None else self.scale
-
-
-def parse_retarget(value: Any) -> RetargetSpec | None:
-    """Check the value of the key `retarget`; None for an absent one, UsageError for a wrong one."""
-    if value is None:
-        return None
-    if not isinstance(value, Mapping):
-        raise UsageError(
-            "retarget: not a mapping of keys", found=shown(repr(value)), allowed="such as {skeleton: smpl24}"
-        )
-    for key in value:
-        if key not in _KEYS:
-            raise UsageError(f"retarget.{shown(str(key))}: unknown key", fix=did_you_mean(str(key), _KEYS))
-    skeleton = value.get("skeleton")
-    targets = [name for name, body in SKELETONS.items() if has_body(body)]
-    if skeleton not in targets:
-        raise UsageError("retarget.skeleton: not a skeleton of the SMPL family", found=shown(repr(skeleton)),
-                         allowed=", ".join(targets))  # fmt: skip
-    scale, feet, joint_map = value.get("scale", "auto"), value.get("feet", True), value.get("joint_map", "auto")
-    is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
-    if scale != "auto" and not (is_number and 0.01 <= scale <= 100):
-        raise UsageError("retarget.scale: must be auto or a number", found=shown(repr(scale)), allowed="0.01 to 100")
-    if not isinstance(feet, bool):
-        raise UsageError("retarget.feet: must be true or false", found=shown(repr(feet)))
-    if not isinstance(joint_map, str | Mapping):
-        raise UsageError("retarget.joint_map: must be a name, a path or a mapping", found=shown(repr(joint_map)))
-    try:
-        names = None if joint_map == "auto" else load_map(joint_map)
-    except UsageError as error:
-        raise UsageError(f"retarget.joint_map: {error}") from error
-    return RetargetSpec(skeleton, names, None if scale == "auto" else float(scale), feet)

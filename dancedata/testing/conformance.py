@@ -296,8 +296,7 @@ def check_window_filter(cls: type[WindowFilter]) -> None:
                 require(bool(reject.detail), "rejects have a detail")
                 require(json.loads(json.dumps(reject.to_json())) == reject.to_json(), "rejects are JSON")
     for field in (field for field in fields if field.name == window_filter.field):
-        windows = {"length_frames": 30, "stride_frames": 15, "filter": {cls.name: {}}}
-        recipe_with(dataset="synthetic", keys={"windows": windows, field.kind: {field.name: {}}})
+        recipe_with(dataset="synthetic", keys={"rules": {cls.name: {}}, field.kind: {field.name: {}}})
 
 
 def check(cls: type[Plugin], folder: Path) -> None:

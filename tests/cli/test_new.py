@@ -14,7 +14,7 @@ from dancedata.cli.plugins import KINDS, write_plugin
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REGISTRIES
 from dancedata.exports.base.job import EXPORTS
-from dancedata.recipes.yaml import load_yaml
+from dancedata.files.yaml import load_yaml
 from dancedata.testing.conformance import check
 from tests.commands import as_json, run
 from tests.messages import raises_message

@@ -170,5 +170,5 @@ def test_edges_root_is_kept() -> None:
 def test_a_skeleton_of_another_family_is_sent_to_retarget() -> None:
     motion = Motion(np.zeros((3, 3)), np.zeros((3, 21, 3)), FrameGrid.of(30), MOTORICA21)
     for call in (lambda: on_body(motion, SMPLX22), lambda: Humanml263().encode(motion)):
-        with raises_message(UsageError, "retarget.skeleton=smpl24"):
+        with raises_message(UsageError, "transforms.retarget.skeleton=smpl24"):
             call()

@@ -10,13 +10,11 @@ import pytest
 from dancedata.core.clip import ClipRef
 from dancedata.core.motion import Motion
 from dancedata.core.quality import REPAIRED, Flag
-from dancedata.curation.repair import STAGES, Repairs
+from dancedata.curation import repair
+from dancedata.curation.repair import LIMITS, STAGES
 from dancedata.curation.scores import MEASURES, score_motion
 from dancedata.datasets.aistpp import AistPP
-from dancedata.recipes.curation import REPAIR_LIMITS
 from dancedata.synthetic import synthesise_motion
-
-ALL = Repairs(**REPAIR_LIMITS)
 
 
 @cache
@@ -44,7 +42,7 @@ def with_root(offset: np.ndarray) -> Motion:
 
 
 def test_a_clean_motion_is_returned_itself() -> None:
-    repaired = ALL.apply(dance())
+    repaired = repair.repaired(dance(), LIMITS)
     assert repaired.motion is dance()
     assert repaired.flags == ()
 
@@ -52,7 +50,7 @@ def test_a_clean_motion_is_returned_itself() -> None:
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_short_motions_are_returned_themselves(n: int) -> None:
     motion = dance().part(0, n)
-    assert ALL.apply(motion).motion is motion
+    assert repair.repaired(motion, LIMITS).motion is motion
 
 
 @pytest.mark.parametrize("n", [1, 3])
@@ -60,7 +58,7 @@ def test_a_spike_of_the_root_goes(n: int) -> None:
     offset = np.zeros((480, 3))
     offset[200 : 200 + n, 0] = 0.1
     spoilt = with_root(offset)
-    repaired = ALL.apply(spoilt)
+    repaired = repair.repaired(spoilt, LIMITS)
     assert changed(spoilt, repaired.motion) == frames(repaired.flags, 480) == list(range(200, 200 + n))
     assert {(f.kind, f.joint) for f in repaired.flags} == {("repaired_spike", "pelvis")}
     assert np.array_equal(repaired.motion.rotations, spoilt.rotations)
@@ -72,7 +70,7 @@ def test_a_spike_of_a_wrist_changes_the_joint_above_it_alone() -> None:
     rotations = np.array(dance().rotations)
     rotations[200, 16] += (0.0, 0.0, 0.4)
     spoilt = replace(dance(), rotations=rotations)
-    repaired = ALL.apply(spoilt)
+    repaired = repair.repaired(spoilt, LIMITS)
     assert [(f.frame, f.joint) for f in repaired.flags] == [(200, "left_shoulder")]
     others = [j for j in range(24) if j != 16]
     assert np.array_equal(repaired.motion.rotations[:, others], spoilt.rotations[:, others])
@@ -86,19 +84,19 @@ def test_a_gap_is_filled() -> None:
     for array in held.values():
         array[start : start + 12] = array[start - 1]
     spoilt = replace(dance(), **held)
-    repaired = Repairs(gaps=0.5).apply(spoilt)
+    repaired = repair.repaired(spoilt, {"gaps": 0.5})
     where = list(range(start, start + 12))
     assert changed(spoilt, repaired.motion) == frames(repaired.flags, 480) == where
     assert {f.kind for f in repaired.flags} == {"repaired_gap"}
     assert error(dance(), repaired.motion, where) < 0.5 * error(dance(), spoilt, where)
-    assert Repairs(gaps=0.1).apply(spoilt).motion is spoilt
+    assert repair.repaired(spoilt, {"gaps": 0.1}).motion is spoilt
 
 
 def test_a_floor_that_sinks_is_levelled() -> None:
     ramp = np.zeros((480, 3))
     ramp[:, 1] = np.linspace(0, -0.15, 480)
     spoilt = with_root(ramp)
-    repaired = ALL.apply(spoilt)
+    repaired = repair.repaired(spoilt, LIMITS)
     assert [(f.kind, f.frame) for f in repaired.flags] == [("repaired_floor", None)]
     assert repaired.flags[0].value == pytest.approx(-0.15, abs=0.01)
     assert repaired.motion.translation[0].tolist() == spoilt.translation[0].tolist()
@@ -109,7 +107,7 @@ def test_a_floor_that_sinks_is_levelled() -> None:
 def test_jitter_is_smoothed() -> None:
     noise = np.random.default_rng(0).normal(0, 0.01, (480, 3))
     spoilt = with_root(noise)
-    repaired = Repairs(smoothing=0.006).apply(spoilt)
+    repaired = repair.repaired(spoilt, {"smoothing": 0.006})
     assert [(f.kind, f.frame) for f in repaired.flags] == [("repaired_jitter", None)]
     off = [np.sqrt(np.mean((m.joints()[:, 0] - dance().joints()[:, 0]) ** 2)) for m in (spoilt, repaired.motion)]
     # A third of the noise's variance lies below 10 of 30 Hz.
@@ -121,7 +119,7 @@ def test_jitter_is_smoothed() -> None:
 def test_real_clips_get_smaller_spikes_and_no_new_ones(shared: Path) -> None:
     for path in sorted((shared / "realdata/aistpp/motions").glob("*.pkl")):
         motion = AistPP().load(ClipRef(path.stem, path, None, "train", ""))
-        repaired = Repairs(spikes=REPAIR_LIMITS["spikes"]).apply(motion)
+        repaired = repair.repaired(motion, {"spikes": LIMITS["spikes"]})
         before, after = (score_motion(m, ["spikes"])["spikes"] for m in (motion, repaired.motion))
         limit = MEASURES["spikes"].limit
         assert changed(motion, repaired.motion) == frames(repaired.flags, motion.n_frames)
@@ -131,7 +129,5 @@ def test_real_clips_get_smaller_spikes_and_no_new_ones(shared: Path) -> None:
 
 
 def test_kinds_and_keys() -> None:
-    assert set(REPAIR_LIMITS) == set(STAGES)
+    assert set(LIMITS) == set(STAGES)
     assert len(REPAIRED) == len(STAGES)
-    assert not Repairs()
-    assert Repairs(floor=0.1).key() == {"floor": 0.1}

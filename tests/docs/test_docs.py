@@ -113,7 +113,8 @@ _RECIPE = """
 recipe: 1
 name: plug-ins
 dataset: {synthetic: {songs: 2, clips_per_song: 2, clip_s: 6}}
-windows: {length_s: 5, stride_s: 0.5, filter: {small: {limit: 50}}}
+windows: {length_s: 5, stride_s: 0.5}
+rules: {small: {limit: 50}}
 motion: {edge151: {contacts: {low: {}}}, pelvis: {}}
 audio: {librosa35: {}, peaks: {scale: 0.5}}
 keymotion: {speeds: {}}

@@ -257,8 +257,8 @@ def test_any_number_of_damaged_entries_cost_a_computation_each(corpus, out, tmp_
 
 def test_damaged_entries_that_a_filter_reads(corpus: Path, out: Path, tmp_path: Path, hashes: Any):
     """They are met while clips are gathered, also by a part that writes no dataset."""
-    windows = {"length_s": 5, "stride_s": 0.5, "filter": {"movement": {"min_std": 0.001, "field": "edge151"}}}
-    recipe = parse_recipe({**DOCUMENT, "windows": windows})
+    rules = {"movement": {"min_std": 0.001, "field": "edge151"}}
+    recipe = parse_recipe({**DOCUMENT, "rules": rules})
     cache = tmp_path / "cache"
     build(recipe, corpus, out, cache=cache)
     whole = hashes(out)

@@ -204,7 +204,7 @@ def test_a_long_silence_is_read(tmp_path: Path) -> None:
 
 
 def test_json_that_python_reads_is_not_refused(tmp_path: Path) -> None:
-    from dancedata.recipes.yaml import load_yaml
+    from dancedata.files.yaml import load_yaml
 
     assert load_yaml("a: &x [1, 2]\nb: *x\n") == {"a": [1, 2], "b": [1, 2]}
     assert load_yaml(json.dumps({"a": [[[]]], "b": 2**63})) == {"a": [[[]]], "b": 2**63}

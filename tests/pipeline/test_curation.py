@@ -73,7 +73,7 @@ def starts(store: Store) -> dict[str, list[int]]:
 
 
 def test_windows_that_touch_a_span_are_left_out(build: Any, plain: Store) -> None:
-    store = build(curate={"spikes": True})
+    store = build(rules={"curate": {"spikes": True}})
     assert verify_store(store.path) == []
     before, after = starts(plain), starts(store)
     # Frame 300 of 60 per second is frame 150 of 30, in the windows of 60 frames that begin at 120 and 150.
@@ -96,7 +96,7 @@ def test_windows_with_rows_between_a_faulty_frame_and_its_neighbour_are_left_out
     of_source, fps = rates
     dataset = {"folder": {**DOCUMENT["dataset"]["folder"], "fps": of_source}}
     keys = {"dataset": dataset, "fps": fps, "windows": {"length_frames": 7, "stride_frames": 1}}
-    store, every = build(curate={"spikes": True}, **keys), build(**keys)
+    store, every = build(rules={"curate": {"spikes": True}}, **keys), build(**keys)
     seconds = np.arange(every.clip("spike").n_frames) / fps
     off = np.flatnonzero(np.abs(seconds * of_source - 300) < 1 - 1e-9)  # slerp and lines take two frames
     touched = {start for start in starts(every)["spike"] if np.isin(np.arange(start, start + 7), off).any()}
@@ -106,7 +106,7 @@ def test_windows_with_rows_between_a_faulty_frame_and_its_neighbour_are_left_out
 
 
 def test_clips_are_left_out(build: Any) -> None:
-    store = build(curate={"floor_drift": 0.1, "spikes": {"leave_out": "clip", "limit": 0.1}})
+    store = build(rules={"curate": {"floor_drift": 0.1, "spikes": {"leave_out": "clip", "limit": 0.1}}})
     assert sorted(clip.id for clip in store.clips) == ["clean", "held"]
     assert sorted((r["clip"], *sorted(r["numbers"])) for r in store.rejects) == [
         ("sinks", "floor_drift", "limit"), ("spike", "limit", "spikes")
@@ -114,21 +114,21 @@ def test_clips_are_left_out(build: Any) -> None:
 
 
 def test_only_named_splits_are_curated(build: Any, plain: Store) -> None:
-    store = build(curate={"spikes": {"splits": ["val"]}, "frozen": {"splits": "train"}})
+    store = build(rules={"curate": {"spikes": {"splits": ["val"]}, "frozen": {"splits": "train"}}})
     assert {r["clip"] for r in store.rejects} == {"held"}
     assert starts(store)["spike"] == starts(plain)["spike"]
-    assert "curate.spikes.splits: no clip is in val, of train" in store.meta["source"]["notes"]
+    assert "rules.curate.spikes.splits: no clip is in val, of train" in store.meta["source"]["notes"]
 
 
 def test_a_clip_without_windows_is_left_out(build: Any) -> None:
-    store = build(curate={"spikes": True}, windows={"length_s": 8, "stride_s": 8})
+    store = build(rules={"curate": {"spikes": True}}, windows={"length_s": 8, "stride_s": 8})
     of_clip = [r for r in store.rejects if r["clip"] == "spike"]
     assert [r.get("window") for r in of_clip] == [None, 0]
     assert "spike" not in starts(store)
 
 
 def test_copies_lose_the_same_windows(build: Any) -> None:
-    store = build(curate={"spikes": True}, augment={"mirror": True, "tempo": {"speeds": [1]}})
+    store = build(rules={"curate": {"spikes": True}}, augment={"mirror": True, "tempo": {"speeds": [1]}})
     of_clip = starts(store)
     assert of_clip["spike__mirror"] == of_clip["spike__tempo"] == of_clip["spike"] == [0, 30, 60, 90, 180]
     assert {r["clip"] for r in store.rejects} == {"spike", "spike__tempo"}
@@ -136,7 +136,7 @@ def test_copies_lose_the_same_windows(build: Any) -> None:
 
 
 def test_what_was_repaired_is_flagged_and_the_original_is_kept(build: Any, plain: Store) -> None:
-    store = build(repair={"spikes": True, "gaps": True, "floor": True, "smoothing": True})
+    store = build(transforms=[{"repair": {"spikes": True, "gaps": True, "floor": True, "smoothing": True}}])
     assert verify_store(store.path) == []
     assert list(store.fields) == ["edge151", "edge151.original"]
     kinds = {clip: sorted({q["kind"] for q in store.quality if q["clip"] == clip}) for clip in starts(store)}
@@ -164,7 +164,7 @@ def test_what_was_repaired_is_flagged_and_the_original_is_kept(build: Any, plain
 def test_without_the_original_and_for_clean_clips_bytes_are_those_of_a_plain_build(
     build: Any, plain: Store, source: Path, tmp_path: Path
 ) -> None:
-    store = build(repair={"spikes": True, "original": False})
+    store = build(transforms=[{"repair": {"spikes": True, "original": False}}])
     assert list(store.fields) == ["edge151"]
     for clip in ("clean", "held", "sinks"):
         assert store.clip(clip).read("edge151").tobytes() == plain.clip(clip).read("edge151").tobytes()
@@ -172,7 +172,10 @@ def test_without_the_original_and_for_clean_clips_bytes_are_those_of_a_plain_bui
 
 
 def test_mirrored_copies_are_mirrored_repairs(build: Any, plain: Store) -> None:
-    mirrored, store = build(augment={"mirror": True}), build(repair={"spikes": True}, augment={"mirror": True})
+    mirrored, store = (
+        build(augment={"mirror": True}),
+        build(transforms=[{"repair": {"spikes": True}}], augment={"mirror": True}),
+    )
     of_plain = mirrored.clip("spike__mirror").read("edge151")
     assert np.array_equal(store.clip("spike__mirror").read("edge151.original"), of_plain)
     repaired = store.clip("spike__mirror").read("edge151")
@@ -185,36 +188,40 @@ def test_keys_of_recipes_without_repairs_stay() -> None:
     clip = ClipRef("a", Path("a.npz"), None, "train", "")
     plain, curated, repaired = (
         MotionKeys(parse_recipe({**DOCUMENT, **keys}), {}).of(clip, "0" * 64)
-        for keys in ({}, {"curate": {"spikes": True}}, {"repair": {"spikes": True}})
+        for keys in ({}, {"rules": {"curate": {"spikes": True}}}, {"transforms": [{"repair": {"spikes": True}}]})
     )
     assert plain == curated
     assert repaired.info != plain.info
     assert repaired.fields["edge151"] != plain.fields["edge151"]
-    for keys in ({"curate": {}}, {"repair": {}}, {"repair": {"spikes": False}}, {"curate": {"spikes": False}}):
+    for keys in ({"rules": {"curate": False}}, {"transforms": [{"repair": False}]}):
         assert parse_recipe({**DOCUMENT, **keys}).sha256 == parse_recipe(DOCUMENT).sha256
 
 
 def test_a_recipe_reads_what_it_wrote() -> None:
     keys = {
-        "curate": {"spikes": 0.1, "up": True, "jitter": {"leave_out": "clip", "splits": ["val", "train"]}},
-        "repair": {"gaps": 0.2, "original": False},
+        "rules": {"curate": {"spikes": 0.1, "up": True, "jitter": {"leave_out": "clip", "splits": ["val", "train"]}}},
+        "transforms": [{"repair": {"gaps": 0.2, "original": False}}],
     }
     recipe = parse_recipe({**DOCUMENT, **keys})
     again = parse_recipe(json.loads(json.dumps(recipe.document)))
-    assert again.curation == recipe.curation
+    assert (again.rules, again.transforms) == (recipe.rules, recipe.transforms)
     assert again.sha256 == recipe.sha256
-    assert recipe.document["curate"]["jitter"] == {"limit": 0.006, "leave_out": "clip", "splits": ["train", "val"]}
+    jitter = {"limit": 0.006, "leave_out": "clip", "splits": ["train", "val"]}
+    assert recipe.document["rules"]["curate"]["jitter"] == jitter
 
 
 @pytest.mark.parametrize(
     "keys",
     [
-        {"curate": ["spikes"]}, {"curate": {"spike": True}}, {"curate": {"spikes": {"limits": 1}}},
-        {"curate": {"spikes": "much"}}, {"curate": {"spikes": 0.001}}, {"curate": {"up": {"leave_out": "windows"}}},
-        {"curate": {"up": {"splits": 3}}}, {"repair": True}, {"repair": {"spike": True}},
-        {"repair": {"gaps": -1}}, {"repair": {"original": 1}},
-        {"repair": {"gaps": True}, "motion": {"edge151": {}, "edge151.original": {}}},
-        {"curate": {"floor_drift": 1e7}},
+        *({"rules": {"curate": curate}} for curate in (
+            ["spikes"], {"spike": True}, {"spikes": {"limits": 1}}, {"spikes": "much"}, {"spikes": 0.001},
+            {"up": {"leave_out": "windows"}}, {"up": {"splits": 3}}, {"floor_drift": 1e7},
+        )),
+        *({"transforms": [{"repair": repair}]} for repair in (
+            [], {"spike": True}, {"gaps": -1}, {"original": "maybe"},
+        )),
+        {"transforms": {"repair": {"gaps": True}}}, {"transforms": ["repair", "repair"]},
+        {"transforms": [{"repair": {"gaps": True}}], "motion": {"edge151": {}, "edge151.original": {}}},
     ],
 )  # fmt: skip
 def test_wrong_keys(keys: dict[str, Any]) -> None:
@@ -224,9 +231,11 @@ def test_wrong_keys(keys: dict[str, Any]) -> None:
 
 def test_check_finds_what_a_build_leaves_out(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path))
-    problems = dancedata.check(source, recipe={**DOCUMENT, "curate": {"floor_drift": True}}, progress=False)
+    problems = dancedata.check(
+        source, recipe={**DOCUMENT, "rules": {"curate": {"floor_drift": True}}}, progress=False
+    )
     assert [(p.severity, p.where) for p in problems if p.message.startswith("curated")] == [("note", "sinks")]
-    plan = dancedata.plan({**DOCUMENT, "curate": {"spikes": True}}, source, cache=tmp_path, progress=False)
+    plan = dancedata.plan({**DOCUMENT, "rules": {"curate": {"spikes": True}}}, source, cache=tmp_path, progress=False)
     assert any("counted before curate (spikes)" in note for note in plan.to_json()["notes"])
 
 
@@ -236,7 +245,7 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
     assert above == {"clean": [], "held": ["frozen"], "sinks": ["floor_drift"], "spike": ["spikes"]}
     assert found.losses("spikes", [0.0375, 0.075, 0.3]) == [1, 1, 0]
     repaired = dancedata.quality(
-        source, recipe={**DOCUMENT, "repair": {"spikes": True, "floor": True}}, progress=False
+        source, recipe={**DOCUMENT, "transforms": [{"repair": {"spikes": True, "floor": True}}]}, progress=False
     )
     assert [c.clip for c in repaired.clips if any(map(c.above, MEASURES))] == ["held"]
     text = run("quality", plain.path, "--out", tmp_path / "q.csv").output
@@ -289,6 +298,6 @@ def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:
 def test_the_report_shows_repairs(build: Any, tmp_path: Path) -> None:
     from dancedata.report import write_report
 
-    store = build(curate={"spikes": True, "up": True}, repair={"gaps": True})
+    store = build(rules={"curate": {"spikes": True, "up": True}}, transforms=[{"repair": {"gaps": True}}])
     write_report(store.path, tmp_path / "page.html")
     assert "frames of the kinds repaired" in (tmp_path / "page.html").read_text(encoding="utf-8")

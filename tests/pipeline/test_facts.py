@@ -89,7 +89,7 @@ def labels(store: Store, clip: str) -> list[str]:
 
 def test_facts_are_a_layer_of_clips_and_copies(tmp_path: Path, cache: Path) -> None:
     augment = {"mirror": True, "tempo": {"speeds": [1.25]}, "yaw": {}}
-    store = build(tmp_path, cache, segments={"facts": True}, augment=augment)
+    store = build(tmp_path, cache, annotators={"facts": True}, augment=augment)
     assert verify_store(tmp_path / "out") == []
     assert labels(store, "single") == ["turn left", "jump", "travel forward"]
     assert labels(store, "single__mirror") == ["turn right", "jump", "travel forward"]
@@ -113,49 +113,52 @@ def test_facts_are_a_layer_of_clips_and_copies(tmp_path: Path, cache: Path) -> N
 
 
 def test_results_come_from_the_cache(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = build(tmp_path, cache, segments={"facts": {"kinds": ["jumps"]}})
+    first = build(tmp_path, cache, annotators={"facts": {"kinds": ["jumps"]}})
     assert labels(first, "single") == ["jump"]
 
     def events(*args: Any) -> None:
         raise AssertionError("computed again")
 
     monkeypatch.setattr(facts, "events", events)
-    again = build(tmp_path, cache, "again", segments={"facts": {"kinds": ["jumps"]}})
+    again = build(tmp_path, cache, "again", annotators={"facts": {"kinds": ["jumps"]}})
     assert [repr(s) for s in again.segments("single")] == [repr(s) for s in first.segments("single")]
     with pytest.raises(AssertionError, match="computed again"):
-        build(tmp_path, cache, "other", segments={"facts": {"kinds": ["jumps"], "flight_s": 0.3}})
+        build(tmp_path, cache, "other", annotators={"facts": {"kinds": ["jumps"], "flight_s": 0.3}})
 
 
 def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:
     lexicon = tmp_path / "german.yaml"
     lexicon.write_text("language: de\npairs: [[links, rechts], [linke, rechte]]\n")
-    segments = {"genre": True, "lexicon": str(lexicon)}
-    store = build(tmp_path, cache, segments=segments, augment={"mirror": True})
+    annotators = {"genre": True, "captions": {"lexicon": str(lexicon)}}
+    store = build(tmp_path, cache, annotators=annotators, augment={"mirror": True})
     (genre,) = store.segments("single", "genre")
     assert (genre.label, genre.end) == ("house", store.grid.seconds(store.clip("single").n_frames))
     assert store.segments("pair_p0") == []
     assert store.segments("single__mirror", "description")[0].texts == ("dreht sich nach rechts",)
-    assert store.meta["recipe"]["segments"]["lexicon"]["pairs"] == [["links", "rechts"], ["linke", "rechte"]]
+    assert store.meta["recipe"]["annotators"]["captions"]["lexicon"]["pairs"] == [
+        ["links", "rechts"],
+        ["linke", "rechte"],
+    ]
     assert str(tmp_path) not in str(store.meta["recipe"])
     again = parse_recipe(store.meta["recipe"])
     assert again.sha256 == store.meta["recipe_sha256"]
 
 
 def test_no_facts_are_asked_for_by_default() -> None:
-    plain, empty = (parse_recipe(document(**keys)) for keys in ({}, {"segments": {"facts": False}}))
+    plain, empty = (parse_recipe(document(**keys)) for keys in ({}, {"annotators": {"facts": False}}))
     assert plain.sha256 == empty.sha256
-    assert plain.document["segments"] == {"facts": None, "genre": False, "lexicon": None}
+    assert plain.document["annotators"] == {"captions": {"lexicon": None}}
     assert parse_recipe(plain.document).sha256 == plain.sha256
 
 
 @pytest.mark.parametrize("value", [
-    True, {"fact": True}, {"facts": 3}, {"facts": {"turns": 90}}, {"facts": {"turn_degrees": -1}},
-    {"facts": {"kinds": ["turns", "spins"]}}, {"genre": "yes"}, {"lexicon": "nowhere.yaml"},
-    {"lexicon": {"language": "de"}}, {"lexicon": {"language": "de", "pairs": [["a"]]}},
+    True, {"fact": True}, {"facts": 3}, {"facts": {"turns": 90}}, {"facts": {"turn_degrees": -1}}, {"faults": True},
+    {"facts": {"kinds": ["turns", "spins"]}}, {"genre": "yes"}, {"captions": {"lexicon": "nowhere.yaml"}},
+    {"captions": {"lexicon": {"language": "de"}}}, {"captions": {"lexicon": {"language": "de", "pairs": [["a"]]}}},
 ])  # fmt: skip
 def test_wrong_values_are_named(value: Any) -> None:
     with raises_message(RecipeError, "problem", where="recipe"):
-        parse_recipe(document(segments=value))
+        parse_recipe(document(annotators=value))
 
 
 def test_check_names_words_that_facts_do_not_show(
@@ -177,8 +180,8 @@ def test_check_names_words_that_facts_do_not_show(
         return replace(found, clips=tuple(replace(c, segments=words * (c.id == "single")) for c in found.clips))
 
     monkeypatch.setattr(Planted, "scan", scan)
-    build(tmp_path, cache, "facts", segments={"facts": True}, augment={"mirror": True})
-    build(tmp_path, cache, "jumps", segments={"facts": {"kinds": ["jumps"]}})
+    build(tmp_path, cache, "facts", annotators={"facts": True}, augment={"mirror": True})
+    build(tmp_path, cache, "jumps", annotators={"facts": {"kinds": ["jumps"]}})
     build(tmp_path, cache, "none")
 
     def notes(out: str) -> list[str]:

@@ -253,8 +253,8 @@ def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None
     [
         {"motion": {"humanml263": {}}, "fps": 20},
         {"scope": "window"},
-        {"retarget": {"skeleton": "smpl24"}},
-        {"repair": {"floor": True}},
+        {"transforms": [{"retarget": {"skeleton": "smpl24"}}]},
+        {"transforms": [{"repair": {"floor": True}}]},
     ],
     ids=str,
 )
@@ -272,12 +272,12 @@ def test_a_spike_of_one_dancer_is_repaired_or_leaves_out_the_windows_of_all(tmp_
     spoilt = trans.copy()
     spoilt[1, 180, 1] += 0.3
     write(tmp_path / "source", "a", 2, poses=poses, trans=spoilt)
-    curated = build(tmp_path / "source", tmp_path / "out", cache, curate={"spikes": True})
+    curated = build(tmp_path / "source", tmp_path / "out", cache, rules={"curate": {"spikes": True}})
     windows = {clip.id: [w.start for w in curated.windows_of(clip.id)] for clip in curated.clips}
     assert windows == {"a_p0": [0, 30, 120], "a_p1": [0, 30, 120]}
     assert {(r["clip"], r["window"]) for r in curated.rejects} == {(c, s) for c in windows for s in (60, 90)}
     assert "of partner a_p1" in next(r["detail"] for r in curated.rejects if r["clip"] == "a_p0")
-    repaired = build(tmp_path / "source", tmp_path / "r", cache, repair={"spikes": True})
+    repaired = build(tmp_path / "source", tmp_path / "r", cache, transforms=[{"repair": {"spikes": True}}])
     assert {(q["clip"], q["kind"], q["frame"]) for q in repaired.quality} == {("a_p1", "repaired_spike", 180)}
     np.testing.assert_allclose(roots(repaired, "a"), roots(clean, "a"), atol=1e-6)
     np.testing.assert_array_equal(

@@ -188,13 +188,14 @@ def test_invalid_recipes() -> None:
     for word, chosen, more in (
         ("min_std", {"movement": {"field": "lodge39", "min_sdt": 0.1}}, mistakes),
         ("lodge39", {"movement": {"field": "lodge39"}}, {}),
-        (r"windows\.filter", {"still": {}}, {}),
+        ("still.*movement", {"still": {}}, {}),
     ):
-        windows = {"length_s": 5, "stride_s": 1, "filter": chosen}
+        windows = {"length_s": 5, "stride_s": 1}
         with raises_message(RecipeError, word, where="recipe"):
             parse_recipe(
-                {"recipe": 1, "name": "x", "dataset": "aist++", "windows": windows, "motion": "lodge139", **more}
-            )
+                {"recipe": 1, "name": "x", "dataset": "aist++", "windows": windows, "motion": "lodge139",
+                 "rules": chosen, **more}
+            )  # fmt: skip
 
 
 def test_every_representation_can_be_built_from_aistpp(corpus: Path, run_build, tmp_path: Path) -> None:

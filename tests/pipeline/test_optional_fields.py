@@ -311,7 +311,7 @@ MISTAKES = [
     (
         {
             "keymotion": {"lodge": {"optional": True}},
-            "windows": {**RECIPE["windows"], "filter": {"movement": {"field": "lodge"}}},
+            "rules": {"movement": {"field": "lodge"}},
         },
         "lodge is optional, and clips without it cannot be filtered",
     ),
@@ -319,7 +319,7 @@ MISTAKES = [
     (
         {
             "motion": {"edge151": {}, "lodge139": {"optional": True}},
-            "windows": {**RECIPE["windows"], "filter": {"movement": {"field": "lodge139"}}},
+            "rules": {"movement": {"field": "lodge139"}},
         },
         "lodge139 is optional, and clips without it cannot be filtered",
     ),

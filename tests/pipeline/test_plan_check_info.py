@@ -109,7 +109,7 @@ def test_a_plan_changes_no_existing_dataset(corpus: Path, built_copy: Path, hash
 @pytest.mark.parametrize(("code", "args", "named"), [
     (2, "build aist++", "--source"), (2, "build aist++ --source . --set windows.strid_s=1", "stride_s"),
     (2, "features song.wav --out x", "song.wav"),
-    (2, "plan demo --set windows.filter={movement:{}}", "windows.filter.movement.field"),
+    (2, "plan demo --set rules={movement:{}}", "rules.movement.field"),
     (2, "build aist++ --source . --jobs 0", "--jobs"), (2, "dance", "dance"),
     (1, "build aist++ --source nowhere --out x", "nowhere"), (1, "plan aist++ --source nowhere", "nowhere"),
     (1, "check nowhere", "nowhere"), (1, "info nowhere", "nowhere"), (1, "quality nowhere", "nowhere"),

@@ -64,7 +64,7 @@ def test_any_filter_at_building_and_at_reading(corpus: Path, run_build, tmp_path
     least = sorted(counts.values())[len(counts) // 2] + 1
     few = {window for window, n in counts.items() if n < least}
     assert 0 < len(few) < len(counts)
-    run_build(corpus, tmp_path / "out", "aist++", (*SMALL, f"windows.filter.minima.least={least}"), strict=True)
+    run_build(corpus, tmp_path / "out", "aist++", (*SMALL, f"rules.minima.least={least}"), strict=True)
     store = dancedata.open(tmp_path / "out")
     rejects = [r for r in store.rejects if r["reason"] == "filtered"]
     assert {(r["clip"], r["window"]) for r in rejects if "window" in r} == few
@@ -79,15 +79,15 @@ def test_any_filter_at_building_and_at_reading(corpus: Path, run_build, tmp_path
         assert {r.reason for r in read.rejects} == {"filtered"}
     with raises_message(UsageError, "rotation_6d"):
         WindowDataset(everything, fields=("edge151",), filter=Minima(field="edge151"))
-    notes = make_plan(load_recipe("aist++", (*SMALL, "windows.filter=minima")), corpus).to_json()["notes"]
+    notes = make_plan(load_recipe("aist++", (*SMALL, "rules=minima")), corpus).to_json()["notes"]
     assert any("before the minima filter" in note for note in notes)
 
 
 def test_filters_in_recipes() -> None:
-    recipe = load_recipe("aist++", (*SMALL, "windows.filter=minima"))
-    assert recipe.document["windows"]["filter"] == {"minima": {"least": 1, "field": "lodge"}}
+    recipe = load_recipe("aist++", (*SMALL, "rules=minima"))
+    assert recipe.document["rules"] == {"minima": {"least": 1, "field": "lodge"}}
     for wrong in (
-        "{minim: {}}", "{minima: {}, movement: {}}", "{minima: {field: lodg}}", "{minima: {field: edge151}}",
+        "{minim: {}}", "[minima]", "{minima: {field: lodg}}", "{minima: {field: edge151}}",
     ):  # fmt: skip
         with raises_message(RecipeError, "problem", where="aist++"):
-            load_recipe("aist++", (*SMALL, f"windows.filter={wrong}"))
+            load_recipe("aist++", (*SMALL, f"rules={wrong}"))

@@ -10,9 +10,9 @@ import yaml
 
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
+from dancedata.files.yaml import load_yaml
 from dancedata.recipes.parse import apply_override, load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.recipe import Recipe
-from dancedata.recipes.yaml import load_yaml
 from tests.messages import raises_message
 
 

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dancedata.building.take import Scene
+from dancedata.building.transforms.retarget import Retarget
 from dancedata.core.bodies import SMPLX22, SMPLX55
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, rotvec_from_matrix
@@ -17,7 +20,6 @@ from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.bvh.write import motion_bvh
 from dancedata.recipes.parse import load_recipe
-from dancedata.recipes.retarget import parse_retarget
 from dancedata.retarget.feet import contact_spans, sliding, with_planted_feet
 from dancedata.retarget.maps import load_map, map_names, map_skeleton
 from dancedata.retarget.transfer import group_scale, leg_ratio, retargeted
@@ -30,6 +32,10 @@ MM = 1e-3
 @pytest.fixture(scope="module")
 def dance() -> Motion:
     return synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
+
+
+def scene(motion: Motion, group: str = "") -> Scene:
+    return Scene((motion,), (ClipRef("a", Path("a.bvh"), None, "train", "", group=group),), ((),))
 
 
 def renamed(motion: Motion, family: str, scale: float) -> Motion:
@@ -244,10 +250,8 @@ def test_a_skeleton_without_a_body_is_an_error(dance: Motion) -> None:
     skeleton = replace(SMPL24, name="robot", joints=tuple(f"J{k}" for k in range(24)))
     with raises_message(UsageError, r"retarget\.joint_map"):
         retargeted(dance.on(skeleton), SMPL24)
-    spec = parse_retarget({"skeleton": "smpl24"})
-    assert spec is not None
     with raises_message(DataError, "cannot be retargeted", reason="bad_skeleton"):
-        spec.apply(dance.on(skeleton), where="a.bvh", grouped=False)
+        Retarget().scene(scene(dance.on(skeleton)))
 
 
 @pytest.mark.parametrize("joint", ["left_elbow", "right_wrist", "left_knee"])
@@ -276,12 +280,12 @@ _STAGES: dict[str, object] = {
 @pytest.mark.parametrize("value", _STAGES.values(), ids=_STAGES)
 def test_a_bad_stage_is_a_problem_of_the_recipe(value: object) -> None:
     with raises_message(RecipeError, "problem", where="demo"):
-        load_recipe("demo", {"retarget": value})
+        load_recipe("demo", {"transforms": [{"retarget": value}]})
 
 
 def test_the_stage_is_part_of_the_hash() -> None:
-    plain, staged = load_recipe("demo"), load_recipe("demo", ["retarget.skeleton=smpl24"])
-    assert plain.document["retarget"] is None
+    plain, staged = load_recipe("demo"), load_recipe("demo", ["transforms.retarget.skeleton=smpl24"])
+    assert plain.document["transforms"] == []
     assert load_recipe(plain.document).sha256 == plain.sha256
     assert plain.sha256 != staged.sha256
     assert load_recipe(staged.document).sha256 == staged.sha256
@@ -299,7 +303,7 @@ def test_a_build_of_a_bvh_is_on_the_skeleton(dance: Motion, tmp_path: Path) -> N
         "motion": {"joints": {}},
         "windows": {"length_s": 2, "stride_s": 1},
         "fps": 30,
-        "retarget.skeleton": "smpl24",
+        "transforms.retarget.skeleton": "smpl24",
     }
     places = {"source": source, "out": tmp_path / "out", "cache": tmp_path / "cache"}
     built = dancedata.build("demo", overrides=overrides, jobs=1, progress=False, **places)
@@ -310,13 +314,13 @@ def test_a_build_of_a_bvh_is_on_the_skeleton(dance: Motion, tmp_path: Path) -> N
     assert np.abs(thighs - np.linalg.norm(SMPL24.offsets[4])).max() < 1e-4
 
 
-def test_clips_of_a_group_have_one_scale_and_keys_of_their_own(dance: Motion) -> None:
-    spec = parse_retarget({"skeleton": "smpl24"})
-    assert spec is not None
+def test_clips_of_a_group_have_one_scale(dance: Motion) -> None:
     source = scaled(dance, 1.1)
-    alone, member = (spec.apply(source, where="a", grouped=grouped) for grouped in (False, True))
-    assert (alone.scale, member.scale) == (pytest.approx(1 / 1.1), 1.0)
-    assert spec.key(grouped=False) != spec.key(grouped=True)
+    alone, member = (Retarget().scene(scene(source, group)).motions[0].translation for group in ("", "duo"))
+    path = np.linalg.norm(source.translation[-1, [0, 2]] - source.translation[0, [0, 2]])
+    for translation, scale in ((alone, 1 / 1.1), (member, 1.0)):
+        moved = np.linalg.norm(translation[-1, [0, 2]] - translation[0, [0, 2]])
+        assert moved == pytest.approx(path * scale, rel=1e-3)
 
 
 _SHARED = Path(os.environ.get("DANCEDATA_SHARED", Path(__file__).parents[3] / "shared"))

@@ -25,6 +25,7 @@ class Vitals(Annotator):
 
     version: ClassVar[int] = 3
     copies: ClassVar[Literal["own", "parent", "none"]] = "own"
+    stored: ClassVar[bool] = False
 
     def asks(self, take: Take) -> Sequence[Ask]:
         """Return what is asked for each dancer: of slices by themselves."""

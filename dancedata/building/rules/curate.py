@@ -2,63 +2,146 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from dancedata.building.plugins import RULES, Seen, WindowRule
+from dancedata.building.annotators.faults import LAYER, Faults
+from dancedata.building.plugins import RULES, Annotator, Seen, WindowRule
 from dancedata.core.clip import Reject
+from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.segments import Segment
+from dancedata.core.text import listed, shown
+from dancedata.core.typing import override
+from dancedata.curation.scores import MEASURES, VERSION, checked_limit
+
+_KEYS = ("limit", "leave_out", "splits")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What is left out for one score: windows that touch a span above the limit, or clips; `splits` None for all."""
+
+    limit: float
+    leave_out: Literal["windows", "clip"]
+    splits: tuple[str, ...] | None = None
 
 
 @RULES.register("curate")
 @dataclass(frozen=True)
 class Curate(WindowRule):
-    """Leaves out windows that touch a segment of a label above a limit; or dancers whose score is above it.
+    """Leaves out windows that touch a fault of the motion, or clips that have one.
+
+    Each score is None, not judged; True, with the limit of `curation.scores.MEASURES`; a limit; or a mapping of
+    `limit`, `leave_out` ("windows" that touch such a span, or the "clip") and `splits`, default all.
 
     Attributes
     ----------
-    label, limit
-        Of the segments of any annotator.
-    leave_out
-        "windows", or the whole "clip".
-    splits
-        Splits that are judged; () for all.
+    spikes, frozen, jitter, sliding
+        Joints that leave their path, held poses, trembling, feet that slide.
+    penetration, joint_limits, self_contact
+        Joints below the floor and beyond their range, limbs inside each other.
+    floor_drift, bone_spread, mirrored, up
+        Scores of the clip: a floor that rises, bones that change, sides exchanged, another axis up.
     """
 
-    version: ClassVar[int] = 1
+    version: ClassVar[int] = VERSION
 
-    label: str
-    limit: float
-    leave_out: Literal["windows", "clip"] = "windows"
-    splits: tuple[str, ...] = ()
+    spikes: Any = None
+    frozen: Any = None
+    jitter: Any = None
+    sliding: Any = None
+    penetration: Any = None
+    floor_drift: Any = None
+    bone_spread: Any = None
+    joint_limits: Any = None
+    self_contact: Any = None
+    mirrored: Any = None
+    up: Any = None
 
+    def __post_init__(self) -> None:
+        for score in MEASURES:
+            object.__setattr__(self, score, _limit(score, getattr(self, score)))
+
+    @property
+    def limits(self) -> dict[str, Limit]:
+        """The scores that are judged, with their limits."""
+        return {score: getattr(self, score) for score in MEASURES if getattr(self, score) is not None}
+
+    @property
+    def annotators(self) -> tuple[Annotator, ...]:  # type: ignore[override]
+        """The scores."""
+        return (Faults(),) if self.limits else ()
+
+    @override
     def judge(self, seen: Seen, dancer: int, starts: Sequence[int]) -> list[Reject]:
-        """Return rejects of the windows that touch a span above the limit, or of the dancer."""
-        if self.splits and seen.result.take.split not in self.splits:
-            return []
-        above = [s for s in seen.segments[dancer] if s.label == self.label and s.value > self.limit]
-        of_clip = [s for s in above if s.data.get("of") == "clip"]
-        spans = [s for s in above if s.data.get("of") != "clip"]
-        if self.leave_out == "clip":
-            all_spans = [s for s in seen.segments[dancer] if s.label == self.label and s.data.get("of") != "clip"]
-            worst = max(all_spans, key=lambda s: s.value, default=None)
-            file = str(seen.result.take.dancers[dancer].ref.motion_path)
-            return [self._reject(s, worst, None, file) for s in of_clip[:1]]
-        touched = {start: [s for s in spans if _touches(seen, start, s)] for start in starts}
-        worst_of = {start: max(of, key=lambda s: s.value) for start, of in touched.items() if of}
-        return [self._reject(s, s, start) for start, s in worst_of.items()]
+        split = seen.result.take.split
+        limits = {score: of for score, of in self.limits.items() if of.splits is None or split in of.splits}
+        found = [s for s in seen.segments[dancer] if s.layer == LAYER and s.label in limits]
+        above = [s for s in found if s.value > limits[s.label].limit]
+        of_clip = [s for s in above if s.data["of"] == "clip" and limits[s.label].leave_out == "clip"]
+        if of_clip:
+            spans = [s for s in found if s.data["of"] == "spans" and s.label == of_clip[0].label]
+            reject = _reject(of_clip[0], limits, max(spans, key=lambda s: s.value, default=None))
+            return [replace(reject, file=str(seen.result.take.dancers[dancer].ref.motion_path))]
+        spans = [s for s in above if s.data["of"] == "spans" and limits[s.label].leave_out == "windows"]
+        rejects = []
+        for start in starts:
+            touched = [s for s in spans if _touches(seen, start, s)]
+            if touched:
+                worst = max(touched, key=lambda s: s.value / (abs(limits[s.label].limit) or 1.0))
+                rejects.append(replace(_reject(worst, limits, worst), window=start))
+        return rejects
 
-    def _reject(self, segment: Segment, at: Segment | None, start: int | None, file: str = "") -> Reject:
-        what, unit = segment.data.get("what", ""), segment.data.get("unit", "1")
-        unit = "" if unit == "1" else f" {unit}"
-        detail = f"{self.label}{f' ({what})' if what else ''}: {segment.value:.4g}{unit} is above the limit of "
-        detail += f"{self.limit:g}{unit}"
-        if at is not None:
-            joint = f"{at.data['joint']}, " if at.data.get("joint") else ""
-            detail += f" ({joint}{float(at.start):.2f} s to {float(at.end):.2f} s)"
-        return Reject("curated", "", file, start, detail, {self.label: segment.value, "limit": self.limit})
+    @override
+    def notes(self, splits: Collection[str]) -> list[str]:
+        notes = []
+        for score, of in self.limits.items():
+            what = "clips" if of.leave_out == "clip" else "windows"
+            where = "" if of.splits is None else f" of {', '.join(of.splits)}"
+            unit = "" if MEASURES[score].unit == "1" else f" {MEASURES[score].unit}"
+            notes.append(f"left out{where}: {what} with {score} above {of.limit:g}{unit}")
+            absent = sorted(set(of.splits or ()) - set(splits))
+            if absent:
+                known = listed(sorted(splits))
+                notes.append(f"rules.curate.{score}.splits: no clip is in {listed(absent)}, of {known}")
+        return notes
+
+
+def _limit(score: str, value: Any) -> Limit | None:
+    if value is None or value is False or isinstance(value, Limit):
+        return value or None
+    measure = MEASURES[score]
+    keys = value if isinstance(value, Mapping) else {"limit": value}
+    for key in keys:
+        if key not in _KEYS:
+            raise UsageError(f"{score}.{shown(str(key))}: unknown key", fix=did_you_mean(str(key), _KEYS))
+    low = -1 if measure.unit == "1" else measure.least
+    limit = checked_limit(keys.get("limit", True), f"{score}.limit", measure.limit, low)
+    allowed = ("windows", "clip") if measure.of == "spans" else ("clip",)
+    leave_out = keys.get("leave_out", allowed[0])
+    if limit is None or leave_out not in allowed:
+        key, wrong = ("leave_out", leave_out) if limit is not None else ("limit", keys["limit"])
+        raise UsageError(f"{score}.{key}: not possible for this score", found=shown(repr(wrong)),
+                         allowed=" or ".join(allowed) if limit is not None else "a number")  # fmt: skip
+    splits = keys.get("splits")
+    splits = [splits] if isinstance(splits, str) else splits
+    valid = isinstance(splits, list | tuple) and splits and all(isinstance(s, str) for s in splits)
+    if splits is not None and not valid:
+        raise UsageError(f"{score}.splits: must be a list of splits", found=shown(repr(splits)),
+                         allowed="such as [train]")  # fmt: skip
+    return Limit(limit, leave_out, None if splits is None else tuple(sorted(set(splits))))
+
+
+def _reject(segment: Segment, limits: Mapping[str, Limit], place: Segment | None) -> Reject:
+    score, limit, measure = segment.label, limits[segment.label].limit, MEASURES[segment.label]
+    unit, at = "" if measure.unit == "1" else f" {measure.unit}", ""
+    if place is not None:
+        joint = f"{place.data['joint']}, " if place.data["joint"] else ""
+        at = f" ({joint}{float(place.start):.2f} s to {float(place.end):.2f} s)"
+    detail = f"{score} ({measure.what}): {segment.value:.4g}{unit} is above the limit of {limit:g}{unit}{at}"
+    return Reject("curated", detail=detail, numbers={score: segment.value, "limit": limit})
 
 
 def _touches(seen: Seen, start: int, segment: Segment) -> bool:

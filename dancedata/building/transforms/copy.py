@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.plugins import TRANSFORMS
 from dancedata.building.take import Scene, Take, Transform
 from dancedata.core.columns import Columns
 from dancedata.core.segments import Segment
@@ -19,7 +18,6 @@ from dancedata.pipeline.groups import require_acts_on
 from dancedata.recipes.copies import CopySpec, is_copied
 
 
-@TRANSFORMS.register("copy")
 @dataclass(frozen=True)
 class Copy(Transform):
     """One copy of every train take; where time changes, motion and music change together.
@@ -47,6 +45,11 @@ class Copy(Transform):
     def keeps_time(self) -> bool:  # type: ignore[override]
         """Whether the augmentation keeps the time."""
         return self.spec.augmentation.changes != "time"
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name of the copies, part of their ids."""
+        return self.spec.name
 
     def expand(self, take: Take) -> Sequence[Take]:
         """Return a take of the source and its copy."""
@@ -90,7 +93,7 @@ class Copy(Transform):
             {**segment.data, "period": segment.data["period"] / speed} if "period" in segment.data else segment.data
         )
         segment = replace(segment, start=segment.start / speed, end=segment.end / speed, data=data)
-        if self.spec.augmentation.name == "mirror":
+        if self.spec.augmentation.mirrors:
             if not segment.can_be_mirrored:
                 return None
             segment = mirrored_segment(segment, dict(self.other_side))
@@ -98,4 +101,4 @@ class Copy(Transform):
 
     def key(self) -> list[Any]:
         """Return what decides the motion of copies; their name does not."""
-        return [self.name, *self.spec.key()]
+        return self.spec.key()

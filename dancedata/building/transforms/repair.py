@@ -2,38 +2,86 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 from dancedata.building.plugins import TRANSFORMS
 from dancedata.building.take import Scene, Transform
-from dancedata.curation.repair import VERSION, Repairs
+from dancedata.core.text import listed
+from dancedata.core.typing import override
+from dancedata.curation.repair import LIMITS, STAGES, UNITS, VERSION, repaired
+from dancedata.curation.scores import MEASURES, checked_limit
 
 
 @TRANSFORMS.register("repair")
 @dataclass(frozen=True)
 class Repair(Transform):
-    """Mends spikes, gaps, the floor and jitter; what is repaired is flagged.
+    """Repairs spikes, gaps, the floor and jitter, in this order; every frame that is changed has a quality flag.
+
+    Each repair is None, not made; True, with the limit of `curation.repair.LIMITS`; or a limit.
 
     Attributes
     ----------
-    spikes, gaps, floor, smoothing
-        Limits above which motion is repaired, see `curation.repair.Repairs`; None: not.
+    spikes
+        Least size of a spike, metres.
+    gaps
+        Longest frozen span that is filled, seconds.
+    floor
+        Least drift of the floor, metres.
+    smoothing
+        Least jitter, metres.
+    original
+        Whether each motion field has a second one, NAME.original, with the motion as it was.
     """
 
     version: ClassVar[int] = VERSION
 
-    spikes: float | None = None
-    gaps: float | None = None
-    floor: float | None = None
-    smoothing: float | None = None
+    spikes: Any = None
+    gaps: Any = None
+    floor: Any = None
+    smoothing: Any = None
+    original: bool = True
 
+    def __post_init__(self) -> None:
+        for name, default in LIMITS.items():
+            low = MEASURES["spikes"].least if name == "spikes" else 1e-6
+            object.__setattr__(self, name, checked_limit(getattr(self, name), name, default, low))
+
+    @cached_property
+    def limits(self) -> dict[str, float]:
+        """The repairs that are made, with their limits."""
+        return {name: getattr(self, name) for name in STAGES if getattr(self, name) is not None}
+
+    @property
+    def moves(self) -> bool:  # type: ignore[override]
+        """Whether any repair is made."""
+        return bool(self.limits)
+
+    @property
+    def keeps_original(self) -> bool:  # type: ignore[override]
+        """Whether the motion as it was is stored, too."""
+        return self.original and bool(self.limits)
+
+    @property
+    def not_for_groups(self) -> str:  # type: ignore[override]
+        """Why the floor of groups cannot be repaired."""
+        return "" if self.floor is None else "each dancer would get a floor of his own: leave out repair.floor"
+
+    @override
     def scene(self, scene: Scene) -> Scene:
-        """Repair the motion of each dancer."""
-        repairs = Repairs(self.spikes, self.gaps, self.floor, self.smoothing)
-        done = [repairs.apply(motion) for motion in scene.motions]
+        done = [repaired(motion, self.limits) for motion in scene.motions]
         return scene.with_motions([d.motion for d in done], [d.flags for d in done])
 
+    @override
     def key(self) -> list[Any]:
-        """Return the limits."""
-        return [self.name, self.version, self.spikes, self.gaps, self.floor, self.smoothing]
+        return [self.name, self.version, self.limits]
+
+    @override
+    def notes(self, splits: Collection[str]) -> list[str]:
+        if not self.limits:
+            return []
+        stages = listed(f"{name} ({limit:g} {UNITS[name]})" for name, limit in self.limits.items())
+        kept = "; fields NAME.original have the motion as it was" if self.original else ""
+        return [f"repaired: {stages}; every frame that was changed has a quality flag{kept}"]

@@ -68,9 +68,12 @@ class CopyAugmentation(Augmentation):
     changes
         "rows": only `change_rows` is called, when a shard is written. "motion": so is `change_motion`, and copies are
         encoded. "time": copies also have their own `speed`.
+    mirrors
+        Whether left and right change places, so that segments of copies have the words of a mirrored dancer.
     """
 
     changes: ClassVar[Literal["rows", "motion", "time"]] = "motion"
+    mirrors: ClassVar[bool] = False
 
     def check(self, columns: Columns) -> None:
         """Raise UsageError if copies of a motion or key motion field with these columns cannot be made."""

@@ -31,7 +31,7 @@ def needs_field(
     rate
         Rows per second; None: any.
     """
-    from dancedata.recipes.yaml import recipes_with
+    from dancedata.files.yaml import recipes_with
 
     line = f"{kind}: {{{name}: {{}}}}"
     if name not in job.store.fields:

@@ -1,0 +1,102 @@
+"""Segments that the source states: words, moves, sections, and the genre. Nothing of them is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, ClassVar
+
+import yaml
+
+from dancedata.building.plugins import ANNOTATORS, Annotator, Ask
+from dancedata.building.take import Scene, Take
+from dancedata.core.errors import UsageError
+from dancedata.core.segments import CLIP_END, Layer, Segment
+from dancedata.core.sided_words import ENGLISH, Lexicon
+from dancedata.core.text import shown
+from dancedata.core.typing import override
+from dancedata.files.yaml import read_yaml
+
+GENRE = Layer("genre", by="genre", sided="no")
+_ALLOWED = "{language: de, pairs: [[links, rechts]], exact: [...], same: [...], alone: [...], whole_words: true}"
+
+
+class Stated(Annotator):
+    """An annotator that computes nothing: its segments follow from what the source says of a clip."""
+
+    @override
+    def asks(self, take: Take) -> Sequence[Ask]:
+        return []
+
+    @override
+    def annotate(self, scene: Scene) -> list[list[Any]]:
+        return [[] for _ in scene.motions]
+
+
+@ANNOTATORS.register("captions")
+@dataclass(frozen=True)
+class Captions(Stated):
+    """Takes over the segments of the source: words, moves and sections. Every build has it.
+
+    Attributes
+    ----------
+    lexicon
+        Words of another language that change with the sides of the body: a YAML file, or its content.
+    """
+
+    version: ClassVar[int] = 1
+
+    lexicon: Any = None
+
+    def __post_init__(self) -> None:
+        known = self.lexicon is None or isinstance(self.lexicon, Lexicon)
+        object.__setattr__(self, "lexicon", self.lexicon if known else _lexicon(self.lexicon))
+
+    @property
+    def lexicons(self) -> tuple[Lexicon, ...]:  # type: ignore[override]
+        """Its own, and that of the package."""
+        return (ENGLISH,) if self.lexicon is None else (self.lexicon, ENGLISH)
+
+    @override
+    def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
+        return list(take.recording.reader.dataset.segments(take.dancers[dancer].ref))
+
+
+@ANNOTATORS.register("genre")
+@dataclass(frozen=True)
+class Genre(Stated):
+    """Adds the genre of each clip as a span: the layer `genre`."""
+
+    version: ClassVar[int] = 1
+
+    @override
+    def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
+        genre = take.dancers[dancer].ref.genre
+        return [Segment(GENRE, Fraction(0), CLIP_END, genre)] if genre else []
+
+
+def _lexicon(value: Any) -> Lexicon:
+    """Return the lexicon of a file, or of a mapping."""
+    where = ""
+    if isinstance(value, str | Path):
+        where = f"{shown(str(value))}: "
+        try:
+            value = read_yaml(Path(value).expanduser())
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise UsageError("lexicon: the file cannot be read", found=f"{where}{shown(error)}") from error
+    try:
+        if not isinstance(value, Mapping) or not set(value) <= {f.name for f in fields(Lexicon)}:
+            raise ValueError("not a mapping with these keys")
+        language, whole = value["language"], value.get("whole_words", True)
+        pairs, exact = (tuple((a, b) for a, b in value.get(name) or ()) for name in ("pairs", "exact"))
+        same, alone = (tuple(value.get(name) or ()) for name in ("same", "alone"))
+        words = [language, *same, *alone, *(word for pair in (*pairs, *exact) for word in pair)]
+        if not all(isinstance(word, str) and word for word in words) or not (pairs or exact):
+            raise ValueError("not texts")
+        if not isinstance(whole, bool):
+            raise ValueError("whole_words is not true or false")
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError("lexicon: not a lexicon", found=f"{where}{shown(value)}", allowed=_ALLOWED) from error
+    return Lexicon(language.lower(), pairs, exact, same, whole, alone)

@@ -1,0 +1,266 @@
+"""The slots of a recipe: all its plug-ins, made from the document, and whether they fit together."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, TypeVar
+
+from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS, Annotator, WindowRule
+from dancedata.building.rules.filtered import Filtered
+from dancedata.building.take import Transform
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.plugin_files import unknown_plugin
+from dancedata.core.plugins import CopyAugmentation, Dataset, Plugin, WindowFilter
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REPRESENTATIONS,
+    Registry,
+)
+from dancedata.core.text import shown
+from dancedata.recipes.copies import CopySpec
+from dancedata.recipes.fields import FeatureJob, KeyMotionField, MotionField, WindowSpec
+from dancedata.recipes.plugins import ALWAYS, SLOT_KEYS, Problems, frame_grid, make_plugin, named_entries, one_of
+from dancedata.store.motion_fields import ORIGINAL
+
+P = TypeVar("P", bound=Plugin)
+N = TypeVar("N", bound=Any)
+_EXAMPLES = {"augment": "{mirror: true}", "annotators": "{facts: true}", "rules": "{curate: {spikes: true}}"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Slots:
+    """The plug-ins of a recipe; None where there is a problem."""
+
+    dataset: Dataset | None
+    transforms: tuple[Transform, ...]
+    motion: tuple[MotionField, ...]
+    keymotion: tuple[KeyMotionField, ...]
+    audio: tuple[FeatureJob, ...]
+    augment: tuple[CopySpec, ...]
+    annotators: tuple[Annotator, ...]
+    rules: tuple[WindowRule, ...]
+
+
+def make_slots(
+    document: Mapping[str, Any],
+    grid: FrameGrid | None,
+    windows: WindowSpec | None,
+    *,
+    by_window: bool,
+    problems: Problems,
+) -> Slots:
+    """Make all plug-ins of a recipe document.
+
+    `grid`, `windows`: None if they are wrong; fields are checked all the same, so that their errors come in the same
+        message.
+    `by_window`: Whether features are computed by window.
+    """
+    any_grid = grid or FrameGrid.of(30)
+    dataset = one_of(DATASETS, "dataset", document.get("dataset"), problems)
+    transforms = _transforms(document.get("transforms"), problems)
+    motion = _motion_fields(document.get("motion"), any_grid, problems)
+    keymotion = _key_motion_fields(document.get("keymotion"), any_grid, problems)
+    audio = _feature_jobs(document.get("audio"), any_grid, windows if by_window else None, problems)
+    augment = _copies(document.get("augment"), problems)
+    annotators = _annotators(document.get("annotators"), problems)
+    rules = _rules(document.get("rules"), problems)
+    for slot, plugins in (("transforms", transforms), ("augment", augment), ("rules", rules)):
+        for plugin in plugins:
+            problems.catch(partial(plugin.check, (*motion, *keymotion, *audio)), f"{slot}.")
+    problems += _optional_problems(motion, keymotion, by_window=by_window)
+    if windows is not None:
+        for field in (*motion, *audio):
+            problems.catch(partial(field.require_whole, windows))
+    timed = [copy.name for copy in augment if copy.augmentation.changes == "time"]
+    for job in audio:
+        if timed and job.feature.from_files:
+            problems.append(
+                f"audio.{job.name}: rows from files have no copies at another speed; "
+                f"fix: leave out augment.{timed[0]}, or the field"
+            )
+        if augment and job.feature.of_motion:
+            problems.append(
+                f"audio.{job.name}: rows of motion from files have no copies: a copy needs files of its own; "
+                f"fix: leave out augment.{augment[0].name}, or the field"
+            )
+    for job in audio if grid is not None else ():
+        # A rate that a feature cannot compute at is an error now, not after all music was decoded.
+        problems.catch(partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")
+    motion = problems.catch(partial(_with_originals, motion, transforms)) or ()
+    return Slots(dataset, transforms, motion, keymotion, audio, augment, annotators, rules)
+
+
+def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[MotionField, ...]:
+    if not isinstance(slot, (dict, str)) or not slot:
+        names = slot if isinstance(slot, list) and all(isinstance(name, str) for name in slot) else []
+        example = ", ".join(f"{shown(name)}: {{}}" for name in names or ["edge151"])
+        problems.append(f"motion: name at least one representation, such as {{{example}}}; found {shown(repr(slot))}")
+        return ()
+    fields = []
+    for name, representation, keys in _instances(REPRESENTATIONS, "motion", slot, problems):
+        if representation is None:
+            continue
+        rule = keys.get("contacts")
+        default = representation.default_contacts
+        rule = default if rule is None else rule
+        if rule is not None and default is None:
+            problems.append(f"motion.{name}.contacts: {name} has no contact columns")
+        contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
+        rate = representation.rate
+        of_rate = grid if rate is None else FrameGrid(rate)
+        optional = _is_optional(f"motion.{name}", keys, problems)
+        fields.append(MotionField(name, of_rate, representation, contacts, optional=optional))
+    return _by_name(fields)
+
+
+def _is_optional(where: str, keys: Mapping[str, Any], problems: Problems) -> bool:
+    optional = keys.get("optional", False)
+    if not isinstance(optional, bool):
+        problems.append(f"{where}.optional: must be true or false; found {shown(repr(optional))}")
+    return optional is True
+
+
+def _optional_problems(
+    fields: Sequence[MotionField], keymotion: Sequence[KeyMotionField], *, by_window: bool
+) -> list[str]:
+    """Return why fields of motion and key motions cannot be optional."""
+    optional = [field for field in fields if field.optional]
+    problems = []
+    for field in (*optional, *(field for field in keymotion if field.optional)) if by_window else ():
+        problems.append(f"{field.kind}.{field.name}.optional: clips without a field need scope: track")
+    if optional and len(optional) == len(fields):
+        problems.append("motion: all fields are optional; fix: one field has to be there for every clip")
+    for field in optional:
+        if field.representation.name == "root_place":
+            problems.append(f"motion.{field.name}.optional: the places of dancers cannot be left out")
+    return problems
+
+
+def _feature_jobs(
+    slot: Any, grid: FrameGrid, windows: WindowSpec | None, problems: Problems
+) -> tuple[FeatureJob, ...]:
+    jobs = []
+    for name, feature, keys in _instances(FEATURES, "audio", slot, problems):
+        fps = keys.get("fps")
+        rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
+        if feature is not None and rows is not None:
+            jobs.append(FeatureJob(name, rows, feature, windows, rows != grid))
+    return _by_name(jobs)
+
+
+def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[KeyMotionField, ...]:
+    return _by_name(
+        [
+            KeyMotionField(name, grid, finder, optional=_is_optional(f"keymotion.{name}", keys, problems))
+            for name, finder, keys in _instances(KEYMOTIONS, "keymotion", slot, problems)
+            if finder is not None
+        ]
+    )
+
+
+def _with_originals(fields: tuple[MotionField, ...], transforms: Sequence[Transform]) -> tuple[MotionField, ...]:
+    """Return the fields with one more for each, of the motion without the transforms that keep the original."""
+    without = tuple(step.name for step in transforms if step.keeps_original)
+    originals = [dataclasses.replace(f, name=f"{f.name}{ORIGINAL}", without=without) for f in fields if without]
+    taken = {field.name for field in fields} & {field.name for field in originals}
+    if taken:
+        raise UsageError(f"motion.{min(taken)}: this is the name of the field with the motion before {without[0]}",
+                         fix=f"give it another name, or set {without[0]}.original to false")  # fmt: skip
+    return _by_name([*fields, *originals])
+
+
+def _transforms(slot: Any, problems: Problems) -> tuple[Transform, ...]:
+    """Make the chain of transforms: a list of names, or of ``{NAME: {parameters}}``."""
+    entries = [slot] if isinstance(slot, str) else [] if slot is None else slot
+    single = isinstance(entries, list) and all(
+        isinstance(e, str) or (isinstance(e, dict) and len(e) == 1) for e in entries
+    )
+    if not single:
+        problems.append(
+            "transforms: must be a list, in the order in which motion goes through them, such as "
+            f"[{{retarget: {{skeleton: smpl24}}}}]; found {shown(repr(slot))}"
+        )
+        return ()
+    named = named_entries(entries)
+    if len(named) < len(entries):
+        problems.append(f"transforms: a transform is named twice; found {shown(repr(slot))}")
+    return tuple(step for _, step in _switched((TRANSFORMS,), "transforms", named, problems))
+
+
+def _copies(slot: Any, problems: Problems) -> tuple[CopySpec, ...]:
+    copies = []
+    for name, augmentation in _switched((AUGMENTATIONS,), "augment", slot, problems, several=True):
+        if isinstance(augmentation, CopyAugmentation):
+            copies.append(CopySpec(name, augmentation))
+        else:
+            problems.append(
+                f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
+                f"fix: WindowDataset(..., augment=[{augmentation.name!r}])"
+            )
+    return _by_name(copies)
+
+
+def _annotators(slot: Any, problems: Problems) -> tuple[Annotator, ...]:
+    named = dict(_switched((ANNOTATORS,), "annotators", slot, problems))
+    problems += [
+        f"annotators.{name}: its segments are not stored; fix: leave it out: what needs them has it by itself"
+        for name, annotator in named.items()
+        if not annotator.stored
+    ]
+    return _by_name([*named.values(), *(ANNOTATORS.make(name, {}) for name in ALWAYS if name not in named)])
+
+
+def _rules(slot: Any, problems: Problems) -> tuple[WindowRule, ...]:
+    plugins = [plugin for _, plugin in _switched((RULES, FILTERS), "rules", slot, problems)]
+    return _by_name([Filtered(plugin) if isinstance(plugin, WindowFilter) else plugin for plugin in plugins])
+
+
+def _switched(
+    registries: Sequence[Registry[Any]], slot: str, plugins: Any, problems: Problems, *, several: bool = False
+) -> Iterator[tuple[str, Any]]:
+    """Yield name and plug-in of each entry: ``{NAME: {parameters}}``, or ``{NAME: true}`` for the defaults.
+
+    Those with false are checked as well.
+    """
+    if plugins is not None and not isinstance(plugins, dict | str):
+        problems.append(f"{slot}: must be a mapping such as {_EXAMPLES[slot]}; found {shown(repr(plugins))}")
+        return
+    for key, value in named_entries(plugins).items():
+        name, parameters = str(key), {} if isinstance(value, bool) else value
+        registry = next((r for r in registries if name in r), registries[0])
+        if len(registries) > 1 and name not in registry:
+            known = sorted(plugin for r in registries for plugin in r.names())
+            problems.append(f"{slot}: {unknown_plugin(registry.kind, name, parameters, known)}")
+            continue
+        plugin = make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=several)
+        if plugin is not None and value is not False:
+            yield name, plugin
+
+
+def _instances(
+    registry: Registry[P], slot: str, plugins: Any, problems: Problems
+) -> Iterator[tuple[str, P | None, dict[str, Any]]]:
+    """Yield name, plug-in (None if it is wrong) and the values of the slot's keys for each entry of a slot."""
+    also = SLOT_KEYS.get(slot, ())
+    if not isinstance(plugins, dict):
+        plugins = {str(plugins): {}} if plugins else {}
+    for key, parameters in plugins.items():
+        name = str(key)  # in YAML a key may be a number
+        keys: dict[str, Any] = {}
+        if also and isinstance(parameters, dict):
+            keys = {key: parameters[key] for key in also if key in parameters}
+            parameters = {key: value for key, value in parameters.items() if key not in keys}
+        yield name, make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=True), keys
+
+
+def _by_name(named: Sequence[N]) -> tuple[N, ...]:
+    # The recipe's hash does not depend on the order.
+    return tuple(sorted(named, key=lambda one: one.name))
